@@ -1,0 +1,136 @@
+"""Where the stars appear: from the catalogue to the directions that an observer sees.
+
+The chain is celnav's own: proper motion and parallax, annual aberration, precession-nutation (IAU 2006/2000A, CIO
+based), Earth rotation angle with UT1, polar motion, the observer's horizon on WGS84, diurnal aberration, refraction.
+Light deflection by the Sun is left out: at night, more than 90 deg from the Sun, it stays below 4 mas.
+Sources: Kaplan 2005, USNO Circular 179; Urban & Seidelmann 2013, Explanatory Supplement, chapter 7; pyerfa for the
+Earth's ephemeris and precession-nutation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.catalog import StarCatalog, propagate
+from celnav.earth_rotation import EarthOrientation, earth_orientation
+from celnav.refraction import refract
+from celnav.utc import Utc, parse_utc
+
+F8 = NDArray[np.float64]
+
+AU_PER_DAY_IN_C = 499.004783836 / 86400.0  # light time of one astronomical unit, in days
+ARCSEC = np.radians(1.0 / 3600.0)
+# Speed of the equator over the speed of light: 7.292115e-5 rad/s x 6378137 m / 299792458 m/s (0.320 arcsec).
+DIURNAL_ABERRATION = 7.292115e-5 * 6378137.0 / 299792458.0
+
+
+@dataclass(frozen=True, eq=False)
+class TerrestrialStars:
+    """Directions of stars in the terrestrial frame (ITRS), shape (n, 3), free of the observer's place but for rotation.
+
+    An instance belongs to one instant; every further place costs one rotation.
+    """
+
+    dirs: F8
+
+    def enu(self, lat_deg: float, lon_deg: float) -> F8:
+        """Return geometric (unrefracted) ENU unit vectors, shape (n, 3), at a geodetic position."""
+        rotation = enu_rotation(lat_deg, lon_deg)
+        seen = self.dirs @ rotation.T
+        seen[:, 0] += DIURNAL_ABERRATION * np.cos(np.radians(lat_deg))
+        return np.asarray(seen / np.linalg.norm(seen, axis=1, keepdims=True))
+
+
+def enu_rotation(lat_deg: float, lon_deg: float) -> F8:
+    """Return the 3x3 matrix that takes the terrestrial frame to east, north, up at a geodetic position."""
+    lat, lon = np.radians(lat_deg), np.radians(lon_deg)
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    return np.array(
+        [
+            [-sin_lon, cos_lon, 0.0],
+            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+        ]
+    )
+
+
+def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientation) -> TerrestrialStars:
+    """Bring catalogue stars to the terrestrial frame at an instant.
+
+    Parameters
+    ----------
+    stars : StarCatalog
+        n stars.
+    utc : Utc
+        The instant.
+    orientation : EarthOrientation
+        UT1-UTC and polar motion then.
+    """
+    tt1, tt2 = utc.tt
+    years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
+    table = {
+        "ra_rad": stars.ra_rad,
+        "dec_rad": stars.dec_rad,
+        "pm_ra_mas_yr": stars.pm_ra_mas_yr,
+        "pm_dec_mas_yr": stars.pm_dec_mas_yr,
+    }
+    barycentric = propagate(table, years)
+    _, earth = erfa.epv00(tt1, tt2)  # TT for TDB: they differ by 2 ms, in which the Earth moves 60 m
+    seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth["p"]
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    seen = aberrate(seen, np.asarray(earth["v"]) * AU_PER_DAY_IN_C)
+    celestial_to_intermediate = erfa.c2i06a(tt1, tt2)
+    rotation_angle = erfa.era00(*utc.ut1(orientation.dut1_s))
+    polar = erfa.pom00(orientation.xp_arcsec * ARCSEC, orientation.yp_arcsec * ARCSEC, erfa.sp00(tt1, tt2))
+    return TerrestrialStars(seen @ np.asarray(erfa.c2tcio(celestial_to_intermediate, rotation_angle, polar)).T)
+
+
+def aberrate(dirs: F8, beta: F8) -> F8:
+    """Apply aberration: unit vectors, shape (n, 3), seen by an observer of velocity `beta`, shape (3,), in units of c.
+
+    The relativistic formula of the Explanatory Supplement (7.40).
+    """
+    inverse_gamma = np.sqrt(1.0 - beta @ beta)
+    along = dirs @ beta
+    seen = inverse_gamma * dirs + (1.0 + along / (1.0 + inverse_gamma))[:, None] * beta
+    return np.asarray(seen / (1.0 + along)[:, None])
+
+
+def apparent_enu(
+    stars: StarCatalog,
+    utc: Utc | str,
+    lat_deg: float,
+    lon_deg: float,
+    *,
+    pressure_hpa: float = 1010.0,
+    temperature_c: float = 10.0,
+    orientation: EarthOrientation | None = None,
+) -> F8:
+    """Forward model: the directions in which an observer sees stars.
+
+    Parameters
+    ----------
+    stars : StarCatalog
+        n stars.
+    utc : Utc or str
+        The instant.
+    lat_deg, lon_deg : float
+        Geodetic position on WGS84, east positive.
+    pressure_hpa, temperature_c : float
+        For refraction; pressure 0 gives places without refraction.
+    orientation : EarthOrientation, optional
+        From the IERS table unless given.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Unit vectors, east-north-up.
+    """
+    instant = parse_utc(utc)
+    orientation = earth_orientation(instant) if orientation is None else orientation
+    seen = terrestrial_stars(stars, instant, orientation).enu(lat_deg, lon_deg)
+    return refract(seen, pressure_hpa, temperature_c) if pressure_hpa > 0 else seen

@@ -1,0 +1,121 @@
+"""What is known of the camera's attitude."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.errors import AttitudeError
+
+Kind = Literal["rotation", "up"]
+_Rows = tuple[tuple[float, float, float], ...]
+ROTATION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """What is known of the attitude; make one with `exact`, `with_sigma` or `up`.
+
+    Attributes
+    ----------
+    kind : str
+        ``rotation`` (all three angles known) or ``up`` (the heading is not).
+    rows : tuple
+        Rows of `R_cam` (3 of them), or the up vector in the camera frame (one row).
+    tilt_deg, heading_deg : float
+        Standard deviations: of the tilt about each horizontal axis, and of the heading.
+    """
+
+    kind: Kind
+    rows: _Rows
+    tilt_deg: float = 0.0
+    heading_deg: float = 0.0
+
+    @classmethod
+    def exact(cls, R_cam: ArrayLike) -> Attitude:
+        """Attitude known exactly: the 3x3 matrix that takes ENU to the camera frame."""
+        return cls("rotation", _rotation_rows(R_cam))
+
+    @classmethod
+    def with_sigma(cls, R_cam: ArrayLike, *, tilt_deg: float, heading_deg: float) -> Attitude:
+        """Attitude known with standard deviations in tilt (about each horizontal axis) and heading, degrees."""
+        return cls(
+            "rotation", _rotation_rows(R_cam), _sigma("tilt_deg", tilt_deg), _sigma("heading_deg", heading_deg)
+        )
+
+    @classmethod
+    def up(cls, vector_in_camera_frame: ArrayLike, tilt_deg: float = 0.0) -> Attitude:
+        """Only the vertical is known: the zenith's direction in the camera frame, any length; heading unknown."""
+        vector = _finite(vector_in_camera_frame, (3,), "up vector")
+        length = float(np.linalg.norm(vector))
+        if length == 0.0:
+            raise AttitudeError("up vector has no length; give the zenith's direction in the camera frame")
+        row = tuple(float(x) for x in vector / length)
+        return cls("up", ((row[0], row[1], row[2]),), _sigma("tilt_deg", tilt_deg), math.inf)
+
+    @classmethod
+    def zenith_north_up(cls) -> Attitude:
+        """Camera that looks at the zenith, north at the top of the image (and so east at its left)."""
+        return cls.exact([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Attitude:
+        """Read ``R_cam`` from a JSON file: at the top, or a frame record's ``attitude.R_cam``."""
+        try:
+            record = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise AttitudeError(f"cannot read attitude file {path}: {error.strerror}") from None
+        except ValueError as error:
+            raise AttitudeError(f"attitude file {path} is not JSON: {error}") from None
+        if isinstance(record, dict) and isinstance(record.get("attitude"), dict):
+            record = record["attitude"]
+        if not isinstance(record, dict) or "R_cam" not in record:
+            raise AttitudeError(f"attitude file {path} holds no R_cam; see docs/dataset_format.md")
+        return cls.exact(record["R_cam"])
+
+    @property
+    def R_cam(self) -> NDArray[np.float64]:
+        """The 3x3 matrix that takes ENU to camera; raises `AttitudeError` where the heading is unknown."""
+        if self.kind != "rotation":
+            raise AttitudeError("the heading is unknown: there is no full rotation")
+        return np.array(self.rows)
+
+
+def as_attitude(attitude: Attitude | ArrayLike | None) -> Attitude | None:
+    """Return an `Attitude` for whatever `celnav.solve` accepts as one."""
+    if attitude is None or isinstance(attitude, Attitude):
+        return attitude
+    return Attitude.exact(attitude)
+
+
+def _finite(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise AttitudeError(f"{what} must be numbers of shape {shape}") from None
+    if array.shape != shape:
+        raise AttitudeError(f"{what} has shape {array.shape}; it must be {shape}")
+    if not np.isfinite(array).all():
+        raise AttitudeError(f"{what} holds NaN or infinity")
+    return array
+
+
+def _rotation_rows(R_cam: ArrayLike) -> _Rows:
+    matrix = _finite(R_cam, (3, 3), "R_cam")
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise AttitudeError("R_cam is not a rotation: its rows are not orthonormal (ENU to camera is wanted)")
+    if np.linalg.det(matrix) < 0:
+        raise AttitudeError("R_cam is a reflection, not a rotation: its determinant is -1 (check the handedness)")
+    return tuple((float(r[0]), float(r[1]), float(r[2])) for r in matrix)
+
+
+def _sigma(name: str, value: float) -> float:
+    if not (isinstance(value, (int, float, np.number)) and math.isfinite(value) and value >= 0):
+        raise AttitudeError(f"{name} = {value!r} must be a finite number of degrees, zero or more")
+    return float(value)
