@@ -1,0 +1,306 @@
+"""Reading a rendered dataset folder (docs/dataset_format.md): frames for the solver, truth for the judge."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from benchmark.errors import DatasetError
+from benchmark.solvers.protocol import CameraRecord, Observation
+
+FRAME_FORMAT = "skybench-frame/1"
+TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
+_RENDER_AGAIN = "render the dataset again with `skybench render`"
+
+
+@dataclass(frozen=True)
+class FrameConditions:
+    """Truth about a frame that results are sorted by; a solver never sees it.
+
+    Units as in the names; `bortle` and `zenith_mag_arcsec2` are None where the frame has no such value.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    bortle: int | None
+    zenith_mag_arcsec2: float | None
+    exposure_s: float
+    n_in_field: int
+
+
+@dataclass(frozen=True)
+class TruthStars:
+    """Truth stars of one frame: ids, positions (px), expected electrons and signal-to-noise, each of length n."""
+
+    star_id: NDArray[np.int64]
+    uv: NDArray[np.float64]
+    electrons_e: NDArray[np.float64]
+    snr: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a dataset; `observation` goes to the solver, the rest to the judge."""
+
+    frame_id: str
+    index: int
+    image_path: Path
+    observation: Observation
+    conditions: FrameConditions
+    truth: TruthStars
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A whole dataset folder, images not yet read.
+
+    Attributes
+    ----------
+    name : str
+        The folder's name without its path.
+    scenario_name, scenario_sha256 : str
+        From the frame records, the same in all of them.
+    truth_sha256 : str
+        Of the bytes of stars.parquet; together with the scenario it says which frames were scored.
+    frames : tuple of Frame
+        In the order of their index.
+    provenance : mapping of str to str
+        The generator's versions, from the first frame record.
+    """
+
+    name: str
+    scenario_name: str
+    scenario_sha256: str
+    truth_sha256: str
+    frames: tuple[Frame, ...]
+    provenance: Mapping[str, str]
+
+
+def open_dataset(folder: Path) -> Dataset:
+    """Read all frame records and the truth table of a dataset folder.
+
+    Parameters
+    ----------
+    folder : Path
+        What `skybench render --out` wrote.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    DatasetError
+        The folder is missing, unfinished or contradicts itself; names the file and the remedy.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: no such folder; make it with `skybench render SCENARIO --out {folder}`")
+    record_paths = sorted(folder.glob("frame-*.json"))
+    if not record_paths:
+        raise DatasetError(f"{folder}: no frame-*.json in it; make a dataset with `skybench render`")
+    truth_path = folder / "stars.parquet"
+    if not truth_path.is_file():
+        raise DatasetError(f"{truth_path}: missing, so the rendering was not finished; {_RENDER_AGAIN}")
+    truth = _read_truth(truth_path)
+    records = [_read_json(path) for path in record_paths]
+    frames = [_frame(path, record, truth) for path, record in zip(record_paths, records, strict=True)]
+    scenarios = {_scenario(path, record) for path, record in zip(record_paths, records, strict=True)}
+    if len(scenarios) != 1:
+        raise DatasetError(f"{folder}: frames of {len(scenarios)} different scenarios; keep one scenario per folder")
+    scenario_name, scenario_sha256 = scenarios.pop()
+    indices = [frame.index for frame in frames]
+    if len(set(indices)) != len(indices):
+        raise DatasetError(f"{folder}: two frame records have the same index; {_RENDER_AGAIN}")
+    strangers = set(truth) - {frame.frame_id for frame in frames}
+    if strangers:
+        raise DatasetError(f"{truth_path}: has stars of {min(strangers)}, which has no frame record; {_RENDER_AGAIN}")
+    provenance = records[0].get("provenance", {})
+    return Dataset(
+        name=folder.resolve().name,
+        scenario_name=scenario_name,
+        scenario_sha256=scenario_sha256,
+        truth_sha256=hashlib.sha256(truth_path.read_bytes()).hexdigest(),
+        frames=tuple(sorted(frames, key=lambda frame: frame.index)),
+        provenance={str(key): str(value) for key, value in provenance.items()} if isinstance(provenance, dict) else {},
+    )
+
+
+def load_image(frame: Frame) -> NDArray[np.uint16]:
+    """Read a frame's PNG as DN, shape (height, width).
+
+    Raises
+    ------
+    DatasetError
+        Missing, truncated, not a 16-bit one-channel PNG, or not of the camera's size.
+    """
+    path = frame.image_path
+    if not path.is_file():
+        raise DatasetError(f"{path}: missing image; {_RENDER_AGAIN}")
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            if picture.mode not in {"I;16", "I;16B"}:
+                raise DatasetError(f"{path}: expected 16 bits and one channel, found mode {picture.mode}")
+            picture.load()
+            image = np.asarray(picture).astype(np.uint16)
+    except UnidentifiedImageError as error:
+        raise DatasetError(f"{path}: not a PNG image; {_RENDER_AGAIN}") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        # Pillow reports a cut-off or corrupted stream as any of these.
+        raise DatasetError(f"{path}: truncated or damaged PNG ({error}); {_RENDER_AGAIN}") from error
+    camera = frame.observation.camera
+    if image.shape != (camera.height, camera.width):
+        raise DatasetError(
+            f"{path}: the image has {image.shape[1]} x {image.shape[0]} pixels, its camera in {frame.frame_id}.json "
+            f"{camera.width} x {camera.height}; the two must agree, {_RENDER_AGAIN}"
+        )
+    return image
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise DatasetError(f"{path}: not readable as JSON ({error}); {_RENDER_AGAIN}") from error
+    if not isinstance(record, dict):
+        raise DatasetError(f"{path}: expected one JSON object; {_RENDER_AGAIN}")
+    if record.get("format") != FRAME_FORMAT:
+        raise DatasetError(f"{path}: format is {record.get('format')!r}, this version reads {FRAME_FORMAT!r}")
+    return record
+
+
+def _value(path: Path, record: Mapping[str, Any], key: str) -> Any:
+    """Look up ``section.name`` in a frame record."""
+    found: Any = record
+    for part in key.split("."):
+        if not isinstance(found, Mapping) or part not in found:
+            raise DatasetError(f"{path}: key {key} is missing (docs/dataset_format.md); {_RENDER_AGAIN}")
+        found = found[part]
+    return found
+
+
+def _number(path: Path, record: Mapping[str, Any], key: str, low: float = -math.inf, high: float = math.inf) -> float:
+    found = _value(path, record, key)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+        raise DatasetError(f"{path}: {key} must be a finite number, found {found!r}")
+    if not low <= found <= high:
+        raise DatasetError(f"{path}: {key} must lie within {low:g} to {high:g}, found {found!r}")
+    return float(found)
+
+
+def _integer(path: Path, record: Mapping[str, Any], key: str, low: int = 0) -> int:
+    found = _value(path, record, key)
+    if isinstance(found, bool) or not isinstance(found, int) or found < low:
+        raise DatasetError(f"{path}: {key} must be an integer of at least {low}, found {found!r}")
+    return found
+
+
+def _text(path: Path, record: Mapping[str, Any], key: str) -> str:
+    found = _value(path, record, key)
+    if not isinstance(found, str) or not found:
+        raise DatasetError(f"{path}: {key} must be a text, found {found!r}")
+    return found
+
+
+def _scenario(path: Path, record: Mapping[str, Any]) -> tuple[str, str]:
+    return _text(path, record, "scenario.name"), _text(path, record, "scenario.sha256")
+
+
+def _camera(path: Path, record: Mapping[str, Any]) -> CameraRecord:
+    def coefficients(key: str) -> tuple[float, ...]:
+        found = _value(path, record, key)
+        if not isinstance(found, list) or not all(isinstance(c, int | float) and math.isfinite(c) for c in found):
+            raise DatasetError(f"{path}: {key} must be a list of finite numbers, found {found!r}")
+        return tuple(float(c) for c in found)
+
+    return CameraRecord(
+        model=_text(path, record, "camera.model"),
+        width=_integer(path, record, "camera.width", low=1),
+        height=_integer(path, record, "camera.height", low=1),
+        f_px=_number(path, record, "camera.f_px"),
+        fy_px=_number(path, record, "camera.fy_px"),
+        cx_px=_number(path, record, "camera.cx_px"),
+        cy_px=_number(path, record, "camera.cy_px"),
+        k=coefficients("camera.k"),
+        p=coefficients("camera.p"),
+    )
+
+
+def _attitude(path: Path, record: Mapping[str, Any]) -> NDArray[np.float64]:
+    found = _value(path, record, "attitude.R_cam")
+    try:
+        matrix = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: attitude.R_cam must be 3 rows of 3 numbers, found {found!r}") from error
+    proper = matrix.shape == (3, 3) and np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    if not proper or np.linalg.det(matrix) < 0.0:
+        raise DatasetError(f"{path}: attitude.R_cam is not a rotation matrix; {_RENDER_AGAIN}")
+    return matrix
+
+
+def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars]) -> Frame:
+    frame_id = _text(path, record, "frame_id")
+    if frame_id != path.stem:
+        raise DatasetError(f"{path}: frame_id is {frame_id!r}, the file's name says {path.stem!r}")
+    bortle = _value(path, record, "sky.bortle")
+    zenith = _value(path, record, "sky.zenith_mag_arcsec2")
+    n_in_field = _integer(path, record, "stars.n_in_field")
+    stars = truth.get(frame_id, _NO_STARS)
+    if len(stars.star_id) != n_in_field:
+        raise DatasetError(
+            f"{path}: stars.n_in_field is {n_in_field}, stars.parquet has {len(stars.star_id)} rows of this frame; "
+            f"{_RENDER_AGAIN}"
+        )
+    utc = _text(path, record, "time.utc_mid")
+    if not utc.endswith("Z"):
+        raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
+    return Frame(
+        frame_id=frame_id,
+        index=_integer(path, record, "index"),
+        image_path=path.with_suffix(".png"),
+        observation=Observation(camera=_camera(path, record), utc=utc, R_cam=_attitude(path, record)),
+        conditions=FrameConditions(
+            latitude_deg=_number(path, record, "site.latitude_deg", -90.0, 90.0),
+            longitude_deg=_number(path, record, "site.longitude_deg", -360.0, 360.0),
+            bortle=None if bortle is None else _integer(path, record, "sky.bortle", low=1),
+            zenith_mag_arcsec2=None if zenith is None else _number(path, record, "sky.zenith_mag_arcsec2"),
+            exposure_s=_number(path, record, "time.exposure_s", 0.0),
+            n_in_field=n_in_field,
+        ),
+        truth=stars,
+    )
+
+
+_NO_STARS = TruthStars(
+    np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0, dtype=np.float64), np.empty(0, dtype=np.float64)
+)
+
+
+def _read_truth(path: Path) -> dict[str, TruthStars]:
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DatasetError(f"{path}: not a readable Parquet file ({error}); {_RENDER_AGAIN}") from error
+    missing = [name for name in TRUTH_COLUMNS if name not in table.column_names]
+    if missing:
+        raise DatasetError(f"{path}: column {missing[0]} is missing (docs/dataset_format.md); {_RENDER_AGAIN}")
+    frame_ids = np.asarray(table["frame_id"].to_pylist(), dtype=str)
+    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in TRUTH_COLUMNS if name != "frame_id"}
+    stars = {}
+    for frame_id in np.unique(frame_ids):
+        rows = frame_ids == frame_id
+        stars[str(frame_id)] = TruthStars(
+            star_id=columns["star_id"][rows].astype(np.int64),
+            uv=np.column_stack([columns["u_px"][rows], columns["v_px"][rows]]).astype(np.float64),
+            electrons_e=columns["electrons_e"][rows].astype(np.float64),
+            snr=columns["snr"][rows].astype(np.float64),
+        )
+    return stars

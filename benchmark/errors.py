@@ -1,0 +1,21 @@
+"""What can go wrong in the benchmark through no fault of its own.
+
+Every error says which file or name is meant and what to do about it; the command line prints it on one line and exits
+with status 2.
+"""
+
+
+class BenchmarkError(Exception):
+    """Base of all errors that the user can mend."""
+
+
+class DatasetError(BenchmarkError):
+    """The dataset folder is missing, unfinished, damaged or contradicts itself."""
+
+
+class UnknownSolverError(BenchmarkError):
+    """No solver of that name is registered."""
+
+
+class ResultsError(BenchmarkError):
+    """The results folder is empty, damaged, or holds results that do not belong together."""

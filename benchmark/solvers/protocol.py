@@ -1,0 +1,120 @@
+"""What a solver under test is given and what it hands back.
+
+The walls of the benchmark are here: an `Observation` holds everything a solver may know of a frame, and nothing of the
+truth.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class CameraRecord:
+    """The `camera` object of a frame record (docs/dataset_format.md); lengths in px, centres at integers."""
+
+    model: str
+    width: int
+    height: int
+    f_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    k: tuple[float, ...] = ()
+    p: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is known of a frame besides its image.
+
+    Attributes
+    ----------
+    camera : CameraRecord
+        The camera model.
+    utc : str
+        Mid-exposure, ISO 8601 with a trailing Z.
+    R_cam : ndarray, shape (3, 3)
+        Takes ENU to camera at mid-exposure.
+    """
+
+    camera: CameraRecord
+    utc: str
+    R_cam: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Light sources found in one image.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        Positions, px.
+    flux : ndarray, shape (n,)
+        Brightness in any unit proportional to DN.
+    """
+
+    uv: NDArray[np.float64]
+    flux: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A position, or a refusal with its reason.
+
+    Attributes
+    ----------
+    ok : bool
+        Whether a position is claimed.
+    reason : str
+        Why not, a short code; empty when `ok`.
+    lat_deg, lon_deg : float or None
+        WGS84 geodetic, east positive; None when refused.
+    cov_km2 : ndarray, shape (2, 2), or None
+        East-north covariance of the position, km^2.
+    confidence : float or None
+        0 to 1.
+    matches : ndarray of int64, shape (m, 2)
+        Detection index (into the detections passed to the solver) and star id.
+    time_ms : mapping of str to float
+        The solver's own account of its stages.
+    """
+
+    ok: bool
+    reason: str = ""
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    cov_km2: NDArray[np.float64] | None = None
+    confidence: float | None = None
+    matches: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    time_ms: Mapping[str, float] = field(default_factory=dict)
+
+
+class SolverUnderTest(Protocol):
+    """A contestant.
+
+    It keeps nothing from one frame to the next that depends on a frame: every call is answered as if it were the
+    first. With more than one process, instances are sent to the workers and must therefore be picklable.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in tables and file names: letters, digits and ``. _ @ + -``."""
+
+    @property
+    def version(self) -> str:
+        """Version of the program that solves."""
+
+    @property
+    def detector(self) -> str:
+        """Name of the detector and its settings; solvers that give the same name share one run of `detect`."""
+
+    def detect(self, image: NDArray[np.uint16]) -> Detections:
+        """Find light sources in an image of DN, shape (height, width)."""
+
+    def solve(self, detections: Detections, observation: Observation) -> Answer:
+        """Answer one frame."""
