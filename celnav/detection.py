@@ -1,0 +1,243 @@
+"""Star detection: flood fill above a brightness threshold (the thesis, section 4.iii)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.errors import ConfigError, DetectionError, ImageError
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """Detected stars, brightest first.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        Centroids, pixels.
+    flux : ndarray, shape (n,), or None
+        Sum over the background in the image's unit; None where unknown.
+    shape : tuple of int or None
+        Height and width of the image they come from.
+    """
+
+    uv: F8
+    flux: F8 | None
+    shape: tuple[int, int] | None = None
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+
+@dataclass(frozen=True)
+class DetectionConfig:
+    """Choices of the detection.
+
+    Attributes
+    ----------
+    seed_sigma : float
+        A star holds a pixel this many noise standard deviations above the background.
+    grow_sigma : float
+        The flood fill then takes neighbouring pixels above this many.
+    min_area_px, max_area_px : int
+        Limits of a component's area: below are hot pixels, above are the Moon, clouds and lamps.
+    tile_px : int
+        Side of the tiles whose medians make the background.
+    float_floor : float
+        For images of floating-point numbers: least threshold as a part of the highest peak. It acts on noise-free
+        images, where the noise is zero. Integer images have a floor of one step.
+    weighted : bool
+        Weight the centroid by brightness; otherwise the middle of the component's pixels.
+    """
+
+    seed_sigma: float = 5.0
+    grow_sigma: float = 2.5
+    min_area_px: int = 2
+    max_area_px: int = 1000
+    tile_px: int = 32
+    float_floor: float = 1e-5
+    weighted: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0 < self.grow_sigma <= self.seed_sigma:
+            raise ConfigError("detection needs 0 < grow_sigma <= seed_sigma")
+        if not 1 <= self.min_area_px <= self.max_area_px or self.tile_px < 4:
+            raise ConfigError("detection needs 1 <= min_area_px <= max_area_px and tile_px >= 4")
+
+
+def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionConfig | None = None) -> Detections:
+    """Find stars in an image.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width) or (height, width, 3 or 4)
+        Brightness; colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is left out.
+    mask : array_like of bool, shape (height, width), optional
+        True where the image is **not** to be used (an overlay, a horizon, dead pixels).
+    config : DetectionConfig, optional
+        Thresholds.
+
+    Returns
+    -------
+    Detections
+        Brightest first.
+
+    Raises
+    ------
+    ImageError
+        For a wrong shape, NaN, or a mask that does not fit.
+    """
+    from scipy import ndimage
+
+    config = DetectionConfig() if config is None else config
+    original = np.asarray(image)
+    pixels = _grey(original)
+    used = np.ones(pixels.shape, dtype=bool)
+    if mask is not None:
+        ignored = np.asarray(mask)
+        if ignored.shape != pixels.shape or ignored.dtype != np.bool_:
+            raise ImageError(f"mask must be boolean of shape {pixels.shape}, true where the image is not to be used")
+        used = ~ignored
+    if not used.any():
+        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
+
+    background, noise = background_and_noise(pixels, used, config.tile_px)
+    light = pixels - background
+    light[~used] = 0.0
+    floor = 1.0 if np.issubdtype(original.dtype, np.integer) else config.float_floor * float(light.max())
+    if light.max() <= 0:
+        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
+    grow = np.maximum(config.grow_sigma * noise, floor)
+    # Labelling only what touches a seed: most of what stands above the lower threshold is noise.
+    labels, n = ndimage.label(light > grow, structure=np.ones((3, 3)))
+    if n == 0:
+        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
+    rows, columns = np.nonzero(labels)
+    label, values = labels[rows, columns], light[rows, columns].astype(np.float64)
+    seed_level = np.maximum(config.seed_sigma * noise, floor)[rows, columns]
+    area = np.bincount(label, minlength=n + 1)
+    seeded = np.bincount(label, weights=values > seed_level, minlength=n + 1) > 0
+    good = seeded & (area >= config.min_area_px) & (area <= config.max_area_px)
+    good[0] = False
+    weight = values if config.weighted else np.ones_like(values)
+    total = np.bincount(label, weights=weight, minlength=n + 1)[good]
+    u = np.bincount(label, weights=weight * columns, minlength=n + 1)[good] / total
+    v = np.bincount(label, weights=weight * rows, minlength=n + 1)[good] / total
+    flux = np.bincount(label, weights=values, minlength=n + 1)[good]
+    order = np.argsort(-flux, kind="stable")
+    return Detections(np.column_stack((u, v))[order], flux[order], pixels.shape)
+
+
+def background_and_noise(pixels: F4, used: NDArray[np.bool_], tile_px: int) -> tuple[F4, F4]:
+    """Estimate background and noise, both of the image's shape.
+
+    Medians of tiles, smoothed by a 3x3 median and interpolated bilinearly; the noise is 1.4826 times the median
+    absolute deviation of each tile. Unused pixels do not count; a tile without pixels takes the image's median.
+    """
+    from scipy import ndimage
+
+    height, width = pixels.shape
+    rows, columns = max(1, round(height / tile_px)), max(1, round(width / tile_px))
+    row_edges = np.linspace(0, height, rows + 1).astype(int)
+    column_edges = np.linspace(0, width, columns + 1).astype(int)
+    everything = float(np.median(pixels[used]))
+    level = np.empty((rows, columns), dtype=np.float32)
+    spread = np.empty_like(level)
+    masked = not used.all()
+    for i in range(rows):
+        for j in range(columns):
+            window = slice(row_edges[i], row_edges[i + 1]), slice(column_edges[j], column_edges[j + 1])
+            values = pixels[window][used[window]] if masked else pixels[window].ravel()
+            if values.size == 0:
+                level[i, j], spread[i, j] = everything, np.nan
+                continue
+            level[i, j] = _median(values)
+            spread[i, j] = 1.4826 * _median(np.abs(values - level[i, j]))
+    spread[np.isnan(spread)] = np.nanmedian(spread)
+    level = ndimage.median_filter(level, 3, mode="nearest")
+    spread = ndimage.median_filter(spread, 3, mode="nearest")
+    row_weights, column_weights = _interpolation(row_edges), _interpolation(column_edges)
+    return row_weights @ level @ column_weights.T, row_weights @ spread @ column_weights.T
+
+
+def _median(values: F4) -> float:
+    """Upper median by partition: the mean of two middle values is not worth a second pass."""
+    middle = values.size // 2
+    return float(np.partition(values, middle)[middle])
+
+
+def _interpolation(edges: NDArray[np.int_]) -> F4:
+    """Matrix, shape (pixels, tiles), that interpolates linearly between tile centres and extrapolates at the ends."""
+    pixels, tiles = int(edges[-1]), len(edges) - 1
+    weights = np.zeros((pixels, tiles), dtype=np.float32)
+    if tiles == 1:
+        weights[:, 0] = 1
+        return weights
+    centres = (edges[:-1] + edges[1:] - 1) / 2
+    at = np.arange(pixels)
+    left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
+    part = (at - centres[left]) / (centres[left + 1] - centres[left])
+    weights[at, left] = 1 - part
+    weights[at, left + 1] = part
+    return weights
+
+
+def _grey(image: NDArray[np.generic]) -> F4:
+    if image.dtype == np.bool_ or not np.issubdtype(image.dtype, np.number) or np.iscomplexobj(image):
+        raise ImageError(f"image must hold real numbers, not {image.dtype}")
+    if image.ndim == 3 and image.shape[2] in (3, 4):
+        grey = image[:, :, :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    elif image.ndim == 2:
+        grey = image.astype(np.float32)
+    else:
+        raise ImageError(f"image has shape {image.shape}; it must be (height, width) or (height, width, 3 or 4)")
+    if min(grey.shape) < 3:
+        raise ImageError(f"image of {grey.shape[1]} x {grey.shape[0]} pixels is too small")
+    if not np.isfinite(grey).all():
+        raise ImageError("image holds NaN or infinity: replace them, or pass a mask and finite values")
+    return np.asarray(grey)
+
+
+def as_positions(uv: ArrayLike) -> F8:
+    """Return pixel positions as an (n, 2) array of finite numbers; raises `DetectionError` otherwise."""
+    try:
+        positions = np.array(uv, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise DetectionError("detections must be numbers of shape (n, 2)") from None
+    if positions.size == 0:
+        return np.empty((0, 2))
+    if positions.ndim != 2 or positions.shape[1] != 2:
+        raise DetectionError(f"detections have shape {positions.shape}; they must be (n, 2): u and v in pixels")
+    if not (finite := np.isfinite(positions).all(axis=1)).all():
+        raise DetectionError(
+            f"detection {int(np.flatnonzero(~finite)[0])} has a NaN or infinite position: leave out such detections"
+        )
+    return positions
+
+
+def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
+    """Return validated detections for whatever `celnav.solve` accepts as such."""
+    shape = None
+    if isinstance(detections, Detections):
+        if flux is not None:
+            raise DetectionError("give flux either in the detections or as flux=, not both")
+        positions, flux, shape = as_positions(detections.uv), detections.flux, detections.shape
+    else:
+        positions = as_positions(detections)
+    if flux is None:
+        return Detections(positions, None, shape)
+    try:
+        brightness = np.array(flux, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise DetectionError("flux must be numbers of shape (n,)") from None
+    if brightness.shape != (len(positions),):
+        raise DetectionError(f"flux has shape {brightness.shape}; it must be ({len(positions)},), one per detection")
+    if not np.isfinite(brightness).all():
+        raise DetectionError("flux holds NaN or infinity")
+    return Detections(positions, brightness, shape)

@@ -1,0 +1,98 @@
+"""The answer: a position with its uncertainty, or a refusal with a reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Reason(StrEnum):
+    """Why there is a fix (`OK`) or none."""
+
+    OK = "ok"
+    TOO_FEW_DETECTIONS = "too_few_detections"
+    NO_HYPOTHESIS = "no_hypothesis"
+    AMBIGUOUS = "ambiguous"
+    INCONSISTENT = "inconsistent"
+    ATTITUDE_REQUIRED = "attitude_required"
+    NOT_CONVERGED = "not_converged"
+
+
+def _no_matches() -> NDArray[np.int64]:
+    return np.empty((0, 2), dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Fix:
+    """A position, or a refusal.
+
+    Attributes
+    ----------
+    ok : bool
+        Whether there is a position.
+    reason : Reason
+        A code; it is a string.
+    message : str
+        The reason in words; empty for a fix.
+    lat_deg, lon_deg : float
+        Geodetic position on WGS84, east positive, -180 to 180; NaN for a refusal.
+    cov_km2 : ndarray, shape (2, 2), or None
+        Covariance of the position, east-north, km^2.
+    confidence : float
+        0 to 1, as the solver defines it; 0 where there is no hypothesis.
+    matches : ndarray of int64, shape (m, 2)
+        Index of the detection, star id (Hipparcos number, or minus the HR number where there is none).
+    residual_rms_px : float
+        Root mean square distance between matched detections and predicted stars, pixels; NaN without a position.
+    time_ms : mapping of str to float
+        Time each stage took, milliseconds.
+    solver : str
+        Name of the solver.
+    details : mapping
+        What the solver wants to say besides, for example the depth of the catalogue it chose.
+    """
+
+    ok: bool
+    reason: Reason
+    message: str = ""
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+    cov_km2: NDArray[np.float64] | None = None
+    confidence: float = 0.0
+    matches: NDArray[np.int64] = field(default_factory=_no_matches)
+    residual_rms_px: float = math.nan
+    time_ms: Mapping[str, float] = field(default_factory=dict)
+    solver: str = ""
+    details: Mapping[str, float | int | str] = field(default_factory=dict)
+
+    @classmethod
+    def refusal(cls, reason: Reason, message: str, confidence: float = 0.0) -> Fix:
+        """Make a fix that says why there is none."""
+        return cls(ok=False, reason=reason, message=message, confidence=confidence)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fix as plain values that JSON can hold (NaN becomes None)."""
+
+        def number(value: float) -> float | None:
+            return float(value) if math.isfinite(value) else None
+
+        return {
+            "ok": self.ok,
+            "reason": str(self.reason),
+            "message": self.message,
+            "lat_deg": number(self.lat_deg),
+            "lon_deg": number(self.lon_deg),
+            "cov_km2": None if self.cov_km2 is None else self.cov_km2.tolist(),
+            "confidence": number(self.confidence),
+            "matches": self.matches.tolist(),
+            "residual_rms_px": number(self.residual_rms_px),
+            "time_ms": {stage: round(float(ms), 3) for stage, ms in self.time_ms.items()},
+            "solver": self.solver,
+            "details": dict(self.details),
+        }

@@ -1,0 +1,115 @@
+"""Confirmation of a candidate by the relative bearings of its neighbours.
+
+The thesis encodes "relative bearing angles between neighbours" beside distances without saying how they are compared.
+Here: the one rotation about the reference star that brings most neighbours of the image onto neighbours of the
+pattern. The sense of rotation is kept, so that a mirror image does not pass.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F8 = NDArray[np.float64]
+_TURN = 2 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The best rotation of a pattern onto the image's.
+
+    Attributes
+    ----------
+    rotation_rad : float
+        Image bearing minus pattern bearing.
+    image, pattern : ndarray of int, shape (m,)
+        Rows of the image's and of the pattern's neighbours that fall together, one to one.
+    log10_false_alarm : float
+        Bound on the decimal logarithm of the probability that chance alone does as well at *some* rotation.
+    """
+
+    rotation_rad: float
+    image: NDArray[np.intp]
+    pattern: NDArray[np.intp]
+    log10_false_alarm: float
+
+
+def align(
+    image_theta: F8,
+    image_bearing: F8,
+    pattern_theta: F8,
+    pattern_bearing: F8,
+    tolerance_rad: float,
+    radius_rad: float,
+) -> Alignment:
+    """Find the rotation about the reference star that matches most neighbours.
+
+    Parameters
+    ----------
+    image_theta, image_bearing : ndarray, shape (n,)
+        Distances and bearings of the detections around the reference, radians.
+    pattern_theta, pattern_bearing : ndarray, shape (m,)
+        The same of the catalogue pattern, sorted by distance.
+    tolerance_rad : float
+        Two neighbours fall together within this distance, along and across.
+    radius_rad : float
+        Radius of the pattern, for the false-alarm probability.
+    """
+    nothing = Alignment(0.0, np.empty(0, np.intp), np.empty(0, np.intp), 0.0)
+    # Pairs of like distance only: a window of the sorted pattern for each neighbour in the image.
+    low = np.searchsorted(pattern_theta, image_theta - tolerance_rad)
+    count = np.searchsorted(pattern_theta, image_theta + tolerance_rad, side="right") - low
+    total = int(count.sum())
+    if total == 0:
+        return nothing
+    i = np.repeat(np.arange(len(image_theta)), count)
+    j = np.arange(total) + np.repeat(low - np.cumsum(count) + count, count)
+    turn = (image_bearing[i] - pattern_bearing[j]) % _TURN
+    sine = np.maximum(np.sin(image_theta[i]), 1e-9)
+    # Bins of the tolerance at the middle of the pattern; a peak may straddle an edge, hence sums of two.
+    n_bins = max(8, int(_TURN * math.sin(radius_rad / 2) / tolerance_rad))
+    histogram = np.bincount((turn / _TURN * n_bins).astype(np.intp) % n_bins, minlength=n_bins)
+    peak = int(np.argmax(histogram + np.roll(histogram, -1)))
+    centre = (peak + 1) / n_bins * _TURN
+    rotation = centre
+    width = _TURN / n_bins
+    off = np.abs(_wrap(turn - centre)) <= width
+    for _ in range(3):
+        rotation += float(np.median(_wrap(turn[off] - rotation)))
+        near = np.abs(_wrap(turn - rotation)) * sine <= tolerance_rad
+        if not near.any():
+            return nothing
+        off = near
+    distance = np.hypot(_wrap(turn[off] - rotation) * sine[off], image_theta[i[off]] - pattern_theta[j[off]])
+    rows, columns = _one_to_one(i[off], j[off], distance)
+    trials = n_bins
+    expected = len(image_theta) * len(pattern_theta) * 2 * tolerance_rad**2 / (math.pi * (1 - math.cos(radius_rad)))
+    return Alignment(rotation, rows, columns, log10_chance(len(rows), expected) + math.log10(trials))
+
+
+def log10_chance(n: int, expected: float) -> float:
+    """Chernoff's bound on log10 of the probability of n or more events where `expected` are (Poisson)."""
+    if n <= expected or n == 0:
+        return 0.0
+    return (n - expected - n * math.log(n / expected)) / math.log(10)
+
+
+def _wrap(angle: F8) -> F8:
+    return (angle + np.pi) % _TURN - np.pi
+
+
+def _one_to_one(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], distance: F8
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Keep pairs that are each other's nearest."""
+    order = np.argsort(distance, kind="stable")
+    rows, columns = rows[order], columns[order]
+    first_row = np.zeros(len(rows), dtype=bool)
+    first_column = np.zeros(len(rows), dtype=bool)
+    first_row[np.unique(rows, return_index=True)[1]] = True
+    first_column[np.unique(columns, return_index=True)[1]] = True
+    mutual = first_row & first_column
+    return rows[mutual], columns[mutual]

@@ -1,0 +1,69 @@
+"""What a matcher is given and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+from celnav.fix import Reason
+from celnav.history import History
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What the camera saw.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        Pixel positions.
+    rays : ndarray, shape (n, 3)
+        The same as unit vectors in the camera frame.
+    flux : ndarray, shape (n,), or None
+        Brightness in any linear unit.
+    camera : Camera
+        The camera.
+    """
+
+    uv: NDArray[np.float64]
+    rays: NDArray[np.float64]
+    flux: NDArray[np.float64] | None
+    camera: Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Which detection is which star, or why that is not known.
+
+    Attributes
+    ----------
+    reason : Reason
+        `Reason.OK`, or why there is none.
+    message : str
+        The reason in words.
+    matches : ndarray of int64, shape (m, 2)
+        Index of the detection, star id; the reference star, where the matcher has one, comes first.
+    confidence : float
+        0 to 1, as the matcher defines it.
+    details : mapping
+        What else the matcher found.
+    """
+
+    reason: Reason
+    message: str = ""
+    matches: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    confidence: float = 0.0
+    details: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+class Matcher(Protocol):
+    """Identifies stars without knowing where the camera is or where it points."""
+
+    def identify(self, observation: Observation, history: History | None = None) -> Identification:
+        """Identify; `history` is read and extended where the caller passes one, and only then."""
+        ...

@@ -1,0 +1,334 @@
+"""Position from identified stars: a coarse grid, then Levenberg-Marquardt with a robust loss.
+
+The observed rays are taken to geometric ENU directions once (attitude, then Bennett's refraction, which wants the
+apparent altitude that the camera measures); what is left depends on the position by a rotation alone. Latitude and
+longitude turn that rotation about two axes at right angles everywhere, so the problem is well posed at the poles too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.astrometry import TerrestrialStars, terrestrial_stars
+from celnav.attitude import Attitude, as_attitude
+from celnav.camera import Camera
+from celnav.catalog import load_catalog
+from celnav.detection import as_positions
+from celnav.earth_rotation import earth_orientation
+from celnav.errors import AttitudeError, ConfigError, DetectionError
+from celnav.fix import Fix, Reason
+from celnav.refraction import unrefract
+from celnav.utc import Utc, parse_utc
+
+F8 = NDArray[np.float64]
+
+WGS84_A_KM = 6378.137
+WGS84_E2 = 6.69437999014e-3
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the observer, for refraction: pressure (hPa; 0: no refraction) and temperature (deg C)."""
+
+    pressure_hpa: float = 1010.0
+    temperature_c: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pressure_hpa <= 1200:
+            raise ConfigError(f"pressure_hpa = {self.pressure_hpa} must lie between 0 and 1200")
+        if not -100 <= self.temperature_c <= 80:
+            raise ConfigError(f"temperature_c = {self.temperature_c} must lie between -100 and 80")
+
+
+@dataclass(frozen=True)
+class PositionConfig:
+    """Choices of the position estimate (the thesis, section 4.v and equation 3.10).
+
+    Attributes
+    ----------
+    grid_step_deg : float
+        Step of the coarse grid in latitude and longitude.
+    grid_stars : int
+        The grid uses at most this many stars, evenly chosen.
+    loss_scale_deg : float
+        Where the soft-L1 loss turns from square to linear. The thesis leaves its robust loss open.
+    weights : str
+        ``angle``: every star's angular error counts alike, as equation 3.10 has it; ``pixel``: errors are measured in
+        pixels, which is what centroid noise is uniform in.
+    clip_sigma, clip_floor_px : float
+        After a first estimate, stars off by more than this many robust standard deviations (and more than the floor)
+        are dropped and the estimate is made again; 0 keeps all.
+    centroid_sigma_px : float or None
+        Standard deviation of a centroid along each axis for the covariance; None estimates it from the residuals.
+    min_sigma_px : float
+        Floor of that estimate: few stars can agree by chance.
+    max_iterations : int
+        Of Levenberg-Marquardt.
+    """
+
+    grid_step_deg: float = 5.0
+    grid_stars: int = 24
+    loss_scale_deg: float = 0.1
+    weights: Literal["angle", "pixel"] = "angle"
+    clip_sigma: float = 5.0
+    clip_floor_px: float = 1.0
+    centroid_sigma_px: float | None = None
+    min_sigma_px: float = 0.01
+    max_iterations: int = 50
+
+
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """Observed stars: geometric ENU directions (n, 3), two tangents each, (n, 2, 3), and radians per pixel, (n, 2, 2).
+
+    The last maps a displacement in pixels onto the two tangents.
+    """
+
+    dirs: F8
+    tangents: F8
+    radians_per_px: F8
+
+
+def fix_position(
+    uv: ArrayLike,
+    star_ids: ArrayLike,
+    camera: Camera,
+    utc: str | datetime | Utc,
+    attitude: Attitude | ArrayLike,
+    *,
+    config: PositionConfig | None = None,
+    weather: Weather | None = None,
+    dut1_s: float | None = None,
+) -> Fix:
+    """Find the position from stars whose identities are known.
+
+    Parameters
+    ----------
+    uv : array_like, shape (n, 2)
+        Pixel positions; two stars or more give a unique position, one leaves two solutions of which one is returned.
+    star_ids : array_like of int, shape (n,)
+        Hipparcos numbers, or minus HR numbers where there is none.
+    camera : Camera
+        The camera.
+    utc : str, datetime or Utc
+        Mid-exposure.
+    attitude : Attitude or 3x3 array_like
+        Needs the heading (`Attitude.exact` or `Attitude.with_sigma`).
+    config, weather : optional
+        Choices, and the air for refraction.
+    dut1_s : float, optional
+        UT1-UTC in seconds, from the IERS table unless given.
+
+    Returns
+    -------
+    Fix
+        `matches` holds the stars that were used.
+
+    Raises
+    ------
+    CelnavError
+        For malformed input, or a star id that is not in the catalogue.
+    """
+    config = PositionConfig() if config is None else config
+    weather = Weather() if weather is None else weather
+    positions = as_positions(uv)
+    ids = np.asarray(star_ids)
+    if ids.shape != (len(positions),) or not np.issubdtype(ids.dtype, np.integer):
+        raise DetectionError(f"star_ids must be {len(positions)} whole numbers, one per position")
+    if len(positions) == 0:
+        return Fix.refusal(Reason.TOO_FEW_DETECTIONS, "no star")
+    known = as_attitude(attitude)
+    if known is None or known.kind != "rotation":
+        raise AttitudeError("a position needs the whole attitude: give R_cam")
+    instant = parse_utc(utc)
+    catalog = load_catalog()
+    stars = terrestrial_stars(catalog.take(catalog.rows_of(ids)), instant, earth_orientation(instant, dut1_s))
+    observed = _observe(positions, camera, known, weather)
+
+    keep = np.arange(len(positions))
+    solution = _solve(observed, stars, config)
+    if config.clip_sigma > 0 and len(positions) > 2 and solution is not None:
+        error_px = _errors_px(solution, observed, stars)
+        limit = max(config.clip_floor_px, config.clip_sigma * 1.4826 * float(np.median(error_px)) / 1.1774)
+        keep = np.flatnonzero(error_px <= limit)
+        if len(keep) < len(positions):
+            observed, stars = _take(observed, keep), TerrestrialStars(stars.dirs[keep])
+            solution = _solve(observed, stars, config, start=solution)
+    if solution is None:
+        return Fix.refusal(Reason.NOT_CONVERGED, "the position estimate did not converge")
+    lat_deg, lon_deg = solution
+    error_px = _errors_px(solution, observed, stars)
+    return Fix(
+        ok=True,
+        reason=Reason.OK,
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        cov_km2=_covariance(solution, observed, stars, known, config),
+        confidence=1.0,
+        matches=np.column_stack((keep, ids[keep])).astype(np.int64),
+        residual_rms_px=float(np.sqrt(np.mean(error_px**2))),
+    )
+
+
+def _observe(positions: F8, camera: Camera, attitude: Attitude, weather: Weather) -> _Observed:
+    """Bring pixel positions to geometric ENU directions, with the local scale of the camera."""
+    R_cam = attitude.R_cam
+    rays = camera.to_rays(positions)
+    dirs = unrefract(rays @ R_cam, weather.pressure_hpa, weather.temperature_c)
+    # Tangents along the directions in which the ray moves with u and v; refraction's own scale (below 1 %) is left out.
+    step = np.stack([camera.to_rays(positions + 0.5 * axis) - camera.to_rays(positions - 0.5 * axis) for axis in np.eye(2)])
+    moves = np.swapaxes(step @ R_cam, 0, 1)
+    first = moves[:, 0] - np.sum(moves[:, 0] * dirs, axis=1, keepdims=True) * dirs
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    tangents = np.stack((first, np.cross(dirs, first)), axis=1)
+    return _Observed(dirs, tangents, np.einsum("nij,nkj->nik", tangents, moves))
+
+
+def _take(observed: _Observed, rows: NDArray[np.intp]) -> _Observed:
+    return _Observed(observed.dirs[rows], observed.tangents[rows], observed.radians_per_px[rows])
+
+
+def _errors_px(solution: tuple[float, float], observed: _Observed, stars: TerrestrialStars) -> F8:
+    """Distance between observed and predicted, pixels, shape (n,)."""
+    along = np.einsum("nij,nj->ni", observed.tangents, stars.enu(*solution) - observed.dirs)
+    return np.asarray(np.linalg.norm(np.linalg.solve(observed.radians_per_px, along[:, :, None])[:, :, 0], axis=1))
+
+
+def _residuals(
+    solution: tuple[float, float], observed: _Observed, stars: TerrestrialStars, config: PositionConfig
+) -> tuple[F8, F8]:
+    """Residuals, shape (n, 2), and their derivatives by latitude and longitude in radians, shape (n, 2, 2)."""
+    predicted = stars.enu(*solution)
+    lat = math.radians(solution[0])
+    # Going north turns the sky about the east axis; going east turns it about the Earth's axis.
+    d_lat = np.column_stack((np.zeros(len(predicted)), -predicted[:, 2], predicted[:, 1]))
+    axis = np.array([0.0, math.cos(lat), math.sin(lat)])
+    d_lon = np.cross(predicted, axis)
+    residual = np.einsum("nij,nj->ni", observed.tangents, predicted - observed.dirs)
+    # The chord's projection is short by cos(angle) for far-off predictions; its direction is what matters there.
+    jacobian = np.stack(
+        [np.einsum("nij,nj->ni", observed.tangents, derivative) for derivative in (d_lat, d_lon)], axis=2
+    )
+    if config.weights == "pixel":
+        to_px = np.linalg.inv(observed.radians_per_px)
+        # Scaled back to radians at the middle of the field, so that the loss scale keeps its meaning.
+        scale = 1.0 / np.abs(np.linalg.det(to_px)).min() ** 0.5
+        residual = np.einsum("nij,nj->ni", to_px, residual) * scale
+        jacobian = to_px @ jacobian * scale
+    return residual, jacobian
+
+
+def _solve(
+    observed: _Observed, stars: TerrestrialStars, config: PositionConfig, start: tuple[float, float] | None = None
+) -> tuple[float, float] | None:
+    """Latitude and longitude in degrees that minimise the mean soft-L1 loss, or None when it does not converge."""
+    scale = math.radians(config.loss_scale_deg)
+    lat, lon = _grid_minimum(observed, stars, config) if start is None else start
+
+    def loss(residual: F8) -> F8:
+        return 2 * scale**2 * (np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2) - 1)
+
+    damping = 1e-3
+    residual, jacobian = _residuals((lat, lon), observed, stars, config)
+    cost = float(loss(residual).sum())
+    for _ in range(config.max_iterations):
+        weight = 1.0 / np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2)
+        normal = np.einsum("n,nij,nik->jk", weight, jacobian, jacobian)
+        gradient = np.einsum("n,nij,ni->j", weight, jacobian, residual)
+        try:
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -gradient)
+        except np.linalg.LinAlgError:
+            return None
+        trial = _normalise(lat + math.degrees(step[0]), lon + math.degrees(step[1]))
+        trial_residual, trial_jacobian = _residuals(trial, observed, stars, config)
+        trial_cost = float(loss(trial_residual).sum())
+        if trial_cost <= cost:
+            (lat, lon), residual, jacobian, cost = trial, trial_residual, trial_jacobian, trial_cost
+            damping = max(damping / 10, 1e-12)
+        else:
+            damping *= 10
+        if float(np.abs(step).max()) < 1e-11:  # 0.06 mm on the ground
+            return lat, lon
+    # Steps that shrink to rounding while the damping grows are convergence too; a large last step is not.
+    return (lat, lon) if float(np.abs(step).max()) < 1e-8 else None
+
+
+def _normalise(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """Bring a position that went over a pole, or around the Earth, back to its ranges."""
+    lat = math.remainder(lat_deg, 360.0)
+    if abs(lat) > 90:
+        lat, lon_deg = math.copysign(180.0, lat) - lat, lon_deg + 180.0
+    return lat, math.remainder(lon_deg, 360.0)
+
+
+def _grid_minimum(observed: _Observed, stars: TerrestrialStars, config: PositionConfig) -> tuple[float, float]:
+    """Node of the coarse grid with the smallest mean robust angular error."""
+    n = len(observed.dirs)
+    rows = np.unique(np.linspace(0, n - 1, min(n, config.grid_stars)).astype(np.intp))
+    lat = np.radians(np.arange(-90 + config.grid_step_deg / 2, 90, config.grid_step_deg))[:, None, None]
+    lon = np.radians(np.arange(-180 + config.grid_step_deg / 2, 180, config.grid_step_deg))[None, :, None]
+    x, y, z = stars.dirs[rows].T
+    e, u_, v = observed.dirs[rows].T
+    toward = np.cos(lon) * x + np.sin(lon) * y  # component along the meridian's direction in the equator's plane
+    east = np.cos(lon) * y - np.sin(lon) * x
+    north = np.cos(lat) * z - np.sin(lat) * toward
+    up = np.cos(lat) * toward + np.sin(lat) * z
+    cosine = np.clip(east * e + north * u_ + up * v, -1, 1)
+    # For the grid the loss is the angle itself, the soft-L1 loss far from its scale.
+    mean_angle = np.arccos(cosine).mean(axis=2)
+    i, j = np.unravel_index(int(np.argmin(mean_angle)), mean_angle.shape)
+    return float(np.degrees(lat[i, 0, 0])), float(np.degrees(lon[0, j, 0]))
+
+
+def _covariance(
+    solution: tuple[float, float],
+    observed: _Observed,
+    stars: TerrestrialStars,
+    attitude: Attitude,
+    config: PositionConfig,
+) -> F8 | None:
+    """Covariance of the position, east-north, km^2; None where one star leaves no residual to estimate it from."""
+    n = len(observed.dirs)
+    if config.centroid_sigma_px is not None:
+        sigma_px = config.centroid_sigma_px
+    elif n < 2:
+        return None
+    else:
+        squares = float(np.sum(_errors_px(solution, observed, stars) ** 2))
+        sigma_px = max(math.sqrt(squares / (2 * n - 2)), config.min_sigma_px)
+    residual, jacobian = _residuals(solution, observed, stars, config)
+    scale = math.radians(config.loss_scale_deg)
+    weight = 1.0 / np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2)
+    try:
+        bread = np.linalg.inv(np.einsum("n,nij,nik->jk", weight, jacobian, jacobian))
+    except np.linalg.LinAlgError:
+        return None
+    # Noise in pixels goes through the weights that were used: the sandwich J+ S J+^T.
+    to_residual = observed.radians_per_px
+    if config.weights == "pixel":
+        to_px = np.linalg.inv(observed.radians_per_px)
+        to_residual = np.broadcast_to(np.eye(2), to_px.shape) / np.abs(np.linalg.det(to_px)).min() ** 0.5
+    gain = np.einsum("jk,n,nik->nji", bread, weight, jacobian)  # (n, 2, 2): residual -> latitude, longitude
+    influence = gain @ to_residual
+    covariance = sigma_px**2 * np.einsum("nij,nkj->ik", influence, influence)
+    # An attitude error turns all observed directions together, about east, north (tilt) and up (heading).
+    sigmas = np.radians([attitude.tilt_deg, attitude.tilt_deg, attitude.heading_deg])
+    if sigmas.any():
+        turns = np.stack([np.cross(axis, observed.dirs) for axis in np.eye(3)])
+        in_residual = np.einsum("nij,anj->nia", observed.tangents, turns)
+        if config.weights == "pixel":
+            in_residual = to_residual @ np.linalg.solve(observed.radians_per_px, in_residual)
+        systematic = np.einsum("nji,nia->ja", gain, in_residual)
+        covariance = covariance + (systematic * sigmas**2) @ systematic.T
+    lat = math.radians(solution[0])
+    curvature = 1 - WGS84_E2 * math.sin(lat) ** 2
+    north_km = WGS84_A_KM * (1 - WGS84_E2) / curvature**1.5
+    east_km = WGS84_A_KM / math.sqrt(curvature) * math.cos(lat)
+    to_km = np.array([[0.0, east_km], [north_km, 0.0]])
+    return np.asarray(to_km @ covariance @ to_km.T)

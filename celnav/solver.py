@@ -1,0 +1,225 @@
+"""`celnav.solve`: detections, camera, time and attitude in; a fix out. And the registry of solvers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from celnav.attitude import Attitude, as_attitude
+from celnav.camera import Camera
+from celnav.detection import Detections, as_detections
+from celnav.errors import CameraError, ConfigError
+from celnav.fix import Fix, Reason
+from celnav.history import History
+from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig, DdrMatcher, Matcher, Observation
+from celnav.position import PositionConfig, Weather, fix_position
+from celnav.utc import Utc, parse_utc
+
+# Centroid noise may push a star over the edge, but not by this part of the frame's width.
+OUTSIDE_FRAME_PART = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One frame's question, validated."""
+
+    observation: Observation
+    utc: Utc
+    attitude: Attitude | None
+    weather: Weather
+    dut1_s: float | None
+
+
+class Solver(Protocol):
+    """Turns a problem into a fix."""
+
+    def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
+        """Solve; stages are timed with `clock`."""
+        ...
+
+
+@dataclass
+class Stopwatch:
+    """Times stages, in milliseconds."""
+
+    time_ms: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what runs inside under `name`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.time_ms[name] = self.time_ms.get(name, 0.0) + 1000 * (time.perf_counter() - start)
+
+
+@dataclass(frozen=True)
+class MatchThenFix:
+    """A solver of two stages: a matcher identifies, and all its matches give the position.
+
+    Attributes
+    ----------
+    matcher : Matcher
+        Frozen and hashable.
+    position : PositionConfig
+        Choices of the position estimate.
+    max_residual_px : float
+        Refuse a position whose median distance between matched detections and predicted stars is larger.
+    """
+
+    matcher: Matcher
+    position: PositionConfig = field(default_factory=PositionConfig)
+    max_residual_px: float = 5.0
+
+    def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
+        """Solve a problem whose attitude is wholly known; refuse any other."""
+        attitude = problem.attitude
+        if attitude is None or attitude.kind != "rotation":
+            return Fix.refusal(
+                Reason.ATTITUDE_REQUIRED, "this solver needs the whole attitude, heading included: give R_cam"
+            )
+        with clock.stage("identify"):
+            found = self.matcher.identify(problem.observation, history)
+        if found.reason is not Reason.OK:
+            refusal = Fix.refusal(found.reason, found.message, found.confidence)
+            return replace(refusal, details=found.details)
+        with clock.stage("fix"):
+            fix = fix_position(
+                problem.observation.uv[found.matches[:, 0]],
+                found.matches[:, 1],
+                problem.observation.camera,
+                problem.utc,
+                attitude,
+                config=self.position,
+                weather=problem.weather,
+                dut1_s=problem.dut1_s,
+            )
+        if not fix.ok:
+            return replace(fix, details=found.details, confidence=found.confidence)
+        dropped = 1 - len(fix.matches) / len(found.matches)
+        if fix.residual_rms_px > self.max_residual_px or dropped > 0.5:
+            message = (
+                f"the identified stars do not fit one position: {fix.residual_rms_px:.1f} px rms, "
+                f"{dropped:.0%} of them dropped; check the attitude and the camera"
+            )
+            refusal = Fix.refusal(Reason.INCONSISTENT, message, found.confidence)
+            return replace(refusal, details=found.details)
+        # The fix numbers the positions it was given; the caller numbers detections.
+        matches = np.column_stack((found.matches[fix.matches[:, 0], 0], fix.matches[:, 1]))
+        return replace(fix, matches=matches, confidence=found.confidence, details=found.details)
+
+
+def ddr_solver(config: DdrConfig, position: PositionConfig | None = None) -> MatchThenFix:
+    """Make a solver of the thesis' family with choices of your own; `celnav.solve` takes it as ``solver=``."""
+    return MatchThenFix(DdrMatcher(config), PositionConfig() if position is None else position)
+
+
+SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
+    {
+        "thesis-baseline": ddr_solver(THESIS_BASELINE),
+        "thesis-adaptive": ddr_solver(THESIS_ADAPTIVE),
+    }
+)
+
+
+def solvers() -> tuple[str, ...]:
+    """Return the names that `solve` takes as ``solver``."""
+    return tuple(SOLVERS)
+
+
+def solve(
+    detections: Detections | ArrayLike,
+    camera: Camera,
+    utc: str | datetime | Utc,
+    attitude: Attitude | ArrayLike | None,
+    solver: str | Solver = "thesis-adaptive",
+    history: History | None = None,
+    *,
+    flux: ArrayLike | None = None,
+    pressure_hpa: float = 1010.0,
+    temperature_c: float = 10.0,
+    dut1_s: float | None = None,
+) -> Fix:
+    """Find where a frame was taken.
+
+    Parameters
+    ----------
+    detections : Detections or array_like, shape (n, 2)
+        From `celnav.detect`, or bare pixel positions.
+    camera : Camera
+        The camera.
+    utc : str, datetime or Utc
+        Mid-exposure; ISO 8601 with a zone.
+    attitude : 3x3 array_like, Attitude or None
+        `R_cam` (ENU to camera), or what is known of it.
+    solver : str or callable
+        One of `celnav.solvers()`, or a solver made with `ddr_solver`.
+    history : History, optional
+        What earlier frames taught, for solvers that use it. Read and extended; without it every frame stands alone.
+    flux : array_like, shape (n,), optional
+        Brightness of bare positions, any linear unit.
+    pressure_hpa, temperature_c : float
+        Air at the observer, for refraction; pressure 0 means none.
+    dut1_s : float, optional
+        UT1-UTC in seconds; from the IERS table unless given.
+
+    Returns
+    -------
+    Fix
+        A position, or a refusal with a reason.
+
+    Raises
+    ------
+    CelnavError
+        For malformed input; see `celnav.errors`.
+    """
+    clock = Stopwatch()
+    with clock.stage("prepare"):
+        chosen, name = _solver(solver)
+        if not isinstance(camera, Camera):
+            raise CameraError(f"camera must be a celnav.Camera, not {type(camera).__name__}")
+        seen = as_detections(detections, flux)
+        _check_fit(seen, camera)
+        problem = Problem(
+            Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera),
+            parse_utc(utc),
+            as_attitude(attitude),
+            Weather(pressure_hpa, temperature_c),
+            dut1_s,
+        )
+    fix = chosen(problem, history, clock)
+    clock.time_ms["total"] = sum(clock.time_ms.values())
+    return replace(fix, time_ms=clock.time_ms, solver=name)
+
+
+def _solver(solver: str | Solver) -> tuple[Solver, str]:
+    if not isinstance(solver, str):
+        return solver, "custom"
+    if solver not in SOLVERS:
+        raise ConfigError(f"solver {solver!r} does not exist; there are: {', '.join(SOLVERS)}")
+    return SOLVERS[solver], solver
+
+
+def _check_fit(seen: Detections, camera: Camera) -> None:
+    if seen.shape is not None and seen.shape != (camera.height, camera.width):
+        raise CameraError(
+            f"the camera is {camera.width} x {camera.height} pixels, but the image {seen.shape[1]} x {seen.shape[0]}"
+        )
+    outside = ~camera.in_frame(seen.uv, OUTSIDE_FRAME_PART * camera.width)
+    if outside.any():
+        u, v = seen.uv[np.flatnonzero(outside)[0]]
+        raise CameraError(
+            f"detection at ({u:.1f}, {v:.1f}) lies outside the camera's {camera.width} x {camera.height} pixels: "
+            "is this the right camera?"
+        )
+
+
