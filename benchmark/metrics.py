@@ -24,6 +24,8 @@ class FrameScore:
         Of the frame.
     bortle : int or None
         The frame's Bortle class.
+    width_px, height_px : int
+        Size of the image.
     status : str
         ``fix``, ``refused``, or ``error`` (the solver raised or answered nonsense; scored as a refusal).
     reason : str
@@ -41,6 +43,8 @@ class FrameScore:
     frame_id: str
     index: int
     bortle: int | None
+    width_px: int
+    height_px: int
     status: str
     reason: str
     lat_deg: float | None

@@ -131,11 +131,9 @@ def write_result(
         "definitions": DEFINITIONS,
         "confidence": CONFIDENCE,
         "solver": solver,
-        "null_means": "in an error (…_km): infinite, the frame is refused; elsewhere: undefined, nothing to count",
+        "null_means": "in an error (_km) or a time (_ms): infinite; elsewhere: undefined, nothing to count",
         "overall": _summary_to_json(summarise(scores)),
-        "by_bortle": [
-            {"bortle": bortle, **_summary_to_json(summary)} for bortle, summary in by_bortle(scores)
-        ],
+        "by_bortle": [{"bortle": bortle, **_summary_to_json(summary)} for bortle, summary in by_bortle(scores)],
         "reasons": _count(score.reason for score in scores if score.reason),
         "provenance": dataclasses.asdict(provenance),
     }
@@ -153,7 +151,9 @@ def read_results(out: Path) -> list[SolverResult]:
     """
     results = [_read_result(path) for path in _summary_paths(out)]
     if not results:
-        raise ResultsError(f"{out}: no results in it; make some with `skybench bench run DIR --solver NAME --out {out}`")
+        raise ResultsError(
+            f"{out}: no results in it; make some with `skybench bench run DIR --solver NAME --out {out}`"
+        )
     first = results[0]
     for other in results[1:]:
         if _fingerprint(other.provenance) != _fingerprint(first.provenance):
@@ -208,6 +208,8 @@ def _frame_table(scores: Sequence[FrameScore], details: Sequence[FrameDetails]) 
         ("frame_id", pa.string(), "", [s.frame_id for s in scores]),
         ("index", pa.int32(), "", [s.index for s in scores]),
         ("bortle", pa.int32(), "", [s.bortle for s in scores]),
+        ("width_px", pa.int32(), "px", [s.width_px for s in scores]),
+        ("height_px", pa.int32(), "px", [s.height_px for s in scores]),
         ("zenith_mag_arcsec2", pa.float64(), "mag arcsec-2", [d.conditions.zenith_mag_arcsec2 for d in details]),
         ("true_latitude_deg", pa.float64(), "deg", [d.conditions.latitude_deg for d in details]),
         ("true_longitude_deg", pa.float64(), "deg", [d.conditions.longitude_deg for d in details]),
@@ -256,9 +258,7 @@ def _table(columns: Sequence[tuple[str, Any, str, list[Any]]]) -> pa.Table:
 def _summary_to_json(summary: Summary) -> dict[str, Any]:
     def entry(value: object) -> object:
         if isinstance(value, Estimate):
-            return {
-                "value": _finite(value.value), "low": _finite(value.low), "high": _finite(value.high), "n": value.n
-            }
+            return {"value": _finite(value.value), "low": _finite(value.low), "high": _finite(value.high), "n": value.n}
         return value
 
     return {field.name: entry(getattr(summary, field.name)) for field in dataclasses.fields(Summary)}
@@ -269,7 +269,7 @@ def _summary_from_json(entry: Mapping[str, Any]) -> Summary:
     for field in dataclasses.fields(Summary):
         found = entry[field.name]
         if field.type is Estimate:
-            missing = math.inf if field.name.endswith("_km") else math.nan
+            missing = math.inf if field.name.endswith(("_km", "_ms")) else math.nan
             ends = {end: missing if found[end] is None else float(found[end]) for end in ("value", "low", "high")}
             values[field.name] = Estimate(n=int(found["n"]), **ends)
         else:
@@ -325,9 +325,10 @@ def _same(one: Summary, other: Summary) -> bool:
 
 def _read_rows(path: Path) -> list[dict[str, Any]]:
     try:
-        return pq.read_table(path).to_pylist()
+        rows: list[dict[str, Any]] = pq.read_table(path).to_pylist()
     except (pa.ArrowInvalid, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); {_RUN_AGAIN}") from error
+    return rows
 
 
 def _count(values: Iterable[str]) -> dict[str, int]:

@@ -46,20 +46,16 @@ class Observation:
     R_cam: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Detections:
-    """Light sources found in one image.
+class Detections(Protocol):
+    """Light sources found in one image, in whatever type the detector returns."""
 
-    Attributes
-    ----------
-    uv : ndarray, shape (n, 2)
-        Positions, px.
-    flux : ndarray, shape (n,)
-        Brightness in any unit proportional to DN.
-    """
+    @property
+    def uv(self) -> NDArray[np.float64]:
+        """Positions, shape (n, 2), px."""
 
-    uv: NDArray[np.float64]
-    flux: NDArray[np.float64]
+    @property
+    def flux(self) -> NDArray[np.float64]:
+        """Brightness, shape (n,), in any unit proportional to DN."""
 
 
 @dataclass(frozen=True)
@@ -117,4 +113,4 @@ class SolverUnderTest(Protocol):
         """Find light sources in an image of DN, shape (height, width)."""
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Answer one frame."""
+        """Answer one frame, from detections that `detect` of the same detector returned."""
