@@ -1,0 +1,92 @@
+"""Extinction by the atmosphere: Rayleigh scattering, aerosol and ozone, by wavelength and airmass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+MAG_PER_OPTICAL_DEPTH = 2.5 / np.log(10)
+STANDARD_PRESSURE_HPA = 1013.25
+
+Floats = NDArray[np.float64]
+
+# Absorption coefficient of ozone, 1/(atm cm), base e. Source: Bird & Riordan 1986, J. Climate Appl. Meteor. 25, 87, table 1.
+_OZONE_NM = [
+    340, 345, 350, 360, 440, 450, 460, 470, 480, 490, 500, 510, 520, 530, 540, 550, 570, 593, 610, 630, 656, 667.6, 690,
+    710, 718, 724.4, 740, 752.5, 757.5, 762.5, 767.5, 780,
+]  # fmt: skip
+_OZONE_PER_ATM_CM = [
+    0.040, 0.019, 0.007, 0, 0, 0.003, 0.006, 0.009, 0.014, 0.021, 0.030, 0.040, 0.048, 0.063, 0.075, 0.085, 0.120, 0.119,
+    0.120, 0.090, 0.065, 0.051, 0.028, 0.018, 0.015, 0.012, 0.010, 0.008, 0.007, 0.006, 0.005, 0,
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Atmosphere:
+    """What a vertical ray crosses.
+
+    Attributes
+    ----------
+    pressure_hpa : float
+        At the observer; scales Rayleigh scattering.
+    aerosol_tau_550 : float
+        Vertical optical depth of aerosol at 550 nm.
+    angstrom_exponent : float
+        Aerosol optical depth goes as wavelength to minus this.
+    ozone_du : float
+        Column of ozone, Dobson units (300 DU = 0.3 atm cm).
+    """
+
+    pressure_hpa: float
+    aerosol_tau_550: float
+    angstrom_exponent: float
+    ozone_du: float
+
+
+def rayleigh_optical_depth(wavelength_nm: ArrayLike, pressure_hpa: float) -> Floats:
+    """Vertical optical depth of Rayleigh scattering. Source: Hansen & Travis 1974, Space Sci. Rev. 16, 527, eq. 2.30."""
+    inverse_square = (np.asarray(wavelength_nm, float) / 1000) ** -2.0
+    sea_level = 0.008569 * inverse_square**2 * (1 + 0.0113 * inverse_square + 0.00013 * inverse_square**2)
+    return sea_level * (pressure_hpa / STANDARD_PRESSURE_HPA)
+
+
+def aerosol_optical_depth(wavelength_nm: ArrayLike, tau_550: float, angstrom_exponent: float) -> Floats:
+    """Vertical optical depth of aerosol. Source: Angstrom 1929, Geografiska Annaler 11, 156."""
+    return tau_550 * (np.asarray(wavelength_nm, float) / 550) ** -angstrom_exponent
+
+
+def ozone_optical_depth(wavelength_nm: ArrayLike, ozone_du: float) -> Floats:
+    """Vertical optical depth of ozone (Huggins and Chappuis bands). Source: Bird & Riordan 1986, table 1."""
+    return ozone_du / 1000 * np.interp(np.asarray(wavelength_nm, float), _OZONE_NM, _OZONE_PER_ATM_CM)
+
+
+def optical_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
+    """Vertical optical depth of the whole atmosphere.
+
+    Parameters
+    ----------
+    wavelength_nm : (n,) array_like
+    atmosphere : Atmosphere
+
+    Returns
+    -------
+    (n,) array
+        Optical depth; times 1.0857 it is magnitudes per airmass. The bands of water vapour and molecular oxygen beyond
+        680 nm are not included.
+    """
+    return (
+        rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa)
+        + aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
+        + ozone_optical_depth(wavelength_nm, atmosphere.ozone_du)
+    )
+
+
+def airmass(apparent_altitude_deg: ArrayLike) -> Floats:
+    """Relative optical airmass from the apparent altitude. Source: Kasten & Young 1989, Appl. Opt. 28, 4735.
+
+    Below the horizon the value at the horizon (37.92) is returned.
+    """
+    altitude = np.maximum(np.asarray(apparent_altitude_deg, float), 0.0)
+    return 1 / (np.sin(np.radians(altitude)) + 0.50572 * (altitude + 6.07995) ** -1.6364)

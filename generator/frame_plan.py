@@ -1,0 +1,108 @@
+"""What a frame needs before any light is computed: times, Earth orientation, and the stars above the horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, places_of_date
+from generator.atmosphere import Atmosphere, airmass
+from generator.catalogue import StarCatalogue, load_catalogue
+from generator.scenario import AtmosphereSpec, FrameSpec
+from generator.scenario_file import Scenario
+from generator.times import EarthOrientation, Instant, earth_orientation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FramePlan:
+    """One frame of a scenario, ready to render.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    index : int
+    spec : FrameSpec
+    utc_start, utc_mid : Instant
+    orientation : EarthOrientation
+        At mid-exposure.
+    stars : StarCatalogue
+        The n stars above the horizon and brighter than the limit.
+    ra_deg, dec_deg : (n,) arrays
+        ICRS, proper motion applied to mid-exposure.
+    start, middle, end : ApparentPlaces
+        At the exposure's start, middle and end.
+    airmass : (n,) array
+        At mid-exposure; 0 where extinction is off.
+    """
+
+    scenario: Scenario
+    index: int
+    spec: FrameSpec
+    utc_start: Instant
+    utc_mid: Instant
+    orientation: EarthOrientation
+    stars: StarCatalogue
+    ra_deg: Floats
+    dec_deg: Floats
+    start: ApparentPlaces
+    middle: ApparentPlaces
+    end: ApparentPlaces
+    airmass: Floats
+
+    @property
+    def frame_id(self) -> str:
+        """Stem of the frame's files."""
+        return f"frame-{self.index:05d}"
+
+
+def plan_frame(scenario: Scenario, index: int) -> FramePlan:
+    """Plan frame `index` of a scenario. It depends on the scenario and the index alone.
+
+    Raises
+    ------
+    TimeRangeError
+        The exposure lies outside the Earth orientation table.
+    """
+    spec = scenario.frame(index)
+    utc_start = Instant.parse(spec.time.utc_start)
+    utc_mid = utc_start.plus(spec.time.exposure_s / 2)
+    orientation = earth_orientation(utc_mid)
+    site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
+    air = refracting_air(spec.atmosphere)
+    catalogue = load_catalogue()
+    stars = catalogue[catalogue.v_mag <= spec.stars.limiting_mag]
+    middle = apparent_places(stars, site, utc_mid, orientation, air)
+    up = middle.altitude_deg > 0
+    stars = stars[up]
+    ra_deg, dec_deg = places_of_date(stars, utc_mid)
+    return FramePlan(
+        scenario=scenario,
+        index=index,
+        spec=spec,
+        utc_start=utc_start,
+        utc_mid=utc_mid,
+        orientation=orientation,
+        stars=stars,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        start=apparent_places(stars, site, utc_start, orientation, air),
+        middle=ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up]),
+        end=apparent_places(stars, site, utc_start.plus(spec.time.exposure_s), orientation, air),
+        airmass=airmass(middle.altitude_deg[up]) if spec.atmosphere.extinction else np.zeros(len(stars)),
+    )
+
+
+def refracting_air(spec: AtmosphereSpec) -> Air:
+    """The air that bends the light; without pressure where refraction is off."""
+    return Air(spec.pressure_hpa if spec.refraction else 0.0, spec.temperature_c, spec.relative_humidity)
+
+
+def dimming_atmosphere(spec: AtmosphereSpec) -> Atmosphere | None:
+    """The atmosphere that dims the light, or None where extinction is off."""
+    if not spec.extinction:
+        return None
+    return Atmosphere(spec.pressure_hpa, spec.aerosol_tau_550, spec.angstrom_exponent, spec.ozone_du)

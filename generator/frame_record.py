@@ -1,0 +1,161 @@
+"""The frame record and the table of stars: what docs/dataset_format.md promises."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from generator import __version__
+from generator.detector import matched_filter_snr, saturation_e
+from generator.frame_plan import FramePlan
+from generator.mitsuba_runtime import choose_variant
+from generator.scene import ExpectedFrame
+
+FORMAT = "skybench-frame/1"
+PSF_REACH_SIGMAS = 6.0
+
+STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
+    ("index", pa.int32(), ""),
+    ("frame_id", pa.string(), ""),
+    ("star_id", pa.int32(), ""),
+    ("hip", pa.int32(), ""),
+    ("hr", pa.int32(), ""),
+    ("ra_deg", pa.float64(), "deg"),
+    ("dec_deg", pa.float64(), "deg"),
+    ("v_mag", pa.float32(), "mag"),
+    ("bv_mag", pa.float32(), "mag"),
+    ("azimuth_deg", pa.float64(), "deg"),
+    ("altitude_deg", pa.float64(), "deg"),
+    ("airmass", pa.float32(), "1"),
+    ("u_px", pa.float64(), "px"),
+    ("v_px", pa.float64(), "px"),
+    ("electrons_e", pa.float32(), "e"),
+    ("fraction_in_frame", pa.float32(), "1"),
+    ("snr", pa.float32(), "1"),
+    ("saturated", pa.bool_(), ""),
+)
+STAR_SCHEMA = pa.schema(
+    [pa.field(name, kind, nullable=False, metadata={"unit": unit}) for name, kind, unit in STAR_COLUMNS],
+    metadata={"format": "skybench-stars/1"},
+)
+
+
+def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
+    """Return the frame record as JSON-ready data; it holds nothing that depends on the machine or the clock."""
+    spec = plan.spec
+    camera, sensor, air = spec.camera, spec.sensor, spec.atmosphere
+    return {
+        "format": FORMAT,
+        "frame_id": plan.frame_id,
+        "index": plan.index,
+        "scenario": {"name": plan.scenario.name, "sha256": plan.scenario.sha256, "seed": plan.scenario.seed},
+        "site": spec.site.model_dump(),
+        "time": {
+            "utc_start": plan.utc_start.isoformat(),
+            "utc_mid": plan.utc_mid.isoformat(),
+            "exposure_s": spec.time.exposure_s,
+            "ut1_utc_s": plan.orientation.ut1_utc_s,
+            "polar_motion_x_arcsec": plan.orientation.polar_motion_x_arcsec,
+            "polar_motion_y_arcsec": plan.orientation.polar_motion_y_arcsec,
+        },
+        "camera": {
+            "model": camera.model,
+            "width": camera.width,
+            "height": camera.height,
+            "f_px": camera.f_px,
+            "fy_px": camera.f_px,
+            "cx_px": (camera.width - 1) / 2,
+            "cy_px": (camera.height - 1) / 2,
+            "k": [],
+            "p": [],
+        },
+        "attitude": {"R_cam": (np.round(spec.R_cam, 15) + 0.0).tolist()},
+        "optics": {
+            "aperture_mm": camera.aperture_mm,
+            "transmission": camera.transmission,
+            "psf_sigma_px": camera.psf_sigma_px,
+        },
+        "sensor": {
+            "bits": sensor.bits,
+            "gain_e_per_dn": sensor.gain_e_per_dn,
+            "black_level_dn": sensor.black_level_dn,
+            "full_well_e": sensor.full_well_e,
+            "read_noise_e": sensor.read_noise_e,
+            "dark_current_e_s": sensor.dark_current_e_s,
+            "quantum_efficiency": [list(point) for point in sensor.quantum_efficiency],
+        },
+        "atmosphere": air.model_dump(),
+        "sky": {"bortle": spec.sky.bortle, "zenith_mag_arcsec2": spec.sky.zenith_mag},
+        "stars": {"n_in_field": stars_in_field, "limiting_mag": spec.stars.limiting_mag},
+        "provenance": {
+            "skybench": __version__,
+            "mitsuba": version("mitsuba"),
+            "drjit": version("drjit"),
+            "numpy": version("numpy"),
+            "variant": choose_variant(),
+        },
+    }
+
+
+def record_bytes(record: dict[str, Any]) -> bytes:
+    """Serialise a frame record: indented UTF-8 JSON without NaN or infinity."""
+    return (json.dumps(record, indent=1, allow_nan=False) + "\n").encode()
+
+
+def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
+    """Return the truth of a frame's stars, one row per star in or near the field (schema: STAR_SCHEMA)."""
+    spec = plan.spec
+    camera, sensor = spec.camera, spec.sensor
+    reach = PSF_REACH_SIGMAS * camera.psf_sigma_px
+    with np.errstate(invalid="ignore"):
+        seen = (
+            (expected.u_px > -0.5 - reach)
+            & (expected.u_px < camera.width - 0.5 + reach)
+            & (expected.v_px > -0.5 - reach)
+            & (expected.v_px < camera.height - 0.5 + reach)
+        )
+    star_id = plan.stars.star_id
+    rows = np.nonzero(seen)[0]
+    rows = rows[np.lexsort((star_id[rows], plan.stars.v_mag[rows].astype(np.float32)))]
+    column = np.clip(np.rint(expected.u_px[rows]), 0, camera.width - 1).astype(np.intp)
+    row = np.clip(np.rint(expected.v_px[rows]), 0, camera.height - 1).astype(np.intp)
+    sky = expected.sky_electrons[row, column].astype(np.float64)
+    electrons = expected.star_electrons[rows]
+    peak = _brightest_pixel_around(expected.electrons, row, column) + sensor.dark_current_e_s * spec.time.exposure_s
+    columns = {
+        "index": np.full(len(rows), plan.index),
+        "frame_id": [plan.frame_id] * len(rows),
+        "star_id": star_id[rows],
+        "hip": plan.stars.hip[rows],
+        "hr": plan.stars.hr[rows],
+        "ra_deg": plan.ra_deg[rows],
+        "dec_deg": plan.dec_deg[rows],
+        "v_mag": plan.stars.v_mag[rows],
+        "bv_mag": plan.stars.bv_mag[rows],
+        "azimuth_deg": plan.middle.azimuth_deg[rows],
+        "altitude_deg": plan.middle.altitude_deg[rows],
+        "airmass": plan.airmass[rows],
+        "u_px": expected.u_px[rows],
+        "v_px": expected.v_px[rows],
+        "electrons_e": electrons,
+        "fraction_in_frame": expected.fraction_in_frame[rows],
+        "snr": matched_filter_snr(electrons, sky, camera.psf_sigma_px, spec.time.exposure_s, sensor),
+        "saturated": peak >= saturation_e(sensor),
+    }
+    arrays = [pa.array(columns[field.name], type=field.type) for field in STAR_SCHEMA]
+    return pa.Table.from_arrays(arrays, schema=STAR_SCHEMA)
+
+
+def _brightest_pixel_around(
+    electrons: np.ndarray[Any, np.dtype[np.float32]],
+    row: np.ndarray[Any, np.dtype[np.intp]],
+    column: np.ndarray[Any, np.dtype[np.intp]],
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Largest expectation among the 3 x 3 pixels around each position."""
+    padded = np.pad(electrons, 1)
+    around = [padded[row + dy, column + dx] for dy in range(3) for dx in range(3)]
+    return np.max(around, axis=0, initial=0.0).astype(np.float64)

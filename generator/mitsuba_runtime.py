@@ -1,0 +1,202 @@
+"""Finding what Mitsuba needs, and starting it once.
+
+Mitsuba's LLVM variants load ``libLLVM`` when first imported, by the environment variable ``DRJIT_LIBLLVM_PATH``; set later it
+is ignored. LLVM older than 17 aborts the process at the first real kernel, which no ``except`` catches, so every candidate
+is tried in a process of its own first.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import functools
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+
+from generator.errors import RuntimeUnavailableError
+from generator.files import write_bytes
+
+LLVM_VARIANT = "llvm_ad_spectral"
+CUDA_VARIANT = "cuda_ad_spectral"
+VARIANTS = (LLVM_VARIANT, CUDA_VARIANT)
+VARIANT_VARIABLE = "SKYBENCH_VARIANT"
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+MINIMUM_LLVM = 17
+PROBE_TIMEOUT_S = 120.0
+
+REMEDY = (
+    "install LLVM >= 17: on Linux x86-64 `pip install karellen-llvm-core==23.1.4.post8`, elsewhere your system's package "
+    f"(`apt install libllvm19`, `brew install llvm`), or point {LLVM_VARIABLE} at libLLVM"
+)
+
+_LLVM_PROBE = """
+import ctypes, json, os, sys
+library = ctypes.CDLL(sys.argv[1])
+numbers = [ctypes.c_uint() for _ in range(3)]
+library.LLVMGetVersion(*map(ctypes.byref, numbers))
+version = ".".join(str(number.value) for number in numbers)
+if numbers[0].value >= int(sys.argv[2]):
+    os.environ["DRJIT_LIBLLVM_PATH"] = sys.argv[1]
+    import drjit
+    value = drjit.llvm.Float([1.0, 4.0])
+    assert drjit.all(drjit.maximum(drjit.sqrt(value), 1.5) == drjit.llvm.Float([1.5, 2.0]))
+print(json.dumps(version))
+"""
+
+_CUDA_PROBE = """
+import drjit
+value = drjit.cuda.Float([1.0, 4.0])
+assert drjit.all(drjit.sqrt(value) == drjit.cuda.Float([1.0, 2.0]))
+"""
+
+
+@dataclass(frozen=True)
+class LlvmLibrary:
+    """An LLVM library that was tried.
+
+    Attributes
+    ----------
+    path : str
+    version : str
+        Such as ``23.1.4``; empty when the library could not be loaded.
+    usable : bool
+    problem : str
+        Why it is not usable; empty when it is.
+    """
+
+    path: str
+    version: str
+    usable: bool
+    problem: str
+
+
+def _probe(path: str) -> LlvmLibrary:
+    """Load a library and run a kernel on it in a process of its own."""
+    command = [sys.executable, "-c", _LLVM_PROBE, path, str(MINIMUM_LLVM)]
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S, check=False)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return LlvmLibrary(path, "", False, f"the probe did not finish: {error}")
+    if run.returncode != 0:
+        last_line = (run.stderr.strip().splitlines() or [f"the process died (exit status {run.returncode})"])[-1]
+        return LlvmLibrary(path, "", False, last_line)
+    version = json.loads(run.stdout.splitlines()[-1])
+    usable = int(version.split(".")[0]) >= MINIMUM_LLVM
+    return LlvmLibrary(path, version, usable, "" if usable else f"LLVM {version} is older than {MINIMUM_LLVM}")
+
+
+def _probe_remembered(path: str) -> LlvmLibrary:
+    """Probe a library, or recall the result for the same file (path, size, time) from the user's cache folder."""
+    try:
+        resolved = Path(path).resolve(strict=True)
+        state = resolved.stat()
+    except OSError:
+        return _probe(path)
+    record = platformdirs.user_cache_path("skybench") / "llvm.json"
+    key = f"{sys.executable} {path} {state.st_size} {state.st_mtime_ns}"
+    try:
+        known = json.loads(record.read_text(encoding="utf-8"))
+        if known["key"] == key:
+            return LlvmLibrary(path, str(known["version"]), True, "")
+    except (OSError, ValueError, KeyError, TypeError):
+        known = None
+    library = _probe(path)
+    if library.usable:
+        try:
+            record.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(record, json.dumps({"key": key, "version": library.version}).encode())
+        except OSError:
+            return library
+    return library
+
+
+def llvm_candidates() -> list[str]:
+    """Libraries to try, best first: the environment's choice alone if there is one, else pip's, else the system's."""
+    chosen = os.environ.get(LLVM_VARIABLE)
+    if chosen:
+        return [chosen]
+    candidates = [Path(sys.prefix) / "lib" / name for name in ("libLLVM.so", "libLLVM.dylib")]
+    system: list[Path] = []
+    for folder in ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"):
+        system += Path(folder).glob("libLLVM*.so*")
+    for folder in ("/opt/homebrew/opt/llvm/lib", "/usr/local/opt/llvm/lib"):
+        system += Path(folder).glob("libLLVM*.dylib")
+    found = [str(path) for path in [*candidates, *sorted(system, reverse=True)] if path.exists()]
+    by_name = ctypes.util.find_library("LLVM")
+    return found + ([by_name] if by_name else [])
+
+
+@functools.cache
+def find_llvm() -> LlvmLibrary:
+    """Return the first usable LLVM library.
+
+    Raises
+    ------
+    RuntimeUnavailableError
+        None is usable; the message lists what was tried, and what to do.
+    """
+    tried = []
+    for path in llvm_candidates():
+        library = _probe_remembered(path)
+        if library.usable:
+            return library
+        tried.append(f"{library.path}: {library.problem}")
+    raise RuntimeUnavailableError(f"no usable LLVM ({'; '.join(tried) or 'none found'}); {REMEDY}")
+
+
+@functools.cache
+def cuda_works() -> bool:
+    """Whether a GPU is there that Dr.Jit can compute on (tried in a process of its own)."""
+    if not Path("/proc/driver/nvidia/version").exists():
+        return False
+    try:
+        run = subprocess.run(
+            [sys.executable, "-c", _CUDA_PROBE], capture_output=True, timeout=PROBE_TIMEOUT_S, check=False
+        )
+    except (subprocess.TimeoutExpired, OSError):
+        return False
+    return run.returncode == 0
+
+
+def choose_variant() -> str:
+    """Return the Mitsuba variant to use: what ``SKYBENCH_VARIANT`` asks for, else CUDA where a GPU works, else LLVM."""
+    asked = os.environ.get(VARIANT_VARIABLE)
+    if asked:
+        if asked not in VARIANTS:
+            raise RuntimeUnavailableError(f"{VARIANT_VARIABLE}={asked} is not one of {', '.join(VARIANTS)}")
+        if asked == CUDA_VARIANT and not cuda_works():
+            raise RuntimeUnavailableError(f"{VARIANT_VARIABLE}={asked}, but no GPU works here; unset it to use LLVM")
+        return asked
+    return CUDA_VARIANT if cuda_works() else LLVM_VARIANT
+
+
+@functools.cache
+def start(variant: str | None = None) -> Any:
+    """Import Mitsuba with the right variant, register the plugins of :mod:`generator.plugins`, and return the module.
+
+    The first call decides; Mitsuba's plugins belong to the variant in which they are registered.
+    """
+    variant = variant or choose_variant()
+    if variant == LLVM_VARIANT:
+        os.environ[LLVM_VARIABLE] = find_llvm().path
+    import mitsuba
+
+    mitsuba.set_variant(variant)
+    from generator import plugins
+
+    plugins.register()
+    return mitsuba
+
+
+def set_threads(count: int) -> None:
+    """Let Dr.Jit compute on `count` threads of this process."""
+    start()
+    import drjit
+
+    drjit.set_thread_count(count)

@@ -1,0 +1,91 @@
+"""Magnitudes and photons: the Johnson-Cousins B and V bands, their zero points, and surface brightness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+ARCSEC2_PER_SR = (180 * 3600 / np.pi) ** 2
+PHOTONS_M2_NM_PER_CM2_ANGSTROM = 1e5
+
+GRID_START_NM, GRID_STOP_NM, GRID_STEP_NM = 350.0, 1000.0, 5.0
+GRID_NM: Floats = np.arange(GRID_START_NM, GRID_STOP_NM + GRID_STEP_NM / 2, GRID_STEP_NM)
+"""Wavelengths, nm, at which every spectrum of the generator is tabulated; linear in between."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """A photometric band.
+
+    Attributes
+    ----------
+    wavelength_nm, response : (n,) arrays
+        Relative response to photons, linear between the points, zero outside.
+    zero_point : float
+        Mean photon irradiance of a star of magnitude 0 in the band, photons s^-1 m^-2 nm^-1.
+    """
+
+    wavelength_nm: Floats
+    response: Floats
+    zero_point: float
+
+    def mean(self, wavelength_nm: Floats, photons: Floats) -> Floats:
+        """Response-weighted mean of photon spectra over the band.
+
+        Parameters
+        ----------
+        wavelength_nm : (n,) array
+            Increasing.
+        photons : (..., n) array
+            Photon spectra on these wavelengths, linear in between.
+
+        Returns
+        -------
+        (...) array
+            In the unit of `photons`.
+        """
+        first, last = self.wavelength_nm[0], self.wavelength_nm[-1]
+        inside = wavelength_nm[(wavelength_nm > first) & (wavelength_nm < last)]
+        fine = np.unique(np.concatenate([self.wavelength_nm, inside, np.arange(first, last, 1.0)]))
+        response = np.interp(fine, self.wavelength_nm, self.response)
+        flat = np.reshape(photons, (-1, len(wavelength_nm)))
+        weighted = [np.trapezoid(np.interp(fine, wavelength_nm, spectrum) * response, fine) for spectrum in flat]
+        return np.reshape(weighted, np.shape(photons)[:-1]) / np.trapezoid(response, fine)
+
+    def magnitude(self, wavelength_nm: Floats, photons: Floats) -> Floats:
+        """Magnitude of photon spectra (photons s^-1 m^-2 nm^-1); shapes as in :meth:`mean`."""
+        return -2.5 * np.log10(self.mean(wavelength_nm, photons) / self.zero_point)
+
+
+# Passbands: Bessell 1990, PASP 102, 1181, table 2, every 10 nm. Zero points: Bessell, Castelli & Plez 1998, A&A 333, 231,
+# f_lambda of magnitude 0 (B 6.32e-9, V 3.63e-9 erg s^-1 cm^-2 A^-1), as photons at the effective wavelength.
+BESSELL_B = Band(
+    np.arange(360, 561, 10.0),
+    np.array(
+        [0, 0.030, 0.134, 0.567, 0.920, 0.978, 1.000, 0.978, 0.935, 0.853, 0.740, 0.640, 0.536, 0.424, 0.325, 0.235, 0.150,
+         0.095, 0.043, 0.009, 0]
+    ),
+    1393.5 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+)  # fmt: skip
+BESSELL_V = Band(
+    np.arange(470, 701, 10.0),
+    np.array(
+        [0, 0.030, 0.163, 0.458, 0.780, 0.967, 1.000, 0.973, 0.898, 0.792, 0.684, 0.574, 0.461, 0.359, 0.270, 0.197, 0.135,
+         0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0]
+    ),
+    995.9 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+)  # fmt: skip
+
+
+def radiance_from_surface_brightness(mag_arcsec2: ArrayLike) -> Floats:
+    """V-band mean photon radiance, photons s^-1 m^-2 nm^-1 sr^-1, of a surface brightness in V mag/arcsec^2."""
+    return BESSELL_V.zero_point * 10 ** (-0.4 * np.asarray(mag_arcsec2, float)) * ARCSEC2_PER_SR
+
+
+def surface_brightness_from_radiance(photon_radiance: ArrayLike) -> Floats:
+    """Surface brightness, V mag/arcsec^2, of a V-band mean photon radiance (photons s^-1 m^-2 nm^-1 sr^-1)."""
+    return -2.5 * np.log10(np.asarray(photon_radiance, float) / ARCSEC2_PER_SR / BESSELL_V.zero_point)

@@ -1,0 +1,117 @@
+"""``skybench_stars``: all stars of the sky in one emitter.
+
+=================  =======  =====================================================================================
+parameter          type     meaning
+=================  =======  =====================================================================================
+``directions``     tensor   (n, 2, 3): apparent unit vectors (ENU) at exposure start and end
+``v_mag``          tensor   (n,): Johnson V above the atmosphere
+``colour_row``     tensor   (n,): fractional row of ``colour_table`` (from B-V)
+``airmass``        tensor   (n,): relative airmass
+``colour_table``   tensor   (m, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
+``optical_depth``  tensor   (1, k): vertical optical depth of the atmosphere
+=================  =======  =====================================================================================
+
+Stars are points: camera rays never hit them, so the integrator asks for their positions and irradiances and splats them.
+The same emitter lights geometry through Mitsuba's direction sampling, with the same flux.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from generator.plugins.spectra import SpectralTable, stratified_wavelengths
+
+FLOAT64: Any = dr.float64_array_t(mi.Float)
+DISTANCE = 1e6
+"""How far away, in scene units, a star's position is put for shadow rays."""
+
+
+class StarEmitter(mi.Emitter):
+    """See the module's description."""
+
+    def __init__(self, props: Any) -> None:
+        super().__init__(props)
+        self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.DeltaDirection)
+        directions = np.array(props["directions"], dtype=np.float64)
+        if directions.ndim != 3 or directions.shape[1:] != (2, 3):
+            raise ValueError(f"skybench_stars: directions must have shape (n, 2, 3), not {directions.shape}")
+        self.count = len(directions)
+        self.first = [FLOAT64(directions[:, 0, axis]) for axis in range(3)]
+        self.last = [FLOAT64(directions[:, 1, axis]) for axis in range(3)]
+        self.travel_rad = float(np.max(np.linalg.norm(directions[:, 1] - directions[:, 0], axis=-1), initial=0.0))
+        v_mag = np.array(props["v_mag"], dtype=np.float64)
+        self.brightness = mi.Float(10 ** (-0.4 * v_mag))
+        self.colour_row = mi.Float(props["colour_row"].array)
+        self.airmass = mi.Float(props["airmass"].array)
+        self.colour_table = SpectralTable(props["colour_table"])
+        self.optical_depth = SpectralTable(props["optical_depth"])
+        self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None
+
+    def direction(self, star: Any, time: Any) -> tuple[Any, Any, Any]:
+        """Components (Float64) of the apparent unit vectors of stars (UInt32 indices) at `time` (0 to 1)."""
+        time = FLOAT64(time)
+        east, north, up = (
+            dr.lerp(dr.gather(FLOAT64, first, star), dr.gather(FLOAT64, last, star), time)
+            for first, last in zip(self.first, self.last, strict=True)
+        )
+        norm = dr.rsqrt(east * east + north * north + up * up)
+        return east * norm, north * norm, up * norm
+
+    def irradiance(self, star: Any, wavelengths: Any) -> Any:
+        """Irradiance (Spectrum) at the ground of stars (UInt32 indices), photons s^-1 m^-2 nm^-1."""
+        shape = self.colour_table.eval(dr.gather(mi.Float, self.colour_row, star), wavelengths)
+        path = dr.gather(mi.Float, self.airmass, star)
+        return (
+            dr.gather(mi.Float, self.brightness, star)
+            * shape
+            * dr.exp(-self.optical_depth.spectrum(wavelengths) * path)
+        )
+
+    def set_scene(self, scene: Any) -> None:
+        """Mitsuba's interface: stars are infinitely far away, whatever the scene's size."""
+        del scene
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        """Mitsuba's interface: a ray never hits a point."""
+        del si, active
+        return mi.Spectrum(0)
+
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        """Mitsuba's interface: choose a star by its brightness; the weight is its irradiance over that probability."""
+        if self.choice is None:
+            return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
+        star, probability = self.choice.sample_pmf(sample.x, active)
+        direction = mi.Vector3f(*(mi.Float(component) for component in self.direction(star, it.time)))
+        ds = dr.zeros(mi.DirectionSample3f, dr.width(sample.x))
+        ds.p = it.p + DISTANCE * direction
+        ds.n = -direction
+        ds.d = direction
+        ds.dist = mi.Float(DISTANCE)
+        ds.time = it.time
+        ds.pdf = mi.Float(1)
+        ds.delta = mi.Bool(True)
+        ds.emitter = mi.EmitterPtr(self)
+        return ds, dr.select(active, self.irradiance(star, it.wavelengths) / probability, 0)
+
+    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Mitsuba's interface: the density of a point is zero."""
+        del it, ds, active
+        return mi.Float(0)
+
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Mitsuba's interface: as :meth:`eval`."""
+        del it, ds, active
+        return mi.Spectrum(0)
+
+    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        """Mitsuba's interface: uniform over the spectral range."""
+        del si, active
+        return stratified_wavelengths(sample), mi.Spectrum(1)
+
+    def to_string(self) -> str:
+        """Return a short description."""
+        return f"StarEmitter[{self.count} stars]"

@@ -1,0 +1,245 @@
+"""The scenario: what a user asks for, as frozen, validated data.
+
+A scenario describes one frame, or many by *sweeps*: any value may be replaced by ``{sweep: [a, b, c]}``. Sweeps multiply
+(cartesian, the last written varies fastest); sweeps that share a ``zip`` name advance together. Reading files is
+:mod:`generator.scenario_file`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from generator.sky_brightness import BORTLE_ZENITH_MAG
+from generator.times import Instant
+
+
+class Strict(BaseModel):
+    """Base of all parts: frozen, no unknown keys, no conversion between types but integer to float."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+def _check_utc(text: str) -> str:
+    Instant.parse(text)
+    return text
+
+
+Utc = Annotated[str, AfterValidator(_check_utc)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class SiteSpec(Strict):
+    """Where the camera stands (WGS84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Geodetic latitude, deg."""
+    longitude_deg: Annotated[float, Field(ge=-180, le=360)]
+    """Longitude, deg, east positive."""
+    height_m: Annotated[float, Field(ge=-500, le=20000)] = 0.0
+    """Height above the ellipsoid, m."""
+
+
+class TimeSpec(Strict):
+    """When, and for how long, the shutter is open."""
+
+    utc_start: Utc
+    """Start of the exposure, ISO 8601 with Z."""
+    exposure_s: Annotated[float, Field(gt=0, le=3600)]
+    """Length of the exposure, s."""
+
+
+class Pointing(Strict):
+    """Where the boresight points; at roll 0 the image's up is towards the zenith along the vertical circle."""
+
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
+    """From north through east, deg."""
+    altitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Apparent altitude, deg."""
+    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Clockwise turn of the camera about its boresight, deg."""
+
+
+QE_CURVES: dict[str, tuple[tuple[float, float], ...]] = {
+    "cmos-mono": (
+        (350, 0.30), (400, 0.58), (450, 0.74), (500, 0.81), (550, 0.80), (600, 0.74), (650, 0.65), (700, 0.54),
+        (750, 0.43), (800, 0.33), (850, 0.24), (900, 0.16), (950, 0.09), (1000, 0.04),
+    ),
+}  # fmt: skip
+"""Named quantum efficiencies. ``cmos-mono`` is skybench's own generic back-illuminated monochrome CMOS curve."""
+
+
+def _named_curve(value: object) -> object:
+    if isinstance(value, str):
+        if value not in QE_CURVES:
+            raise ValueError(f"{value!r} is not one of the named curves {sorted(QE_CURVES)}, nor a list of [nm, 0-1]")
+        return QE_CURVES[value]
+    if isinstance(value, list):
+        return tuple(tuple(point) if isinstance(point, list) else point for point in value)
+    return value
+
+
+def _increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if any(after[0] <= before[0] for before, after in itertools.pairwise(curve)):
+        raise ValueError("wavelengths must increase")
+    return curve
+
+
+Curve = Annotated[
+    tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
+    Field(min_length=2, max_length=2000),
+    AfterValidator(_increasing),
+    BeforeValidator(_named_curve),
+]
+
+
+class CameraSpec(Strict):
+    """Optics: a pinhole projection behind an entrance pupil."""
+
+    model: Literal["pinhole"] = "pinhole"
+    """Projection."""
+    width: Annotated[int, Field(ge=8, le=16384)]
+    """Columns, pixels."""
+    height: Annotated[int, Field(ge=8, le=16384)]
+    """Rows, pixels."""
+    hfov_deg: Annotated[float, Field(gt=0, lt=180)]
+    """Horizontal field of view, edge to edge, deg."""
+    aperture_mm: Annotated[float, Field(gt=0, le=1000)]
+    """Diameter of the entrance pupil, mm."""
+    transmission: Fraction = 0.9
+    """Of the lens and filters, 0-1."""
+    psf_sigma_px: Annotated[float, Field(ge=0.2, le=20)] = 0.8
+    """Standard deviation of the Gaussian point spread function, px."""
+
+    @property
+    def f_px(self) -> float:
+        """Focal length, px."""
+        return self.width / 2 / math.tan(math.radians(self.hfov_deg / 2))
+
+
+class SensorSpec(Strict):
+    """What turns photons into DN."""
+
+    quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
+    """A named curve or a list of [nm, 0-1], linear in between, zero outside."""
+    full_well_e: Annotated[float, Field(gt=0, le=1e7)] = 15000.0
+    """Electrons at which a pixel saturates."""
+    read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
+    """Rms, electrons."""
+    dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
+    """Electrons per second and pixel."""
+    gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
+    """Electrons per DN."""
+    black_level_dn: Annotated[int, Field(ge=0, le=32768)] = 64
+    """DN without signal."""
+    bits: Annotated[int, Field(ge=8, le=16)] = 12
+    """Of the analogue-to-digital converter."""
+    noise: bool = True
+    """False gives the expected signal, quantised, without shot or read noise."""
+
+    @model_validator(mode="after")
+    def _black_level_fits(self) -> SensorSpec:
+        if self.black_level_dn >= 2**self.bits - 1:
+            raise ValueError(f"black_level_dn {self.black_level_dn} leaves no range below {2**self.bits - 1} DN")
+        return self
+
+
+class AtmosphereSpec(Strict):
+    """The air above the site."""
+
+    pressure_hpa: Annotated[float, Field(ge=0, le=1100)] = 1010.0
+    """At the site, hPa."""
+    temperature_c: Annotated[float, Field(ge=-90, le=60)] = 10.0
+    """At the site, deg C."""
+    relative_humidity: Fraction = 0.5
+    """0-1."""
+    aerosol_tau_550: Annotated[float, Field(ge=0, le=5)] = 0.1
+    """Vertical optical depth of aerosol at 550 nm."""
+    angstrom_exponent: Annotated[float, Field(ge=-1, le=4)] = 1.3
+    """Of the aerosol."""
+    ozone_du: Annotated[float, Field(ge=0, le=1000)] = 300.0
+    """Column of ozone, Dobson units."""
+    refraction: bool = True
+    """Bend the light."""
+    extinction: bool = True
+    """Dim the light."""
+
+
+class SkySpec(Strict):
+    """How bright the diffuse sky is: a Bortle class, or the zenith's brightness, or neither for a black sky."""
+
+    bortle: Annotated[int, Field(ge=1, le=9)] | None = None
+    """Bortle class; its zenith brightness is the table of docs/physics.md."""
+    zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
+    """Total brightness of the zenith, V mag/arcsec^2."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> SkySpec:
+        if self.bortle is not None and self.zenith_mag_arcsec2 is not None:
+            raise ValueError("give either bortle or zenith_mag_arcsec2, not both")
+        return self
+
+    @property
+    def zenith_mag(self) -> float | None:
+        """Zenith brightness, V mag/arcsec^2, or None for a black sky."""
+        return self.zenith_mag_arcsec2 if self.bortle is None else BORTLE_ZENITH_MAG[self.bortle]
+
+
+class StarsSpec(Strict):
+    """Which stars are drawn."""
+
+    limiting_mag: Annotated[float, Field(ge=-2, le=15)] = 9.0
+    """Faintest, Johnson V."""
+    catalogue: Literal["ybsc+hipparcos"] = "ybsc+hipparcos"
+    """Source."""
+
+
+def _named_attitude(value: object) -> object:
+    if isinstance(value, str):
+        if value not in NAMED_ATTITUDES:
+            raise ValueError(
+                f"found {value!r}, expected one of {sorted(NAMED_ATTITUDES)} or azimuth_deg, altitude_deg and roll_deg"
+            )
+        return NAMED_ATTITUDES[value]
+    return value
+
+
+NAMED_ATTITUDES = {"zenith-north-up": Pointing(azimuth_deg=180.0, altitude_deg=90.0)}
+Attitude = Annotated[Pointing, BeforeValidator(_named_attitude)]
+
+
+class FrameSpec(Strict):
+    """One frame, every value fixed."""
+
+    site: SiteSpec
+    time: TimeSpec
+    attitude: Attitude = NAMED_ATTITUDES["zenith-north-up"]
+    """``zenith-north-up``, or azimuth, altitude and roll."""
+    camera: CameraSpec
+    sensor: SensorSpec = SensorSpec()
+    atmosphere: AtmosphereSpec = AtmosphereSpec()
+    sky: SkySpec = SkySpec()
+    stars: StarsSpec = StarsSpec()
+
+    @property
+    def R_cam(self) -> NDArray[np.float64]:
+        """Rotation ENU to camera, (3, 3)."""
+        return pointing_matrix(self.attitude)
+
+
+def pointing_matrix(pointing: Pointing) -> NDArray[np.float64]:
+    """Rotation ENU to camera (3, 3) of a boresight direction and a roll about it."""
+    azimuth, altitude, roll = np.radians([pointing.azimuth_deg, pointing.altitude_deg, pointing.roll_deg])
+    boresight = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+    up = np.array([-np.sin(azimuth) * np.sin(altitude), -np.cos(azimuth) * np.sin(altitude), np.cos(altitude)])
+    right = np.cross(boresight, up)
+    turned_right = np.cos(roll) * right - np.sin(roll) * up
+    turned_down = -(np.sin(roll) * right + np.cos(roll) * up)
+    return np.stack([turned_right, turned_down, boresight])

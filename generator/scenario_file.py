@@ -1,0 +1,284 @@
+"""Reading scenario files: strict YAML, errors that name the key, sweeps, and the hash that identifies a scenario."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from generator import __version__
+from generator.errors import ScenarioError
+from generator.scenario import FrameSpec
+
+LARGEST_FILE_BYTES = 1_000_000
+LARGEST_FRAME_COUNT = 10_000_000
+DEEPEST_NESTING = 20
+HEADER_KEYS = ("name", "description", "seed")
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_UNIT_SUFFIX = re.compile(
+    r"_(deg|rad|arcsec|arcmin|nm|um|mm|cm|m|km|s|ms|us|min|h|px|e|e_s|dn|mag|hpa|pa|mbar|c|k|f|du)$"
+)
+
+KeyPath = tuple[str, ...]
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Safe YAML without duplicate keys, aliases or dates made of times."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.constructor.ConstructorError(None, None, "aliases are not allowed", event.start_mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if key_node.value in seen:
+                problem = f"the key '{key_node.value}' is given twice"
+                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+_StrictLoader.yaml_implicit_resolvers = {
+    letter: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
+    for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Values that one key takes over the frames; sweeps with the same `zip_name` advance together."""
+
+    path: KeyPath
+    values: tuple[Any, ...]
+    zip_name: str | None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A validated scenario.
+
+    Attributes
+    ----------
+    name, description : str
+    seed : int
+        Root of all random streams.
+    template : dict
+        The tree of frame values, sweeps included.
+    axes : tuple of tuples of Sweep
+        One axis per sweep or per zip name, slowest first.
+    source : str
+        File name, for messages.
+    """
+
+    name: str
+    description: str
+    seed: int
+    template: dict[str, Any]
+    axes: tuple[tuple[Sweep, ...], ...]
+    source: str = field(compare=False)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames: the product of the axes' lengths."""
+        count = 1
+        for axis in self.axes:
+            count *= len(axis[0].values)
+        return count
+
+    def frame(self, index: int) -> FrameSpec:
+        """Return frame `index` (0 to frame_count - 1) with every value fixed.
+
+        Raises
+        ------
+        IndexError
+            There is no such frame.
+        ScenarioError
+            The combination of values is not acceptable.
+        """
+        if not 0 <= index < self.frame_count:
+            raise IndexError(f"scenario '{self.name}' has frames 0 to {self.frame_count - 1}, not {index}")
+        chosen: dict[KeyPath, Any] = {}
+        for axis in reversed(self.axes):
+            index, position = divmod(index, len(axis[0].values))
+            chosen |= {sweep.path: sweep.values[position] for sweep in axis}
+        return _validate(_resolve(self.template, chosen), self.source)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of what the scenario means: values with all defaults filled in, and skybench's version."""
+        complete = self.frame(0).model_dump(mode="json")
+        meaning = {"format": 1, "skybench": __version__, "name": self.name, "seed": self.seed, "frame": complete}
+        for axis in self.axes:
+            for sweep in axis:
+                parent: Any = complete
+                for key in sweep.path[:-1]:
+                    parent = parent[key] if isinstance(parent.get(key), dict) else parent.setdefault(key, {})
+                parent[sweep.path[-1]] = {"sweep": sweep.values, "zip": sweep.zip_name}
+        meaning["axes"] = [[".".join(sweep.path) for sweep in axis] for axis in self.axes]
+        return hashlib.sha256(json.dumps(meaning, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read, check and return a scenario file.
+
+    Every swept value is checked here, before any work.
+
+    Raises
+    ------
+    ScenarioError
+        With the file, the key, what was found and what is allowed.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise ScenarioError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes, which no scenario is")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: is not UTF-8 text ({error.reason} at byte {error.start})") from error
+    return parse_scenario(text, str(path))
+
+
+def parse_scenario(text: str, source: str) -> Scenario:
+    """Check and return the scenario in a YAML text; `source` is its name in messages. Raises ScenarioError."""
+    try:
+        tree = yaml.load(text, Loader=_StrictLoader)  # a SafeLoader underneath
+    except yaml.MarkedYAMLError as error:
+        where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise ScenarioError(f"{source}{where}: not valid YAML: {error.problem}") from error
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ScenarioError(f"{source}: not valid YAML: {str(error).splitlines()[0]}") from error
+    if not isinstance(tree, dict):
+        raise ScenarioError(f"{source}: found {_describe(tree)}, expected a mapping of keys such as site, time, camera")
+    header = {key: tree.pop(key) for key in HEADER_KEYS if key in tree}
+    name, description, seed = header.get("name"), header.get("description", ""), header.get("seed", 0)
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise ScenarioError(f"{source}: name: found {_describe(name)}, expected 1 to 64 of a-z, 0-9, _ and -")
+    if not isinstance(description, str):
+        raise ScenarioError(f"{source}: description: found {_describe(description)}, expected text")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**64:
+        raise ScenarioError(f"{source}: seed: found {_describe(seed)}, expected an integer from 0 to 2^64 - 1")
+    scenario = Scenario(name, description, seed, tree, _axes(list(_sweeps(tree, (), source)), source), source)
+    if scenario.frame_count > LARGEST_FRAME_COUNT:
+        raise ScenarioError(f"{source}: the sweeps make {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
+    stride = 1
+    for axis in reversed(scenario.axes):
+        for position in range(len(axis[0].values)):
+            scenario.frame(position * stride)
+        stride *= len(axis[0].values)
+    scenario.frame(0)
+    return scenario
+
+
+def _sweeps(tree: Any, path: KeyPath, source: str) -> Iterator[Sweep]:
+    """Find the sweeps of a tree, in the order in which they are written."""
+    if len(path) > DEEPEST_NESTING:
+        raise ScenarioError(f"{source}: {'.'.join(path[:3])}…: nested deeper than {DEEPEST_NESTING} levels")
+    if not isinstance(tree, dict):
+        return
+    if "sweep" in tree:
+        where = ".".join(path) or "(top)"
+        unknown = sorted(str(key) for key in tree if key not in ("sweep", "zip"))
+        if unknown:
+            raise ScenarioError(f"{source}: {where}.{unknown[0]}: unknown key; a sweep has the keys sweep and zip")
+        values, zip_name = tree["sweep"], tree.get("zip")
+        if not isinstance(values, list) or not values:
+            raise ScenarioError(f"{source}: {where}.sweep: found {_describe(values)}, expected a list of values")
+        if zip_name is not None and not isinstance(zip_name, str):
+            raise ScenarioError(f"{source}: {where}.zip: found {_describe(zip_name)}, expected a name")
+        yield Sweep(path, tuple(values), zip_name)
+        return
+    for key, value in tree.items():
+        yield from _sweeps(value, (*path, str(key)), source)
+
+
+def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
+    """Group sweeps into axes by their zip names, in the order of first appearance."""
+    groups: dict[object, list[Sweep]] = {}
+    for sweep in sweeps:
+        groups.setdefault(sweep.zip_name or sweep.path, []).append(sweep)
+    for group in groups.values():
+        lengths = {len(sweep.values) for sweep in group}
+        if len(lengths) > 1:
+            listing = ", ".join(f"{'.'.join(sweep.path)} ({len(sweep.values)})" for sweep in group)
+            raise ScenarioError(f"{source}: sweeps zipped as '{group[0].zip_name}' differ in length: {listing}")
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
+    """Copy a tree with its sweeps replaced by chosen values."""
+    if path in chosen:
+        return chosen[path]
+    if isinstance(tree, dict):
+        return {key: _resolve(value, chosen, (*path, str(key))) for key, value in tree.items()}
+    return tree
+
+
+def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
+    try:
+        return FrameSpec.model_validate(tree)
+    except ValidationError as error:
+        # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
+        problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
+        raise ScenarioError("\n".join(_message(problem, source) for problem in problems)) from error
+
+
+def _message(problem: Any, source: str) -> str:
+    """One line: file, key path, what was found, what is allowed."""
+    location = problem["loc"]
+    where = ".".join(str(part) for part in location)
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"{source}: {where}: unknown key{_suggestion(location)}"
+    if kind == "missing":
+        return f"{source}: {where}: missing; every scenario needs it"
+    if kind == "value_error":
+        return f"{source}: {where}: {context['error']}"
+    bounds = {"greater_than_equal": ("ge", ">="), "greater_than": ("gt", ">"), "less_than_equal": ("le", "<="),
+              "less_than": ("lt", "<")}  # fmt: skip
+    if kind in bounds:
+        limit, sign = bounds[kind]
+        expected = f"a value {sign} {context[limit]}"
+    else:
+        expected = problem["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    unit = _UNIT_SUFFIX.search(str(location[-1])) if location else None
+    if isinstance(problem["input"], str) and unit and kind.startswith(("float", "int")):
+        expected += f" in {unit.group(1)}, without a unit of its own"
+    return f"{source}: {where}: found {_describe(problem['input'])}, expected {expected}"
+
+
+def _suggestion(location: tuple[Any, ...]) -> str:
+    """Name the keys that stand where an unknown key was found, the likely one first."""
+    model: Any = FrameSpec
+    for part in location[:-1]:
+        fields = getattr(model, "model_fields", {})
+        model = fields[part].annotation if part in fields else None
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        return ""
+    known = list(model.model_fields)
+    if model is FrameSpec:
+        known += HEADER_KEYS
+    wanted = str(location[-1])
+    stem = _UNIT_SUFFIX.sub("", wanted)
+    for key in known:
+        if _UNIT_SUFFIX.sub("", key) == stem and key != wanted:
+            unit = _UNIT_SUFFIX.search(key)
+            return f"; this quantity is '{key}'" + (f", in {unit.group(1)}" if unit else ", without a unit")
+    close = difflib.get_close_matches(wanted, known, n=1)
+    return (f"; did you mean '{close[0]}'?" if close else "") + f" Allowed: {', '.join(known)}"
+
+
+def _describe(value: Any) -> str:
+    text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
+    return text if len(text) <= 60 else text[:57] + "..."
