@@ -14,6 +14,7 @@ from typing import Any
 
 import altair as alt
 
+from benchmark.intervals import Estimate
 from benchmark.metrics import SUCCESS_KM, Summary
 from benchmark.results import SolverResult
 
@@ -22,6 +23,8 @@ WIDTH_PX, HEIGHT_PX = 400, 260
 _STAND_IN = tuple(f"#0a0b{n:02x}" for n in range(8))
 _DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [10, 4], [1, 3], [4, 1], [12, 2])
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "triangle-right", "triangle-left")
+# Opacity of interval bars.
+_BAR, _FAINT_BAR = 0.85, 0.22
 MAX_SERIES = len(_STAND_IN)
 
 Rows = list[dict[str, Any]]
@@ -29,26 +32,12 @@ Rows = list[dict[str, Any]]
 
 def recall_by_bortle(results: Sequence[SolverResult]) -> str:
     """Recall against Bortle class with 95 % intervals, SVG."""
-    rows: Rows = []
-    for result in results:
-        for bortle, summary in result.bortle:
-            estimate = summary.recall
-            rows.append(
-                {
-                    "solver": result.solver,
-                    "bortle": _label(bortle),
-                    "value": estimate.value,
-                    "low": estimate.low,
-                    "high": estimate.high,
-                }
-            )
-    y = partial(
-        alt.Y,
-        title="recall (error < 10 km)",
-        axis=alt.Axis(format="%", tickCount=6),
-        scale=alt.Scale(domain=[0, 1]),
-    )
-    return _svg(_by_class(rows, results, y), "recall")
+    return _svg(_shares(results, lambda summary: summary.recall, "recall (error < 10 km)"), "recall")
+
+
+def star_recall_by_bortle(results: Sequence[SolverResult]) -> str:
+    """Star-identification recall against Bortle class with 95 % intervals, SVG."""
+    return _svg(_shares(results, lambda summary: summary.star_recall, "star-ID recall"), "star-recall")
 
 
 def median_error_by_bortle(results: Sequence[SolverResult]) -> str:
@@ -61,9 +50,11 @@ def median_error_by_bortle(results: Sequence[SolverResult]) -> str:
     for result in results:
         for bortle, summary in result.bortle:
             estimate = summary.median_error_km
+            # A bar over the whole axis says only that there are too few frames; it stays in the background.
+            bounded = estimate.low > 0.0 or math.isfinite(estimate.high)
             ends = {"value": estimate.value, "low": estimate.low, "high": estimate.high}
             rows.append(
-                {"solver": result.solver, "bortle": _label(bortle)}
+                {"solver": result.solver, "bortle": _label(bortle), "weight": _BAR if bounded else _FAINT_BAR}
                 | {name: axis.place(value) for name, value in ends.items()}
             )
     frames: Rows = [
@@ -75,9 +66,9 @@ def median_error_by_bortle(results: Sequence[SolverResult]) -> str:
     base = _by_class(rows, results, y, limit=SUCCESS_KM)
     dots = (
         alt.Chart(alt.Data(values=frames))
-        .mark_point(size=14, opacity=0.45, filled=True, strokeWidth=0)
+        .mark_point(size=16, opacity=0.6, filled=True, strokeWidth=0)
         .encode(
-            x=alt.X("bortle:N", sort=None, title="Bortle class"),
+            x=_class_axis(),
             xOffset=alt.XOffset("solver:N", sort=_names(results)),
             y=y("value:Q"),
             color=_color(results),
@@ -105,7 +96,7 @@ def error_distribution(results: Sequence[SolverResult]) -> str:
                 alt.Scale(domain=[0, 1])
             ),
             order="order:Q",
-            color=_color(results),
+            color=_color(results, symbol_size=600),
             strokeDash=_dash(results),
         )
     )
@@ -115,6 +106,27 @@ def error_distribution(results: Sequence[SolverResult]) -> str:
         .encode(x=alt.X("error:Q", scale=axis.scale()))
     )
     return _svg(alt.layer(limit, chart), "distribution")
+
+
+def _shares(results: Sequence[SolverResult], metric: Callable[[Summary], Estimate], title: str) -> alt.LayerChart:
+    rows: Rows = []
+    for result in results:
+        for bortle, summary in result.bortle:
+            estimate = metric(summary)
+            if math.isnan(estimate.value):
+                continue
+            rows.append(
+                {
+                    "solver": result.solver,
+                    "bortle": _label(bortle),
+                    "value": estimate.value,
+                    "low": estimate.low,
+                    "high": estimate.high,
+                    "weight": _BAR,
+                }
+            )
+    y = partial(alt.Y, title=title, axis=alt.Axis(format="%", tickCount=6), scale=alt.Scale(domain=[0, 1]))
+    return _by_class(rows, results, y)
 
 
 class _LogAxis:
@@ -151,12 +163,14 @@ def _by_class(
     rows: Rows, results: Sequence[SolverResult], y: Callable[[str], alt.Y], limit: float | None = None
 ) -> alt.LayerChart:
     base = alt.Chart(alt.Data(values=rows)).encode(
-        x=alt.X("bortle:N", sort=None, title="Bortle class", axis=alt.Axis(labelAngle=0)),
+        x=_class_axis(),
         xOffset=alt.XOffset("solver:N", sort=_names(results)),
         color=_color(results),
     )
     layers = [
-        base.mark_rule(strokeWidth=1.5, opacity=0.8).encode(y=y("low:Q"), y2="high:Q"),
+        base.mark_rule(strokeWidth=1.5).encode(
+            y=y("low:Q"), y2="high:Q", opacity=alt.Opacity("weight:Q", scale=None, legend=None)
+        ),
         base.mark_point(size=60, filled=True, opacity=1).encode(y=y("value:Q"), shape=_shape(results)),
     ]
     if limit is not None:
@@ -167,13 +181,17 @@ def _by_class(
     return alt.layer(*layers)
 
 
+def _class_axis() -> alt.X:
+    return alt.X("bortle:N", sort=None, title="Bortle class", axis=alt.Axis(labelAngle=0, ticks=False, labelPadding=6))
+
+
 def _names(results: Sequence[SolverResult]) -> list[str]:
     return [result.solver for result in results]
 
 
-def _color(results: Sequence[SolverResult]) -> alt.Color:
+def _color(results: Sequence[SolverResult], symbol_size: int = 90) -> alt.Color:
     scale = alt.Scale(domain=_names(results), range=list(_STAND_IN[: len(results)]))
-    return alt.Color("solver:N", scale=scale, legend=alt.Legend(title=None))
+    return alt.Color("solver:N", scale=scale, legend=alt.Legend(title=None, symbolSize=symbol_size))
 
 
 def _shape(results: Sequence[SolverResult]) -> alt.Shape:
@@ -214,8 +232,9 @@ def _svg(chart: alt.LayerChart, prefix: str) -> str:
             labelColor="currentColor",
             labelFontSize=13,
             labelLimit=240,
-            symbolSize=90,
             symbolStrokeWidth=2,
+            symbolOpacity=1,
+            columnPadding=36,
         )
     )
     stream = io.StringIO()

@@ -23,11 +23,10 @@ def number(value: float, unit: str = "") -> str:
 
 
 def percent(value: float) -> str:
-    """Whole percent where that is all the digits there are, else one decimal; ``—`` for undefined."""
+    """One decimal, none for 0 and 100 %; ``—`` for undefined."""
     if math.isnan(value):
         return "—"
-    text = f"{100.0 * value:.1f}".removesuffix(".0")
-    return f"{text} %"
+    return f"{100.0 * value:.0f} %" if value in (0.0, 1.0) else f"{100.0 * value:.1f} %"
 
 
 def interval(estimate: Estimate, form: Callable[[float], str]) -> str:

@@ -84,9 +84,7 @@ def _vincenty_m(phi1: float, phi2: float, dlon: float) -> float | None:
     return None
 
 
-def _vincenty_length_m(
-    sigma: float, sin_sigma: float, cos_sigma: float, cos_2sm: float, cos2_alpha: float
-) -> float:
+def _vincenty_length_m(sigma: float, sin_sigma: float, cos_sigma: float, cos_2sm: float, cos2_alpha: float) -> float:
     """Equations 3, 4, 6 and 19 of Vincenty (1975)."""
     u2 = cos2_alpha * (WGS84_A_M**2 - WGS84_B_M**2) / WGS84_B_M**2
     a = 1.0 + u2 / 16384.0 * (4096.0 + u2 * (-768.0 + u2 * (320.0 - 175.0 * u2)))

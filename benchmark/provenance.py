@@ -30,7 +30,11 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str]:
     """Processor, number of cores and operating system; nothing that names the machine or its user."""
-    return {"cpu": _cpu_model(), "cores": str(os.cpu_count() or 1), "system": f"{platform.system()} {platform.machine()}"}
+    return {
+        "cpu": _cpu_model(),
+        "cores": str(os.cpu_count() or 1),
+        "system": f"{platform.system()} {platform.machine()}",
+    }
 
 
 def now_utc() -> str:

@@ -102,6 +102,7 @@ def _render(out: Path, results: Sequence[SolverResult], commands: Sequence[str])
         smallest_class=min(summary.n_frames for result in results for _, summary in result.bortle),
         recall_svg=Markup(charts.recall_by_bortle(results)),
         median_svg=Markup(charts.median_error_by_bortle(results)),
+        star_recall_svg=Markup(charts.star_recall_by_bortle(results)),
         distribution_svg=Markup(charts.error_distribution(results)),
         cards=cards,
         all_shown=len(cards) == results[0].overall.n_frames,

@@ -31,13 +31,13 @@ _RUN_AGAIN = "run `skybench bench run` again"
 
 @dataclass(frozen=True)
 class DetectionRow:
-    """One detection of one frame; `star_id` and `correct` are None where the solver did not identify it."""
+    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
 
     frame_id: str
     detection: int
     u_px: float
     v_px: float
-    flux: float
+    flux: float | None
     star_id: int | None
     correct: bool | None
 

@@ -149,11 +149,18 @@ def judge_frame(
             answer, status = _refusal(detections), ERROR
             uv, flux = np.empty((0, 2)), np.empty(0)
         else:
-            uv, flux = np.array(detections.uv, dtype=np.float64), np.array(detections.flux, dtype=np.float64)
+            uv, flux = _points(detections)
             answer, status = _solve(solver, detections, frame, len(uv))
         solve_ms = 1000.0 * (time.perf_counter() - start)
         outcomes.append(_judge(frame, answer, status, uv, flux, detect_ms, solve_ms))
     return tuple(outcomes)
+
+
+def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for unknown flux."""
+    uv = np.array(detections.uv, dtype=np.float64)
+    flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
+    return uv, flux
 
 
 def _detect(solver: SolverUnderTest, image: NDArray[np.uint16]) -> tuple[Detections | Exception, float]:
@@ -164,7 +171,7 @@ def _detect(solver: SolverUnderTest, image: NDArray[np.uint16]) -> tuple[Detecti
     try:
         detections = solver.detect(image)
         elapsed = 1000.0 * (time.perf_counter() - start)
-        uv, flux = np.asarray(detections.uv, dtype=np.float64), np.asarray(detections.flux, dtype=np.float64)
+        uv, flux = _points(detections)
         if uv.ndim != 2 or uv.shape[1] != 2 or flux.shape != (len(uv),) or not np.isfinite(uv).all():
             raise ValueError(f"detections of shapes {uv.shape} and {flux.shape}, or not finite")
     except Exception as error:  # a contestant may raise anything
@@ -209,6 +216,10 @@ def check_answer(answer: Answer, n_detections: int) -> None:
         raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
 
 
+def _finite_or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
 def _refusal(error: Exception) -> Answer:
     text = " ".join(f"error: {type(error).__name__}: {error}".split())
     return Answer(ok=False, reason=text[:_MAX_REASON])
@@ -237,7 +248,7 @@ def _judge(
         for (detection, star), right in zip(matches, stars.correct, strict=True)
     }
     rows = tuple(
-        DetectionRow(frame.frame_id, i, float(u), float(v), float(flux[i]), *claims.get(i, (None, None)))
+        DetectionRow(frame.frame_id, i, float(u), float(v), _finite_or_none(flux[i]), *claims.get(i, (None, None)))
         for i, (u, v) in enumerate(uv)
     )
     score = FrameScore(

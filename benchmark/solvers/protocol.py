@@ -54,8 +54,8 @@ class Detections(Protocol):
         """Positions, shape (n, 2), px."""
 
     @property
-    def flux(self) -> NDArray[np.float64]:
-        """Brightness, shape (n,), in any unit proportional to DN."""
+    def flux(self) -> NDArray[np.float64] | None:
+        """Brightness, shape (n,), in any unit proportional to DN; None where the detector has none."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,63 @@
+"""Adapter for celnav's own solvers."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import celnav
+from benchmark.provenance import distribution_version
+from benchmark.solvers.protocol import Answer, Detections, Observation
+
+
+@dataclass(frozen=True)
+class CelnavSolver:
+    """One of celnav's solvers, with its default settings and celnav's default detector.
+
+    Attributes
+    ----------
+    name : str
+        celnav's name of the solver.
+    """
+
+    name: str
+
+    @property
+    def version(self) -> str:
+        """Version of the distribution, of which celnav is a part."""
+        return distribution_version()
+
+    @property
+    def detector(self) -> str:
+        """All of celnav's solvers share its default detector."""
+        return "celnav"
+
+    def detect(self, image: NDArray[np.uint16]) -> Detections:
+        """Run celnav's default detector."""
+        found: Detections = celnav.detect(image)
+        return found
+
+    def solve(self, detections: Detections, observation: Observation) -> Answer:
+        """Solve without history, so that each frame stands alone."""
+        if not isinstance(detections, celnav.Detections):
+            raise TypeError(f"needs the detections of celnav.detect, found {type(detections).__name__}")
+        camera = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
+        fix = celnav.solve(
+            detections, camera, utc=observation.utc, attitude=observation.R_cam, solver=self.name, history=None
+        )
+        return Answer(
+            ok=bool(fix.ok),
+            reason="" if fix.ok else str(fix.reason),
+            lat_deg=float(fix.lat_deg) if fix.ok else None,
+            lon_deg=float(fix.lon_deg) if fix.ok else None,
+            cov_km2=None if fix.cov_km2 is None else np.asarray(fix.cov_km2, dtype=np.float64),
+            confidence=_finite_or_none(fix.confidence),
+            matches=np.asarray(fix.matches, dtype=np.int64).reshape(-1, 2),
+            time_ms={str(stage): float(ms) for stage, ms in fix.time_ms.items()},
+        )
+
+
+def _finite_or_none(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
