@@ -45,9 +45,7 @@ class Attitude:
     @classmethod
     def with_sigma(cls, R_cam: ArrayLike, *, tilt_deg: float, heading_deg: float) -> Attitude:
         """Attitude known with standard deviations in tilt (about each horizontal axis) and heading, degrees."""
-        return cls(
-            "rotation", _rotation_rows(R_cam), _sigma("tilt_deg", tilt_deg), _sigma("heading_deg", heading_deg)
-        )
+        return cls("rotation", _rotation_rows(R_cam), _sigma("tilt_deg", tilt_deg), _sigma("heading_deg", heading_deg))
 
     @classmethod
     def up(cls, vector_in_camera_frame: ArrayLike, tilt_deg: float = 0.0) -> Attitude:

@@ -41,9 +41,9 @@ def cached(name: str, key: str, build: Callable[[], Mapping[str, NDArray[np.gene
         path = cache_dir() / f"{name}-{key}.npz"
     except RuntimeError:  # there is no home folder
         return dict(build())
-    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        with np.load(path, allow_pickle=False) as stored:
-            return {member: stored[member] for member in stored.files}
+    damaged_or_absent = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+    with contextlib.suppress(*damaged_or_absent), np.load(path, allow_pickle=False) as stored:
+        return {member: stored[member] for member in stored.files}
     arrays = dict(build())
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -219,8 +219,9 @@ def _join(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.
     both = matched >= 0
     hr[matched[both]] = ybsc["hr"][both]
     steady = both.copy()
-    steady[both] = np.abs(ybsc["v_mag"][both] - v_mag[matched[both]]) <= CROSS_MATCH_MAG
-    v_mag[matched[steady]] = ybsc["v_mag"][steady]
+    ybsc_v = ybsc["v_mag"].astype(np.float64)
+    steady[both] = np.abs(ybsc_v[both] - v_mag[matched[both]]) <= CROSS_MATCH_MAG
+    v_mag[matched[steady]] = ybsc_v[steady]
     rest = ~both
     n_rest = int(rest.sum())
 

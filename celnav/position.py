@@ -182,7 +182,9 @@ def _observe(positions: F8, camera: Camera, attitude: Attitude, weather: Weather
     rays = camera.to_rays(positions)
     dirs = unrefract(rays @ R_cam, weather.pressure_hpa, weather.temperature_c)
     # Tangents along the directions in which the ray moves with u and v; refraction's own scale (below 1 %) is left out.
-    step = np.stack([camera.to_rays(positions + 0.5 * axis) - camera.to_rays(positions - 0.5 * axis) for axis in np.eye(2)])
+    step = np.stack(
+        [camera.to_rays(positions + 0.5 * axis) - camera.to_rays(positions - 0.5 * axis) for axis in np.eye(2)]
+    )
     moves = np.swapaxes(step @ R_cam, 0, 1)
     first = moves[:, 0] - np.sum(moves[:, 0] * dirs, axis=1, keepdims=True) * dirs
     first /= np.linalg.norm(first, axis=1, keepdims=True)

@@ -221,5 +221,3 @@ def _check_fit(seen: Detections, camera: Camera) -> None:
             f"detection at ({u:.1f}, {v:.1f}) lies outside the camera's {camera.width} x {camera.height} pixels: "
             "is this the right camera?"
         )
-
-

@@ -39,7 +39,7 @@ class PatternConfig:
     """
 
     limits_decimag: tuple[int, ...] = tuple(range(20, 46))
-    radius_deg: float = 40.0
+    radius_deg: float = 45.0
     theta_bin_deg: float = 0.5
     rho_bin: float = 0.02
 

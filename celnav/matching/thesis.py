@@ -85,7 +85,7 @@ class DdrConfig:
     max_references: int | None = 40
     reject_polar_deg: float | None = 75.0
     tolerance_bins: int = 0
-    candidates: int = 8
+    candidates: int = 30
     confirm_by_bearing: bool = True
     match_tolerance_deg: float = 0.5
     max_log10_false_alarm: float = -4.0
@@ -261,9 +261,7 @@ class DdrMatcher:
             total += catalogue.votes(np.unique(patterns.bins(a, b))) > 0
         return total
 
-    def _best_star(
-        self, view: _View, choice: int, catalogue: Patterns, votes: NDArray[np.int64]
-    ) -> _Hypothesis | None:
+    def _best_star(self, view: _View, choice: int, catalogue: Patterns, votes: NDArray[np.int64]) -> _Hypothesis | None:
         """Confirm the stars with most votes by bearings; the one with most agreeing neighbours wins."""
         config = self.config
         order = np.argsort(-votes, kind="stable")[: config.candidates if config.confirm_by_bearing else 1]
@@ -276,14 +274,12 @@ class DdrMatcher:
             return None
         found.sort(key=lambda hypothesis: (-hypothesis.n_matches, -hypothesis.similarity))
         best = found[0]
-        if config.reject_polar_deg is not None:
-            # A polar star makes way for another reference star, not for the next candidate.
-            if abs(np.degrees(catalogue.dec_rad[best.star])) > config.reject_polar_deg:
-                return None
+        # A polar star makes way for another reference star, not for the next candidate.
+        declination_deg = abs(float(np.degrees(catalogue.dec_rad[best.star])))
+        if config.reject_polar_deg is not None and declination_deg > config.reject_polar_deg:
+            return None
         rivals = [h.n_matches for h in found[1:] if not self._same_place(catalogue, best.star, h.star)]
-        return _Hypothesis(
-            view, choice, best.star, best.similarity, best.alignment, max(rivals, default=0)
-        )
+        return _Hypothesis(view, choice, best.star, best.similarity, best.alignment, max(rivals, default=0))
 
     def _same_place(self, catalogue: Patterns, star: int, other: int) -> bool:
         """Whether two stars are closer than the match tolerance: components of a double."""
@@ -338,9 +334,7 @@ class DdrMatcher:
         matches = [[kept[best.view.reference], catalogue.star_id[best.star]]]
         if best.alignment is not None and config.stars_in_fix == "all":
             neighbours = catalogue.neighbour[catalogue.start[best.star] + best.alignment.pattern]
-            pairs = np.column_stack(
-                (kept[best.view.neighbour[best.alignment.image]], catalogue.star_id[neighbours])
-            )
+            pairs = np.column_stack((kept[best.view.neighbour[best.alignment.image]], catalogue.star_id[neighbours]))
             matches.extend(pairs.tolist())
         if history is not None:
             history.record(limit, best.similarity)
