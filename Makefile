@@ -1,0 +1,45 @@
+# `make demo` and `make test` need Python 3.11 or newer and make; everything else is installed into .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: help demo demo-small test test-slow lint format install lock clean
+
+help:
+	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/report.html"
+	@echo "make test        run the tests"
+	@echo "make test-slow   run the tests that take longer"
+	@echo "make lint        ruff and mypy"
+	@echo "make format      format the code"
+	@echo "make lock        pin the dependencies anew (requirements.lock)"
+	@echo "make clean       remove what was made, .venv included"
+
+install:
+	@$(PYTHON) tools/bootstrap.py
+
+demo: install
+	@$(BIN)/skybench demo
+
+demo-small: install
+	@$(BIN)/skybench demo --scenario scenes/demo_small.yaml --frames out/demo-small --out results/demo-small
+
+test: install
+	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+
+test-slow: install
+	@$(BIN)/python -m pytest -m slow
+
+lint: install
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+format: install
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+lock:
+	@$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --generate-hashes \
+		--custom-compile-command "make lock" pyproject.toml --output-file requirements.lock
+
+clean:
+	@rm -rf .venv out results/demo results/demo-small .pytest_cache .mypy_cache .ruff_cache

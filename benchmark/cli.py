@@ -1,0 +1,92 @@
+"""The command `skybench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from benchmark import bench_cli
+
+app = typer.Typer(
+    help="Render synthetic night skies, solve them, and compare solvers.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+app.add_typer(bench_cli.app, name="bench")
+
+DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
+EXIT_BAD_INPUT = 2
+
+
+def fail(error: Exception) -> NoReturn:
+    """Print an error as it is and exit 2: what the user gave is not acceptable."""
+    typer.echo(f"skybench: {error}", err=True)
+    raise typer.Exit(EXIT_BAD_INPUT)
+
+
+def frame_progress() -> Progress:
+    """A progress bar over frames, on standard error."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("frames"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+    )
+
+
+@app.command(epilog="Example: skybench render scenes/00_hello.yaml --out out/hello")
+def render(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; made if missing.")],
+) -> None:
+    """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars."""
+    from generator.errors import GeneratorError
+    from generator.scenario_file import load_scenario
+
+    try:
+        loaded = load_scenario(scenario)
+        from generator.dataset_writer import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
+
+        with frame_progress() as progress:
+            task = progress.add_task("rendering", total=loaded.frame_count)
+            render_dataset(loaded, out, lambda frame: progress.advance(task))
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{loaded.frame_count} {'frame' if loaded.frame_count == 1 else 'frames'} in {out}")
+
+
+@app.command(epilog="Exit status: 0 when everything is ok, 1 otherwise.")
+def doctor() -> None:
+    """Check that skybench can run here, and say what to do where it cannot."""
+    from benchmark.doctor import check_all, check_table
+
+    console = Console()
+    with Console(stderr=True).status("checking"):
+        checks = check_all()
+    console.print(check_table(checks))
+    raise typer.Exit(0 if all(check.ok for check in checks) else 1)
+
+
+@app.command()
+def demo(
+    scenario: Annotated[Path, typer.Option("--scenario", help="Scenario to render.")] = Path("scenes/demo.yaml"),
+    frames: Annotated[Path, typer.Option("--frames", help="Folder for the rendered frames.")] = Path("out/demo"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for results and report.")] = Path("results/demo"),
+) -> None:
+    """Render a small dataset, solve it with two solvers, and write the report."""
+    render(scenario, frames)
+    bench_cli.run(frames, list(DEMO_SOLVERS), out)
+    bench_cli.report(out)
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()
