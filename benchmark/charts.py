@@ -18,7 +18,7 @@ from benchmark.intervals import Estimate
 from benchmark.metrics import SUCCESS_KM, Summary
 from benchmark.results import SolverResult
 
-WIDTH_PX, HEIGHT_PX = 400, 260
+WIDTH_PX, HEIGHT_PX = 350, 235
 # Stand-ins of the CSS variables while Vega draws: it needs real colours to compute with.
 _STAND_IN = tuple(f"#0a0b{n:02x}" for n in range(8))
 _DASHES = ([1, 0], [6, 3], [2, 2], [8, 3, 2, 3], [10, 4], [1, 3], [4, 1], [12, 2])

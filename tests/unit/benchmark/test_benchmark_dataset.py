@@ -1,0 +1,138 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from fake_night import HEIGHT, WIDTH, write_dataset
+from PIL import Image
+
+from benchmark.dataset import load_image, open_dataset
+from benchmark.errors import DatasetError
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_dataset(tmp_path / "night")
+
+
+def edit(path, change):
+    record = json.loads(path.read_text())
+    change(record)
+    path.write_text(json.dumps(record))
+
+
+def test_reads_frames_truth_and_pixels(folder):
+    dataset = open_dataset(folder)
+    assert (dataset.name, dataset.scenario_name, len(dataset.frames)) == ("night", "fake night", 3)
+    frame = dataset.frames[1]
+    assert (frame.frame_id, frame.index, frame.conditions.bortle) == ("frame-00001", 1, 2)
+    assert frame.truth.uv.shape == (12, 2)
+    image = load_image(frame)
+    assert (image.shape, image.dtype) == ((HEIGHT, WIDTH), np.uint16)
+    # The pixel nearest a star is among the brightest: rows are v, columns u.
+    u, v = np.round(frame.truth.uv[frame.truth.electrons_e.argmax()]).astype(int)
+    assert image[v, u] > np.percentile(image, 99)
+
+
+def test_an_observation_holds_no_truth(folder):
+    observation = open_dataset(folder).frames[0].observation
+    assert set(vars(observation)) == {"camera", "utc", "R_cam"}
+    assert set(vars(observation.camera)) == {"model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p"}
+
+
+def test_a_frame_without_stars_is_a_frame(folder):
+    table = pq.read_table(folder / "stars.parquet")
+    pq.write_table(table.filter(pa.compute.not_equal(table["index"], 2)), folder / "stars.parquet")
+    edit(folder / "frame-00002.json", lambda record: record["stars"].update(n_in_field=0))
+    assert len(open_dataset(folder).frames[2].truth.star_id) == 0
+
+
+def put(section, key, value):
+    return lambda record: record[section].__setitem__(key, value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda record: record.pop("camera"), "camera.model is missing"),
+        (lambda record: record.__setitem__("format", "skybench-frame/9"), "skybench-frame/9"),
+        (lambda record: record.__setitem__("frame_id", "frame-00007"), "frame-00007"),
+        (put("site", "latitude_deg", 91.0), "within -90 to 90"),
+        (put("site", "latitude_deg", "48"), "finite number"),
+        (put("site", "latitude_deg", float("nan")), "finite number"),
+        (put("time", "utc_mid", "2020-01-01T00:00:00"), "trailing Z"),
+        (put("attitude", "R_cam", [[1, 0], [0, 1]]), "rotation"),
+        (put("attitude", "R_cam", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation"),
+        (put("attitude", "R_cam", [[1, 0, 0], [0, 1]]), "3 rows"),
+        (put("camera", "width", 0), "at least 1"),
+        (put("camera", "k", "none"), "list of finite"),
+        (put("sky", "bortle", 2.5), "integer"),
+        (put("stars", "n_in_field", 11), "12 rows"),
+        (put("scenario", "sha256", "cd" * 32), "different scenarios"),
+        (lambda record: record.__setitem__("index", 0), "same index"),
+    ],
+)
+def test_a_bad_record_is_refused_by_name(folder, change, message):
+    edit(folder / "frame-00001.json", change)
+    with pytest.raises(DatasetError, match=message) as caught:
+        open_dataset(folder)
+    assert str(folder) in str(caught.value)
+
+
+def test_an_unfinished_run_is_refused(folder):
+    (folder / "stars.parquet").unlink()
+    with pytest.raises(DatasetError, match=r"stars\.parquet: missing.*not finished.*render"):
+        open_dataset(folder)
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match="no such folder"):
+        open_dataset(tmp_path / "nowhere")
+    with pytest.raises(DatasetError, match="no frame-"):
+        open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", "\ud800".encode("utf-16", "surrogatepass")])
+def test_a_record_that_is_no_json_object_is_refused(folder, text):
+    path = folder / "frame-00002.json"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(DatasetError, match=r"frame-00002\.json: .*JSON"):
+        open_dataset(folder)
+
+
+def test_damaged_truth_is_refused(folder):
+    path = folder / "stars.parquet"
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns(["u_px"]), path)
+    with pytest.raises(DatasetError, match="column u_px"):
+        open_dataset(folder)
+    path.write_bytes(b"PAR1 nonsense")
+    with pytest.raises(DatasetError, match="not a readable Parquet"):
+        open_dataset(folder)
+
+
+def test_truth_of_a_missing_frame_is_refused(folder):
+    (folder / "frame-00001.json").unlink()
+    with pytest.raises(DatasetError, match="frame-00001, which has no frame record"):
+        open_dataset(folder)
+
+
+def test_bad_images_are_refused(folder):
+    frame = open_dataset(folder).frames[0]
+    whole = frame.image_path.read_bytes()
+    frame.image_path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DatasetError, match=r"frame-00000\.png: truncated"):
+        load_image(frame)
+    frame.image_path.write_bytes(b"GIF89a")
+    with pytest.raises(DatasetError, match="not a PNG"):
+        load_image(frame)
+    Image.new("RGB", (WIDTH, HEIGHT)).save(frame.image_path)
+    with pytest.raises(DatasetError, match="16 bits"):
+        load_image(frame)
+    Image.fromarray(np.zeros((HEIGHT, WIDTH + 1), dtype=np.uint16)).save(frame.image_path)
+    with pytest.raises(DatasetError, match=r"161 x 120 pixels, its camera.*160 x 120"):
+        load_image(frame)
+    frame.image_path.unlink()
+    with pytest.raises(DatasetError, match="missing image"):
+        load_image(frame)

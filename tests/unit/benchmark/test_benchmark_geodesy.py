@@ -1,0 +1,60 @@
+import math
+
+import pytest
+
+from benchmark.geodesy import WGS84_A_M, WGS84_B_M, geodesic_km
+
+# Metres. The first two are printed in Karney (2013), tables 2 and 4; the last is Flinders Peak to Buninyong, the test
+# line of the Geocentric Datum of Australia manual (54 972.271 m); the others are values of GeographicLib 2.1.
+PUBLISHED = [
+    ((40.0, 0.0, 41.79331020506, 137.84490004377), 10_000_000.0),
+    ((-30.0, 0.0, 29.9, 179.8), 19_989_832.827610),
+    ((0.0, 0.0, 0.5, 179.5), 19_936_288.578965),
+    ((0.0, 0.0, 0.5, 179.7), 19_944_127.420750),
+    ((0.0, 0.0, 0.0, 180.0), 20_003_931.458625),
+    ((0.0, 0.0, 0.0, 179.0), 19_926_188.851996),
+    ((0.0, 0.0, 0.0, 179.5), 19_980_861.908891),
+    ((90.0, 0.0, -90.0, 0.0), 20_003_931.458625),
+    ((45.0, 10.0, -45.0, -170.0), 20_003_931.458625),
+    ((10.0, 20.0, -9.99, -160.02), 20_002_789.076262),
+    ((48.1, 11.5, 48.10001, 11.5), 1.111923),
+    ((89.999, 0.0, 89.999, 180.0), 223.387959),
+    ((5.0, 179.99, 5.1, -179.99), 11_278.492435),
+    ((0.0, 0.0, 1.0, 0.0), 110_574.388558),
+    ((-37.951033416667, 144.424867888889, -37.652821138889, 143.926495527778), 54_972.271139),
+]
+
+
+@pytest.mark.parametrize(("points", "metres"), PUBLISHED)
+def test_matches_published_geodesics_within_a_millimetre(points, metres):
+    assert 1000.0 * geodesic_km(*points) == pytest.approx(metres, abs=1e-3)
+    lat1, lon1, lat2, lon2 = points
+    assert 1000.0 * geodesic_km(lat2, lon2, lat1, lon1) == pytest.approx(metres, abs=1e-3)
+
+
+def test_a_degree_of_the_equator_is_an_arc_of_its_circle():
+    assert geodesic_km(0.0, 0.0, 0.0, 1.0) == pytest.approx(math.radians(1.0) * WGS84_A_M / 1000.0, rel=1e-12)
+
+
+def test_coincident_points_are_at_no_distance():
+    assert geodesic_km(48.1, 11.5, 48.1, 11.5) == 0.0
+    assert geodesic_km(90.0, 0.0, 90.0, 77.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_longitude_wraps():
+    assert geodesic_km(10.0, 350.0, 11.0, 10.0) == pytest.approx(geodesic_km(10.0, -10.0, 11.0, 370.0), rel=1e-12)
+
+
+def test_never_longer_than_half_a_meridian():
+    # The longest geodesic on an oblate ellipsoid joins the poles: half a meridian, GeographicLib's 20 003 931.4586 m.
+    for lon in range(170, 181):
+        for lat in (-60.0, -5.0, 0.0, 0.2, 30.0):
+            distance = geodesic_km(lat, 0.0, -lat + 0.1, lon)
+            assert distance <= 20_003.931459 + 1e-6
+            assert distance > math.pi * WGS84_B_M / 1000.0 - 1200.0
+
+
+@pytest.mark.parametrize("bad", [(math.nan, 0, 0, 0), (0, math.inf, 0, 0), (90.1, 0, 0, 0), (0, 0, -91, 0)])
+def test_impossible_coordinates_are_refused(bad):
+    with pytest.raises(ValueError, match="must"):
+        geodesic_km(*bad)

@@ -1,0 +1,107 @@
+import json
+
+import pyarrow.parquet as pq
+import pytest
+from fake_night import Mixed, Refusing, Truth, write_dataset
+
+from benchmark.dataset import open_dataset
+from benchmark.errors import ResultsError
+from benchmark.metrics import by_bortle, summarise
+from benchmark.results import read_results
+from benchmark.run import run_benchmark
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_dataset(tmp_path / "night", (1, 8, None), per_class=2)
+
+
+@pytest.fixture
+def out(folder, tmp_path):
+    frames = open_dataset(folder).frames
+    solvers = [Mixed("mixed", frames), Refusing("empty", frames), Truth("truth", frames)]
+    run_benchmark(folder, solvers, tmp_path / "out", progress=False)
+    return tmp_path / "out"
+
+
+def refuse_constant(token):
+    raise AssertionError(f"{token} is not JSON")
+
+
+def test_summaries_are_strict_json_with_provenance(out):
+    for name in ("mixed", "empty", "truth"):
+        text = (out / f"{name}.json").read_text()
+        summary = json.loads(text, parse_constant=refuse_constant)
+        assert summary["solver"] == name
+        assert summary["definitions"] == "skybench-metrics/1"
+        assert summary["provenance"]["dataset"] == "night"
+        assert {"skybench", "python", "numpy"} <= set(summary["provenance"]["versions"])
+        assert set(summary["provenance"]["machine"]) == {"cpu", "cores", "system"}
+        assert [entry["bortle"] for entry in summary["by_bortle"]] == [1, 8, None]
+        assert str(out) not in text
+    assert json.loads((out / "empty.json").read_text())["overall"]["median_error_km"]["value"] is None
+    assert json.loads((out / "empty.json").read_text())["reasons"] == {"too few stars": 6}
+
+
+def test_what_is_read_is_what_was_judged(out):
+    for result in read_results(out):
+        assert repr(result.overall) == repr(summarise(result.scores))
+        assert repr(list(result.bortle)) == repr(by_bortle(result.scores))
+        assert len(result.scores) == 6
+
+
+def test_tables_carry_units_and_provenance(out):
+    table = pq.read_table(out / "truth.parquet")
+    assert table.schema.field("error_km").metadata[b"unit"] == b"km"
+    stamp = json.loads(table.schema.metadata[b"skybench"])
+    assert (stamp["solver"], stamp["scenario_name"]) == ("truth", "fake night")
+    assert table["stage_ms"].to_pylist()[0] == [("look up", 0.1)]
+    assert table["cov_nn_km2"].to_pylist() == [0.02] * 6
+    matches = pq.read_table(out / "truth-matches.parquet").to_pylist()
+    assert {row["correct"] for row in matches if row["star_id"] is not None} == {True}
+
+
+def test_refused_frames_have_no_error_in_the_table(out):
+    table = pq.read_table(out / "empty.parquet")
+    assert table["error_km"].null_count == 6
+    assert set(table["status"].to_pylist()) == {"refused"}
+
+
+def test_no_temporary_file_is_left(out):
+    assert not [path for path in out.rglob("*") if path.name.endswith(".tmp")]
+
+
+def test_results_of_another_dataset_are_kept_apart(out, tmp_path):
+    other = write_dataset(tmp_path / "other", (4,))
+    frames = open_dataset(other).frames
+    with pytest.raises(ResultsError, match=r"empty\.json: is a result on another dataset.*--solver empty"):
+        run_benchmark(other, [Truth("truth", frames)], out, progress=False)
+    run_benchmark(other, [Truth("truth", frames)], tmp_path / "second", progress=False)
+    for path in (tmp_path / "second").glob("truth*"):
+        path.replace(out / path.name)
+    with pytest.raises(ResultsError, match="different datasets"):
+        read_results(out)
+
+
+def test_damaged_results_are_refused_by_name(out, tmp_path):
+    with pytest.raises(ResultsError, match="no results"):
+        read_results(tmp_path / "nowhere")
+    (out / "mixed-matches.parquet").unlink()
+    with pytest.raises(ResultsError, match=r"mixed-matches\.parquet: missing"):
+        read_results(out)
+    (out / "empty.json").write_text("{}")
+    with pytest.raises(ResultsError, match=r"empty\.json: not a readable result"):
+        read_results(out)
+
+
+def test_a_table_that_is_not_the_summarys_is_refused(out):
+    (out / "truth.parquet").write_bytes((out / "empty.parquet").read_bytes())
+    with pytest.raises(ResultsError, match=r"truth\.parquet: does not belong"):
+        read_results(out)
+
+
+def test_a_summary_of_another_definition_is_refused(out):
+    path = out / "truth.json"
+    path.write_text(path.read_text().replace("skybench-metrics/1", "skybench-metrics/0"))
+    with pytest.raises(ResultsError, match="skybench-metrics/0"):
+        read_results(out)

@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from benchmark.dataset import TruthStars
+from benchmark.star_id import MATCH_RADIUS_PX, score_matches
+
+TRUTH = TruthStars(
+    star_id=np.array([11, 22, 33, 44]),
+    uv=np.array([[10.0, 10.0], [50.0, 50.0], [52.0, 50.0], [90.0, 90.0]]),
+    electrons_e=np.array([1e4, 1e4, 1e3, 10.0]),
+    snr=np.array([100.0, 100.0, 30.0, 0.5]),
+)
+# One near 11, one on the blend of 22 and 33, one on 44 (which leaves no trace), one on nothing.
+UV = np.array([[11.0, 10.0], [51.0, 50.0], [90.0, 90.0], [70.0, 20.0]])
+
+
+def score(*pairs):
+    return score_matches(UV, np.array(pairs, dtype=np.int64).reshape(-1, 2), TRUTH)
+
+
+def test_the_truth_is_perfect():
+    result = score((0, 11), (1, 22))
+    assert (result.n_detected_stars, result.n_matches, result.n_correct) == (2, 2, 2)
+
+
+def test_a_blend_may_be_named_after_either_of_its_stars():
+    assert score((1, 33)).n_correct == 1
+
+
+def test_wrong_identity_place_or_invisible_star_is_wrong():
+    assert score((0, 22), (1, 11), (2, 44), (3, 99)).correct.tolist() == [False] * 4
+
+
+def test_the_radius_is_where_it_is_said_to_be():
+    inside = TruthStars(np.array([1]), np.array([[MATCH_RADIUS_PX - 1e-6, 0.0]]), np.ones(1), np.full(1, 10.0))
+    outside = TruthStars(np.array([1]), np.array([[MATCH_RADIUS_PX + 1e-6, 0.0]]), np.ones(1), np.full(1, 10.0))
+    match = np.array([[0, 1]])
+    assert score_matches(np.zeros((1, 2)), match, inside).n_correct == 1
+    assert score_matches(np.zeros((1, 2)), match, outside).n_correct == 0
+    assert score_matches(np.zeros((1, 2)), match, outside).n_detected_stars == 0
+
+
+@pytest.mark.parametrize("truth", [TRUTH, TruthStars(*[np.empty(s) for s in (0, (0, 2), 0, 0)])])
+def test_nothing_detected_scores_nothing(truth):
+    result = score_matches(np.empty((0, 2)), np.empty((0, 2), dtype=np.int64), truth)
+    assert (result.n_detected_stars, result.n_matches, result.n_correct) == (0, 0, 0)
