@@ -1,8 +1,9 @@
 """``skybench_camera``: a sensor that counts electrons.
 
 The weight of a ray is aperture area x projected pupil x exposure x solid angle of the pixel x spectral range, in m^2 s sr
-nm, so that photon radiance (photons s^-1 m^-2 nm^-1 sr^-1), weighted by a ``specfilm`` whose sensor response is the
-quantum efficiency, becomes expected electrons per pixel.
+nm, times the film's response, as Mitsuba's own sensors have it: a ``specfilm`` divides by its overall response before it
+weights with each channel's. Photon radiance (photons s^-1 m^-2 nm^-1 sr^-1) thus becomes expected electrons per pixel,
+when the film's channels hold quantum efficiencies.
 
 =====================  ==========  ==========================================================================
 parameter              type        meaning
@@ -56,6 +57,7 @@ class NightSkyCamera(mi.Sensor):
         self.keyframes = len(quaternions)
         self.quaternions = FLOAT64(quaternions.ravel())
         self.width, self.height = (int(size) for size in self.film().size())
+        self.response = self.film().sensor_response_function()
 
     def world_to_camera(self, time: Any) -> list[list[Any]]:
         """Rotation ENU to camera at `time` (0 to 1; double precision), as rows of components.
@@ -106,9 +108,15 @@ class NightSkyCamera(mi.Sensor):
         u, v, valid = self.precise_lens.project(x, y, z)
         return u, v, z, valid
 
-    def star_weight(self, cosine: Any) -> Any:
-        """Aperture area x projected pupil x exposure x spectral range, m^2 s nm, for a point source."""
-        return self.collected * self.lens.pupil(mi.Float(cosine)) * SPECTRAL_RANGE_NM
+    def spectral_weight(self, wavelengths: Any) -> Any:
+        """Spectral range times the film's overall response, nm (Spectrum), at uniformly drawn wavelengths."""
+        si = dr.zeros(mi.SurfaceInteraction3f, dr.width(wavelengths))
+        si.wavelengths = wavelengths
+        return self.response.eval(si) * SPECTRAL_RANGE_NM
+
+    def star_weight(self, wavelengths: Any) -> Any:
+        """Aperture area x exposure x spectral weight, m^2 s nm (Spectrum), for a point source on the boresight."""
+        return self.collected * self.spectral_weight(wavelengths)
 
     def sample_ray(
         self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
@@ -124,8 +132,8 @@ class NightSkyCamera(mi.Sensor):
         )
         wavelengths = stratified_wavelengths(wavelength_sample)
         ray = mi.Ray3f(mi.Point3f(0), dr.normalize(direction), mi.Float(time), wavelengths)
-        weight = self.collected * self.lens.pupil(z) * self.lens.solid_angle(u, v) * SPECTRAL_RANGE_NM
-        return ray, mi.Spectrum(weight)
+        etendue = self.collected * self.lens.pupil(z) * self.lens.solid_angle(u, v)
+        return ray, etendue * self.spectral_weight(wavelengths)
 
     def sample_ray_differential(
         self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True

@@ -118,11 +118,11 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         channels = film.create_block().channel_count() - 1
         star = dr.arange(mi.UInt32, emitter.count)
         total = [dr.zeros(mi.Float, emitter.count) for _ in range(channels)]
-        weight = mi.Spectrum(camera.star_weight(mi.Float(1)))
         for group in range(self.wavelength_groups):
             sample = (group + 0.5) / (4 * self.wavelength_groups)
             wavelengths = stratified_wavelengths(sample)
-            values = film.prepare_sample(emitter.irradiance(star, wavelengths) * weight, wavelengths, channels + 1)
+            electrons = emitter.irradiance(star, wavelengths) * camera.star_weight(wavelengths)
+            values = film.prepare_sample(electrons, wavelengths, channels + 1)
             total = [so_far + value for so_far, value in zip(total, values, strict=False)]
         total = [channel / self.wavelength_groups for channel in total]
         dr.eval(total)

@@ -1,0 +1,63 @@
+"""The atmosphere against published extinction, optical depth and airmass."""
+
+import numpy as np
+import pytest
+from small_scenes import small_scenario
+
+from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass, optical_depth, rayleigh_optical_depth
+from generator.frame_plan import plan_frame
+from generator.photometry import GRID_NM
+from generator.scene import quantum_efficiency, render_expected
+from generator.stellar_spectra import star_spectra
+
+# Patat et al. 2011, A&A 527, A91, table: Paranal, 2640 m, mag/airmass at A.
+PATAT_2011 = {
+    4025: 0.330, 4125: 0.298, 4225: 0.274, 4325: 0.253, 4425: 0.229, 4525: 0.212, 4625: 0.198, 4725: 0.185, 4825: 0.176,
+    4925: 0.162, 5025: 0.156, 5125: 0.146, 5225: 0.141, 5325: 0.139, 5425: 0.133, 5525: 0.129, 5625: 0.128, 5725: 0.134,
+    5825: 0.124, 5925: 0.125, 6025: 0.117, 6125: 0.108, 6225: 0.102, 6325: 0.095, 6425: 0.085, 6525: 0.083, 6625: 0.076,
+    6725: 0.068, 6775: 0.064,
+}  # fmt: skip
+PARANAL = Atmosphere(pressure_hpa=743.0, aerosol_tau_550=0.025, angstrom_exponent=1.3, ozone_du=257.0)
+
+
+def test_paranal_extinction() -> None:
+    """Within 0.03 mag/airmass of Patat 2011 from 400 to 680 nm, at 2640 m's pressure and low aerosol."""
+    wavelength_nm = np.array(list(PATAT_2011)) / 10
+    difference = MAG_PER_OPTICAL_DEPTH * optical_depth(wavelength_nm, PARANAL) - np.array(list(PATAT_2011.values()))
+    assert np.abs(difference).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    ("nm", "tau"),
+    [(350, 0.63085), (400, 0.36052), (450, 0.22130), (500, 0.14348), (550, 0.09715), (600, 0.06815), (700, 0.03646),
+     (800, 0.02125), (1000, 0.00864)],
+)  # fmt: skip
+def test_rayleigh_against_bodhaine(nm, tau) -> None:
+    """Within 0.5 % of Bodhaine et al. 1999 at sea level."""
+    assert float(rayleigh_optical_depth(nm, 1013.25)) == pytest.approx(tau, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("zenith_deg", "value"),
+    [(30, 1.1540), (45, 1.4126), (60, 1.9943), (70, 2.9031), (80, 5.5860), (85, 10.3058), (89, 26.3106), (90, 37.9196)],
+)
+def test_airmass_is_kasten_and_young(zenith_deg, value) -> None:
+    assert float(airmass(90 - zenith_deg)) == pytest.approx(value, abs=6e-5)
+
+
+def test_rendered_stars_are_dimmed_by_their_own_path() -> None:
+    """Electrons with atmosphere over electrons without = band-integrated transmission, within 0.2 %."""
+    clear = small_scenario(atmosphere={"extinction": False}, sky=None, stars={"limiting_mag": 4.0})
+    hazy = small_scenario(
+        atmosphere={"aerosol_tau_550": 0.3, "ozone_du": 400}, sky=None, stars={"limiting_mag": 4.0}
+    )
+    plan = plan_frame(hazy, 0)
+    ratio = render_expected(plan).star_electrons / render_expected(plan_frame(clear, 0)).star_electrons
+    response = quantum_efficiency(plan.spec)
+    spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag)
+    depth = optical_depth(GRID_NM, Atmosphere(1010.0, 0.3, 1.3, 400.0))
+    dimmed = spectra * np.exp(-depth * plan.airmass[:, None])
+    wanted = np.trapezoid(dimmed * response, GRID_NM) / np.trapezoid(spectra * response, GRID_NM)
+    in_front = np.isfinite(ratio)
+    assert in_front.sum() > 100
+    np.testing.assert_allclose(ratio[in_front], wanted[in_front], rtol=2e-3)

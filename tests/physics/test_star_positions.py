@@ -1,0 +1,144 @@
+"""Where stars fall in the image: against ERFA and OpenCV, and against Skyfield."""
+
+from pathlib import Path
+
+import cv2
+import erfa
+import numpy as np
+import pytest
+import skyfield_data
+from skyfield.api import Loader, Star, wgs84
+from small_scenes import small_scenario
+
+from generator.astrometry import MAS_TO_RAD
+from generator.catalogue import load_catalogue
+from generator.frame_plan import plan_frame
+from generator.scene import render_expected
+from generator.times import Instant, earth_orientation
+
+RNG = np.random.default_rng(20260101)
+PLACES = [
+    (
+        float(np.degrees(np.arcsin(RNG.uniform(-1, 1)))),
+        float(RNG.uniform(-180, 180)),
+        f"{RNG.integers(2000, 2026)}-{RNG.integers(1, 13):02d}-{RNG.integers(1, 28):02d}T{RNG.integers(0, 24):02d}:17:23Z",
+    )
+    for _ in range(20)
+]
+
+
+def scenario_at(latitude, longitude, utc, **more):
+    return small_scenario(
+        site__latitude_deg=latitude,
+        site__longitude_deg=longitude,
+        time__utc_start=utc,
+        camera__width=1080,
+        camera__height=720,
+        sky=None,
+        stars={"limiting_mag": 5.0},
+        **more,
+    )
+
+
+@pytest.mark.parametrize(("latitude", "longitude", "utc"), PLACES)
+def test_against_erfa_and_opencv(latitude, longitude, utc) -> None:
+    """Within 0.01 px over a 120 deg field, for 20 random sites and dates.
+
+    ERFA's atco13 does the whole chain to observed azimuth and zenith distance, its own refraction included; OpenCV projects.
+    """
+    plan = plan_frame(scenario_at(latitude, longitude, utc), 0)
+    expected = render_expected(plan)
+    middle = Instant.parse(utc).plus(0.25)
+    orientation = earth_orientation(middle)
+    stars = plan.stars
+    azimuth, zenith, *_ = erfa.atco13(
+        np.radians(stars.ra_deg),
+        np.radians(stars.dec_deg),
+        stars.pm_ra_mas_yr * MAS_TO_RAD / np.cos(np.radians(stars.dec_deg)),
+        stars.pm_dec_mas_yr * MAS_TO_RAD,
+        np.maximum(stars.parallax_mas, 0) / 1000,
+        0.0,
+        middle.utc1,
+        middle.utc2,
+        orientation.ut1_utc_s,
+        np.radians(longitude),
+        np.radians(latitude),
+        0.0,
+        np.radians(orientation.polar_motion_x_arcsec / 3600),
+        np.radians(orientation.polar_motion_y_arcsec / 3600),
+        1010.0,
+        10.0,
+        0.5,
+        0.55,
+    )
+    enu = np.stack([np.sin(azimuth) * np.sin(zenith), np.cos(azimuth) * np.sin(zenith), np.cos(zenith)], axis=-1)
+    focal = 540 / np.tan(np.radians(60))
+    camera = np.array([[focal, 0, 539.5], [0, focal, 359.5], [0, 0, 1]])
+    R_cam = np.array([[-1.0, 0, 0], [0, -1, 0], [0, 0, 1]])
+    rotation, _ = cv2.Rodrigues(R_cam)
+    uv = cv2.projectPoints(enu, rotation, np.zeros(3), camera, None)[0][:, 0]
+    in_frame = (uv > -0.5).all(axis=1) & (uv[:, 0] < 1079.5) & (uv[:, 1] < 719.5) & (enu[:, 2] > 0.1)
+    assert in_frame.sum() > 50
+    difference = np.hypot(expected.u_px - uv[:, 0], expected.v_px - uv[:, 1])[in_frame]
+    assert difference.max() < 0.01
+
+
+def test_apparent_places_against_skyfield() -> None:
+    """Without refraction, within 0.05 arcsec of Skyfield given the same Earth orientation."""
+    latitude, longitude, utc = 52.0, 4.36, "2021-08-12T23:10:05Z"
+    plan = plan_frame(scenario_at(latitude, longitude, utc, atmosphere={"refraction": False}), 0)
+    middle = Instant.parse(utc).plus(0.25)
+    orientation = earth_orientation(middle)
+    loader = Loader(Path(skyfield_data.__file__).parent / "data", verbose=False)
+    leap_seconds = 37
+    timescale = loader.timescale(builtin=True, delta_t=32.184 + leap_seconds - orientation.ut1_utc_s)
+    timescale.polar_motion_table = (
+        np.array([middle.mjd - 1 + 2400000.5, middle.mjd + 1 + 2400000.5]),
+        np.full(2, orientation.polar_motion_x_arcsec),
+        np.full(2, orientation.polar_motion_y_arcsec),
+    )
+    time = timescale.utc(2021, 8, 12, 23, 10, 5.25)
+    planets = loader("de421.bsp")
+    observer = (planets["earth"] + wgs84.latlon(latitude, longitude)).at(time)
+    stars = plan.stars[np.arange(0, len(plan.stars), 7)]
+    target = Star(
+        ra_hours=stars.ra_deg / 15,
+        dec_degrees=stars.dec_deg,
+        ra_mas_per_year=stars.pm_ra_mas_yr,
+        dec_mas_per_year=stars.pm_dec_mas_yr,
+        parallax_mas=np.maximum(stars.parallax_mas, 0),
+    )
+    altitude, azimuth, _ = observer.observe(target).apparent().altaz()
+    rows = np.arange(0, len(plan.stars), 7)
+    across = (plan.middle.azimuth_deg[rows] - azimuth.degrees + 180) % 360 - 180
+    across *= np.cos(np.radians(altitude.degrees)) * 3600
+    along = (plan.middle.altitude_deg[rows] - altitude.degrees) * 3600
+    assert np.hypot(across, along).max() < 0.05
+
+
+def test_stars_move_with_the_sky_during_the_exposure() -> None:
+    """A star on the equator at the zenith drifts 15.04 arcsec a second westwards: to the image's right."""
+    scenario = small_scenario(
+        site={"latitude_deg": 0.0, "longitude_deg": 0.0}, time__exposure_s=100.0, sky=None, stars={"limiting_mag": 7.0}
+    )
+    plan = plan_frame(scenario, 0)
+    start, end = plan.start.enu, plan.end.enu
+    high = (plan.middle.altitude_deg > 80) & (np.abs(plan.stars.dec_deg) < 5)
+    assert high.sum() > 3
+    travel_arcsec = np.degrees(np.linalg.norm(end - start, axis=1)[high]) * 3600 / 100
+    np.testing.assert_allclose(travel_arcsec, 15.041 * np.cos(np.radians(plan.dec_deg[high])), rtol=2e-3)
+    assert (end[high, 0] < start[high, 0]).all()
+
+
+def test_bright_stars_have_their_published_places() -> None:
+    """Sirius, Vega and Polaris at J2000.0 (SIMBAD, 0.1 arcsec)."""
+    catalogue = load_catalogue()
+    for hip, ra_deg, dec_deg, v_mag in [
+        (32349, 101.287155, -16.716116, -1.46),
+        (91262, 279.234735, 38.783689, 0.03),
+        (11767, 37.954561, 89.264109, 2.02),
+    ]:
+        row = int(np.nonzero(catalogue.hip == hip)[0][0])
+        across = (catalogue.ra_deg[row] - ra_deg) * np.cos(np.radians(dec_deg))
+        assert np.hypot(across, catalogue.dec_deg[row] - dec_deg) * 3600 < 0.1
+        assert catalogue.v_mag[row] == pytest.approx(v_mag, abs=0.005)
