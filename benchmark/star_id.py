@@ -4,7 +4,8 @@ Definitions (docs/benchmark.md repeats them):
 
 * A *truth star* of a frame is a row of its truth table with `snr` of at least `TRACE_SNR`: a star that leaves a trace.
 * A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
-  detection's position.
+  detection's position, and is the nearest or the brightest (in electrons) of the truth stars that do. Either may be
+  asked for: of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the brightest.
 * A *detection of a star* is a detection with a truth star within the radius.
 * Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
   all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
@@ -65,18 +66,30 @@ def score_matches(
     StarScore
     """
     seen = truth.snr >= TRACE_SNR
-    star_uv, star_id = truth.uv[seen], truth.star_id[seen]
+    star_uv, star_id, electrons = truth.uv[seen], truth.star_id[seen], truth.electrons_e[seen]
     if len(uv) and len(star_uv):
         nearest_px, _ = cKDTree(star_uv).query(uv)
         n_detected = int(np.count_nonzero(nearest_px <= radius_px))
     else:
         n_detected = 0
-    position = {int(name): place for name, place in zip(star_id, star_uv, strict=True)}
     correct = np.array(
-        [
-            int(star) in position and bool(np.hypot(*(uv[detection] - position[int(star)])) <= radius_px)
-            for detection, star in matches
-        ],
+        [star in _identities(uv[detection], star_uv, star_id, electrons, radius_px) for detection, star in matches],
         dtype=bool,
     )
     return StarScore(n_detected, len(matches), int(np.count_nonzero(correct)), correct)
+
+
+def _identities(
+    place: NDArray[np.float64],
+    star_uv: NDArray[np.float64],
+    star_id: NDArray[np.int64],
+    electrons: NDArray[np.float64],
+    radius_px: float,
+) -> set[int]:
+    """Star ids that a detection at `place`, shape (2,), may rightly be given: none, one or two."""
+    distance = np.hypot(*(star_uv - place).T)
+    within = np.flatnonzero(distance <= radius_px)
+    if len(within) == 0:
+        return set()
+    nearest, brightest = within[distance[within].argmin()], within[electrons[within].argmax()]
+    return {int(star_id[nearest]), int(star_id[brightest])}

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fake_night import HEIGHT, WIDTH, write_dataset
 from PIL import Image
+from unit.benchmark.fake_night import HEIGHT, WIDTH, write_dataset
 
 from benchmark.dataset import load_image, open_dataset
 from benchmark.errors import DatasetError

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fake_night import Contestant, Raising, Random, Refusing, Truth, write_dataset
+from unit.benchmark.fake_night import Contestant, Raising, Random, Refusing, Truth, write_dataset
 
 from benchmark.dataset import open_dataset
 from benchmark.errors import DatasetError, ResultsError, UnknownSolverError

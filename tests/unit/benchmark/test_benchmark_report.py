@@ -4,8 +4,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from fake_night import Mixed, Raising, Refusing, write_dataset
 from typer.testing import CliRunner
+from unit.benchmark.fake_night import Mixed, Raising, Refusing, write_dataset
 
 from benchmark import contact_sheet
 from benchmark.bench_cli import app

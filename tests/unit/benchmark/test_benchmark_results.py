@@ -2,7 +2,7 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
-from fake_night import Mixed, Refusing, Truth, write_dataset
+from unit.benchmark.fake_night import Mixed, Refusing, Truth, write_dataset
 
 from benchmark.dataset import open_dataset
 from benchmark.errors import ResultsError

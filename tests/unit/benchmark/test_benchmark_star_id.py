@@ -5,12 +5,12 @@ from benchmark.dataset import TruthStars
 from benchmark.star_id import MATCH_RADIUS_PX, score_matches
 
 TRUTH = TruthStars(
-    star_id=np.array([11, 22, 33, 44]),
-    uv=np.array([[10.0, 10.0], [50.0, 50.0], [52.0, 50.0], [90.0, 90.0]]),
-    electrons_e=np.array([1e4, 1e4, 1e3, 10.0]),
-    snr=np.array([100.0, 100.0, 30.0, 0.5]),
+    star_id=np.array([11, 22, 33, 44, 55]),
+    uv=np.array([[10.0, 10.0], [50.0, 50.0], [51.5, 50.0], [90.0, 90.0], [53.0, 50.0]]),
+    electrons_e=np.array([1e4, 1e4, 1e3, 10.0, 1e3]),
+    snr=np.array([100.0, 100.0, 30.0, 0.5, 30.0]),
 )
-# One near 11, one on the blend of 22 and 33, one on 44 (which leaves no trace), one on nothing.
+# One near 11, one among 22 (brightest), 33 (nearest) and 55, one on 44 (which leaves no trace), one on nothing.
 UV = np.array([[11.0, 10.0], [51.0, 50.0], [90.0, 90.0], [70.0, 20.0]])
 
 
@@ -23,8 +23,10 @@ def test_the_truth_is_perfect():
     assert (result.n_detected_stars, result.n_matches, result.n_correct) == (2, 2, 2)
 
 
-def test_a_blend_may_be_named_after_either_of_its_stars():
+def test_in_a_crowd_the_nearest_and_the_brightest_are_right_and_no_other():
+    assert score((1, 22)).n_correct == 1
     assert score((1, 33)).n_correct == 1
+    assert score((1, 55)).n_correct == 0
 
 
 def test_wrong_identity_place_or_invisible_star_is_wrong():
