@@ -42,15 +42,19 @@ def cached(name: str, key: str, build: Callable[[], Mapping[str, NDArray[np.gene
     except RuntimeError:  # there is no home folder
         return dict(build())
     damaged_or_absent = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
-    with contextlib.suppress(*damaged_or_absent), np.load(path, allow_pickle=False) as stored:
+    with (
+        contextlib.suppress(*damaged_or_absent),
+        path.open("rb") as file,
+        np.load(file, allow_pickle=False) as stored,
+    ):
         return {member: stored[member] for member in stored.files}
     arrays = dict(build())
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, allow_pickle=False, **arrays)
+            with os.fdopen(handle, "wb") as target:
+                np.savez(target, allow_pickle=False, **arrays)
             os.replace(temporary, path)
         except BaseException:
             os.unlink(temporary)

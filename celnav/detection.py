@@ -12,6 +12,9 @@ from celnav.errors import ConfigError, DetectionError, ImageError
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
+# The background is taken off in single precision; what is smaller than this part of the image is rounding.
+_FLOAT_ROUNDING = 4e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Detections:
@@ -116,7 +119,10 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
     background, noise = background_and_noise(pixels, used, config.tile_px)
     light = pixels - background
     light[~used] = 0.0
-    floor = 1.0 if np.issubdtype(original.dtype, np.integer) else config.float_floor * float(light.max())
+    if np.issubdtype(original.dtype, np.integer):
+        floor = 1.0
+    else:
+        floor = max(config.float_floor * float(light.max()), _FLOAT_ROUNDING * float(np.abs(pixels).max()))
     if light.max() <= 0:
         return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
     grow = np.maximum(config.grow_sigma * noise, floor)

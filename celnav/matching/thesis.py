@@ -47,6 +47,9 @@ class DdrConfig:
         A feature votes for its own bin and this many on either side in theta and rho.
     candidates : int
         The stars with most votes that are confirmed by bearings; 1 takes the vote's word.
+    effort : int
+        At most this many neighbours times candidates are confirmed for a reference star: among thousands of detections
+        fewer candidates are looked at, instead of taking more time.
     confirm_by_bearing : bool
         Confirm candidates by relative bearings. Without it the votes decide alone and the reference star is the only
         match.
@@ -82,10 +85,11 @@ class DdrConfig:
     density_references: int = 5
     iterate: bool = True
     similarity_threshold: float = 0.45
-    max_references: int | None = 40
+    max_references: int | None = 30
     reject_polar_deg: float | None = 75.0
     tolerance_bins: int = 0
     candidates: int = 30
+    effort: int = 6000
     confirm_by_bearing: bool = True
     match_tolerance_deg: float = 0.5
     max_log10_false_alarm: float = -4.0
@@ -264,7 +268,8 @@ class DdrMatcher:
     def _best_star(self, view: _View, choice: int, catalogue: Patterns, votes: NDArray[np.int64]) -> _Hypothesis | None:
         """Confirm the stars with most votes by bearings; the one with most agreeing neighbours wins."""
         config = self.config
-        order = np.argsort(-votes, kind="stable")[: config.candidates if config.confirm_by_bearing else 1]
+        affordable = max(1, min(config.candidates, config.effort // len(view.neighbour)))
+        order = np.argsort(-votes, kind="stable")[: affordable if config.confirm_by_bearing else 1]
         found: list[_Hypothesis] = []
         for star in order:
             alignment = self._align(view, catalogue, int(star)) if config.confirm_by_bearing else None

@@ -1,4 +1,4 @@
-"""A forward model that shares nothing with celnav's: ERFA's apco13, atciq, atioq with its own refraction, and OpenCV's projection."""
+"""A forward model that shares nothing with celnav's: ERFA's whole chain, its refraction, and OpenCV's projection."""
 
 from __future__ import annotations
 
