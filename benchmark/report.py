@@ -15,7 +15,7 @@ from benchmark.errors import ResultsError
 from benchmark.formatting import HEADLINE
 from benchmark.metrics import DEFINITIONS, SUCCESS_KM
 from benchmark.results import SolverResult, read_results, write_atomically
-from benchmark.star_id import MATCH_RADIUS_PX, TRACE_SNR
+from benchmark.star_id import BLEND_SHARE, MATCH_RADIUS_PX, TRACE_SNR
 
 REPORT_NAME = "report.html"
 
@@ -111,5 +111,6 @@ def _render(out: Path, results: Sequence[SolverResult], commands: Sequence[str])
         definitions=DEFINITIONS,
         success_km=f"{SUCCESS_KM:g}",
         radius_px=f"{MATCH_RADIUS_PX:g}",
+        blend_share=f"{100 * BLEND_SHARE:g} %",
         trace_snr=f"{TRACE_SNR:g}",
     )

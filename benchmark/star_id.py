@@ -4,8 +4,9 @@ Definitions (docs/benchmark.md repeats them):
 
 * A *truth star* of a frame is a row of its truth table with `snr` of at least `TRACE_SNR`: a star that leaves a trace.
 * A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
-  detection's position, and is the nearest or the brightest (in electrons) of the truth stars that do. Either may be
-  asked for: of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the brightest.
+  detection's position, and is the nearest of the truth stars that do, or gives at least `BLEND_SHARE` of the electrons
+  of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
+  brightest, and a blend of equals may be named after any of them.
 * A *detection of a star* is a detection with a truth star within the radius.
 * Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
   all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
@@ -21,6 +22,7 @@ from benchmark.dataset import TruthStars
 
 MATCH_RADIUS_PX = 3.0
 TRACE_SNR = 3.0
+BLEND_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -86,10 +88,10 @@ def _identities(
     electrons: NDArray[np.float64],
     radius_px: float,
 ) -> set[int]:
-    """Star ids that a detection at `place`, shape (2,), may rightly be given: none, one or two."""
+    """Star ids that a detection at `place`, shape (2,), may rightly be given."""
     distance = np.hypot(*(star_uv - place).T)
     within = np.flatnonzero(distance <= radius_px)
     if len(within) == 0:
         return set()
-    nearest, brightest = within[distance[within].argmin()], within[electrons[within].argmax()]
-    return {int(star_id[nearest]), int(star_id[brightest])}
+    bright = within[electrons[within] >= BLEND_SHARE * electrons[within].max()]
+    return {int(star) for star in star_id[[within[distance[within].argmin()], *bright]]}

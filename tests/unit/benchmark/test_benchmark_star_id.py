@@ -23,10 +23,17 @@ def test_the_truth_is_perfect():
     assert (result.n_detected_stars, result.n_matches, result.n_correct) == (2, 2, 2)
 
 
-def test_in_a_crowd_the_nearest_and_the_brightest_are_right_and_no_other():
+def test_in_a_crowd_the_nearest_and_the_brightest_are_right_and_no_faint_one_beside():
     assert score((1, 22)).n_correct == 1
     assert score((1, 33)).n_correct == 1
     assert score((1, 55)).n_correct == 0
+
+
+@pytest.mark.parametrize(("electrons", "right"), [(5001.0, 1), (4999.0, 0)])
+def test_a_blend_may_be_named_after_any_star_of_half_the_brightest(electrons, right):
+    light = np.where(TRUTH.star_id == 55, electrons, TRUTH.electrons_e)
+    truth = TruthStars(TRUTH.star_id, TRUTH.uv, light, TRUTH.snr)
+    assert score_matches(UV, np.array([[1, 55]]), truth).n_correct == right
 
 
 def test_wrong_identity_place_or_invisible_star_is_wrong():
