@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -32,6 +33,7 @@ HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
 MATCH_RADIUS_ARCSEC = 15.0
 MATCH_MAGNITUDE_TOLERANCE = 1.5
 BLEND_RADIUS_ARCSEC = 10.0
+LARGEST_EXCESS_OF_LIGHT = 1.2
 ASSUMED_BV_MAG = 0.6
 
 Floats = NDArray[np.float64]
@@ -225,10 +227,13 @@ def match_ybsc_to_hipparcos(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> NDAr
 def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
     """Merge the two catalogues so that each star appears once, sorted by V.
 
-    A YBSC star that finds no match of like magnitude is either the fainter part of a close pair whose brighter part is
-    matched, and is kept with its own V; or it coincides (BLEND_RADIUS_ARCSEC) with an unmatched Hipparcos star of quite
-    another magnitude, because YBSC lists novae and long-period variables (T CrB, Mira, chi Cyg) at maximum: then
-    Hipparcos' median magnitude stands.
+    A YBSC star that finds no match of its own but lies within BLEND_RADIUS_ARCSEC of a Hipparcos star is one of three:
+
+    - the other part of a close pair that Hipparcos lists as one star: kept with its own V;
+    - a part that YBSC lists with the light of the whole pair, as the matched one (delta Ser), so that both together would
+      exceed Hipparcos' light (LARGEST_EXCESS_OF_LIGHT): left out;
+    - a nova or long-period variable that YBSC lists at maximum (T CrB, Mira, chi Cyg), near an unmatched Hipparcos star of
+      quite another magnitude: left out, Hipparcos' median magnitude stands.
     """
     match = match_ybsc_to_hipparcos(ybsc, hipparcos)
     matched = match >= 0
@@ -242,8 +247,12 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
 
     rest = ybsc[~matched]
     distance, nearest = cKDTree(_unit_vectors(hipparcos)).query(_unit_vectors(rest))
-    blended = (np.degrees(distance) * 3600 < BLEND_RADIUS_ARCSEC) & (merged["hr"].to_numpy()[nearest] == 0)
-    merged = pd.concat([merged, rest[~blended].assign(hip=np.int32(0))], ignore_index=True)
+    near = np.degrees(distance) * 3600 < BLEND_RADIUS_ARCSEC
+    variable = near & (merged["hr"].to_numpy()[nearest] == 0)
+    light = 10 ** (-0.4 * rest["v_mag"].to_numpy()) + 10 ** (-0.4 * merged["v_mag"].to_numpy()[nearest])
+    excess = light / 10 ** (-0.4 * hipparcos["v_mag"].to_numpy()[nearest])
+    counted_twice = near & (excess > LARGEST_EXCESS_OF_LIGHT)
+    merged = pd.concat([merged, rest[~variable & ~counted_twice].assign(hip=np.int32(0))], ignore_index=True)
     merged = merged[merged["v_mag"].notna()].sort_values(["v_mag", "hip", "hr"], kind="stable")
     assumed = merged["bv_mag"].isna().to_numpy()
     return StarCatalogue(
@@ -279,9 +288,9 @@ def load_catalogue() -> StarCatalogue:
     """
     path = _cache_path()
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return StarCatalogue(*(stored[field.name] for field in fields(StarCatalogue)))
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         catalogue = merge(read_ybsc(), read_hipparcos())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,8 @@ PROBE_TIMEOUT_S = 120.0
 
 REMEDY = (
     "install LLVM >= 17: on Linux x86-64 `pip install karellen-llvm-core==23.1.4.post8`, elsewhere your system's package "
-    f"(`apt install libllvm19`, `brew install llvm`), or point {LLVM_VARIABLE} at libLLVM"
+    f"(`apt install libllvm19`, `brew install llvm`), or point {LLVM_VARIABLE} at libLLVM; "
+    "if libatomic.so.1 is missing: `apt install libatomic1`"
 )
 
 _LLVM_PROBE = """

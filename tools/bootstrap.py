@@ -6,6 +6,7 @@ itself is fetched from the package index, by its hash in requirements.lock.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import importlib.util
 import os
@@ -42,6 +43,7 @@ def main() -> None:
         quiet = ["install", "--quiet", "--disable-pip-version-check"]
         run([*pip, *quiet, "--require-hashes", "--requirement", str(LOCK)])
         run([*pip, *quiet, "--no-deps", "--no-build-isolation", "--editable", str(ROOT)])
+    supply_libatomic(python)
     STAMP.write_text(wanted)
 
 
@@ -74,6 +76,23 @@ def fetch_pip(folder: Path) -> Path:
     path = folder / name
     path.write_bytes(data)
     return path
+
+
+def supply_libatomic(python: Path) -> None:
+    """Let pip's LLVM load where the system has no libatomic, as in a minimal Debian.
+
+    The C++ library in karellen-llvm-core lists libatomic.so.1 among its needs but takes no symbol from it. A link of that
+    name to the mathematics library, which every process has loaded anyway, satisfies the loader.
+    """
+    library = VENV / "lib" / "libLLVM.so"
+    folder = VENV / "lib" / "x86_64-unknown-linux-gnu"
+    probe = [str(python), "-c", f"import ctypes; ctypes.CDLL({str(library)!r})"]
+    if not library.exists() or "libatomic.so.1" not in subprocess.run(probe, capture_output=True, text=True).stderr:
+        return
+    ctypes.CDLL("libm.so.6")
+    mapped = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines()}
+    mathematics = next(path for path in sorted(mapped) if re.search(r"/libm[-.][^/]*$", path))
+    (folder / "libatomic.so.1").symlink_to(mathematics)
 
 
 def run(command: list[str]) -> None:

@@ -1,5 +1,6 @@
 """Where stars fall in the image: against ERFA and OpenCV, and against Skyfield."""
 
+import contextlib
 from pathlib import Path
 
 import cv2
@@ -98,8 +99,6 @@ def test_apparent_places_against_skyfield() -> None:
         np.full(2, orientation.polar_motion_y_arcsec),
     )
     time = timescale.utc(2021, 8, 12, 23, 10, 5.25)
-    planets = loader("de421.bsp")
-    observer = (planets["earth"] + wgs84.latlon(latitude, longitude)).at(time)
     stars = plan.stars[np.arange(0, len(plan.stars), 7)]
     target = Star(
         ra_hours=stars.ra_deg / 15,
@@ -108,7 +107,9 @@ def test_apparent_places_against_skyfield() -> None:
         dec_mas_per_year=stars.pm_dec_mas_yr,
         parallax_mas=np.maximum(stars.parallax_mas, 0),
     )
-    altitude, azimuth, _ = observer.observe(target).apparent().altaz()
+    with contextlib.closing(loader("de421.bsp")) as planets:
+        observer = (planets["earth"] + wgs84.latlon(latitude, longitude)).at(time)
+        altitude, azimuth, _ = observer.observe(target).apparent().altaz()
     rows = np.arange(0, len(plan.stars), 7)
     across = (plan.middle.azimuth_deg[rows] - azimuth.degrees + 180) % 360 - 180
     across *= np.cos(np.radians(altitude.degrees)) * 3600

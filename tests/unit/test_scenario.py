@@ -1,0 +1,148 @@
+"""Scenarios: what is accepted, what is refused and how, sweeps, hashes, attitudes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from small_scenes import BASE, small_scenario
+
+from generator.errors import ScenarioError
+from generator.scenario import Pointing, pointing_matrix
+from generator.scenario_file import load_scenario, parse_scenario
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "scenes" / "00_hello.yaml").read_text()
+
+REFUSED = {
+    "unknown key": ("bortle: 5", "bortle: 5\nskyy: 3", ["skyy", "unknown key", "did you mean 'sky'"]),
+    "wrong unit": ("hfov_deg: 120", "hfov_rad: 2.1", ["camera.hfov_rad", "'hfov_deg', in deg"]),
+    "wrong unit of time": ("exposure_s: 0.5", "exposure_ms: 500", ["time.exposure_ms", "'exposure_s', in s"]),
+    "unit in the value": ("hfov_deg: 120", "hfov_deg: 120 deg", ["camera.hfov_deg", "'120 deg'", "in deg"]),
+    "no unit": ("aperture_mm: 4", "aperture: 4", ["camera.aperture", "'aperture_mm', in mm"]),
+    "too large": ("hfov_deg: 120", "hfov_deg: 200", ["camera.hfov_deg", "200", "< 180"]),
+    "class out of range": ("bortle: 5", "bortle: 11", ["sky.bortle", "11", "<= 9"]),
+    "one swept value out of range": ("bortle: 5", "bortle: {sweep: [1, 2, 12]}", ["sky.bortle", "12", "<= 9"]),
+    "fraction for an integer": ("bortle: 5", "bortle: 4.5", ["sky.bortle", "4.5", "integer"]),
+    "missing": ("latitude_deg: 52.0", "height_m: 2", ["site.latitude_deg", "missing"]),
+    "time without zone": ("00:00Z", "00:00", ["time.utc_start", "2020-01-15T20:00:00", "ending in Z"]),
+    "no such date": ("2020-01-15", "2020-02-30", ["time.utc_start", "2020-02-30"]),
+    "not a number": ("latitude_deg: 52.0", "latitude_deg: .nan", ["site.latitude_deg", "nan", "finite"]),
+    "text for a number": ("width: 1080", "width: wide", ["camera.width", "'wide'", "integer"]),
+    "unknown attitude": ("zenith-north-up", "nadir", ["attitude", "'nadir'", "zenith-north-up"]),
+    "unknown key in attitude": ("zenith-north-up", "{azimuth_deg: 1, altitude: 3}", ["attitude.altitude", "'altitude_deg'"]),
+    "two brightnesses": ("bortle: 5", "bortle: 5\n  zenith_mag_arcsec2: 20", ["sky", "either"]),
+    "key twice": ("bortle: 5", "bortle: 5\n  bortle: 6", ["line", "'bortle'", "twice"]),
+    "negative seed": ("seed: 0", "seed: -1", ["seed", "-1"]),
+    "bad name": ("name: hello", "name: ../hello", ["name", "../hello"]),
+    "not YAML": ("site:", "site: [", ["line", "not valid YAML"]),
+    "alias": ("seed: 0", "seed: &a 0\ndescription: *a", ["line", "aliases"]),
+    "object": ("seed: 0", "seed: !!python/object/apply:os.getcwd []", ["not valid YAML"]),
+    "empty sweep": ("bortle: 5", "bortle: {sweep: []}", ["sky.bortle.sweep", "list"]),
+    "zip of unequal length": (
+        "bortle: 5",
+        "bortle: {sweep: [1, 2], zip: a}\nstars: {limiting_mag: {sweep: [5.0], zip: a}}",
+        ["zipped as 'a'", "sky.bortle (2)", "stars.limiting_mag (1)"],
+    ),
+    "unknown curve": ("bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: magic}", ["sensor.quantum_efficiency", "magic"]),
+    "falling wavelengths": (
+        "bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: [[600, 0.1], [500, 0.2]]}", ["wavelengths must increase"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", sorted(REFUSED))
+def test_refusal_names_file_key_found_and_allowed(case) -> None:
+    old, new, fragments = REFUSED[case]
+    assert old in TEXT
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(TEXT.replace(old, new), "mine.yaml")
+    message = str(caught.value)
+    assert message.startswith("mine.yaml")
+    for fragment in fragments:
+        assert fragment in message
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.yaml")), ids=lambda path: path.name)
+def test_shipped_scenarios_are_valid(path) -> None:
+    assert load_scenario(path).frame_count >= 1
+
+
+def test_unreadable_files_are_refused(tmp_path) -> None:
+    with pytest.raises(ScenarioError, match=r"nowhere\.yaml: cannot be read"):
+        load_scenario(tmp_path / "nowhere.yaml")
+    (tmp_path / "large.yaml").write_bytes(b"#" * 1_000_001)
+    with pytest.raises(ScenarioError, match="larger than"):
+        load_scenario(tmp_path / "large.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScenarioError, match="UTF-8"):
+        load_scenario(tmp_path / "binary.yaml")
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_accepted_or_refused_cleanly(text) -> None:
+    try:
+        parse_scenario(text, "any.yaml")
+    except ScenarioError as error:
+        assert str(error).startswith("any.yaml")
+
+
+def test_sweeps_multiply_and_zips_advance_together() -> None:
+    scenario = small_scenario(
+        site={"latitude_deg": {"sweep": [10.0, 20.0], "zip": "place"}, "longitude_deg": {"sweep": [1.0, 2.0], "zip": "place"}},
+        sky={"bortle": {"sweep": [3, 5, 7]}},
+    )
+    seen = [
+        (frame.site.latitude_deg, frame.site.longitude_deg, frame.sky.bortle)
+        for frame in map(scenario.frame, range(scenario.frame_count))
+    ]
+    assert seen == [(10, 1, 3), (10, 1, 5), (10, 1, 7), (20, 2, 3), (20, 2, 5), (20, 2, 7)]
+    with pytest.raises(IndexError):
+        scenario.frame(6)
+
+
+def test_hash_is_of_the_meaning() -> None:
+    """Comments, order and spelt-out defaults do not count; any value does, and so does the order of sweeps."""
+    base = small_scenario()
+    shuffled = yaml.safe_dump(dict(reversed(BASE.items())), sort_keys=False) + "# a comment\n"
+    assert parse_scenario(shuffled, "other.yaml").sha256 == base.sha256
+    assert small_scenario(camera__transmission=0.9).sha256 == base.sha256
+    others = {
+        small_scenario(seed=8).sha256,
+        small_scenario(sky={"bortle": 5}).sha256,
+        small_scenario(camera__transmission=0.8).sha256,
+        small_scenario(sky={"bortle": {"sweep": [4, 5]}}).sha256,
+        small_scenario(sky={"bortle": {"sweep": [5, 4]}}).sha256,
+    }
+    assert len(others | {base.sha256}) == 6
+
+
+def test_zenith_north_up_is_the_documented_matrix() -> None:
+    np.testing.assert_allclose(small_scenario().frame(0).R_cam, [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], atol=1e-15)
+
+
+@given(
+    st.floats(-360, 360), st.floats(-90, 90), st.floats(-360, 360)
+)
+def test_attitudes_are_rotations_with_the_boresight_where_asked(azimuth, altitude, roll) -> None:
+    matrix = pointing_matrix(Pointing(azimuth_deg=azimuth, altitude_deg=altitude, roll_deg=roll))
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(matrix) == pytest.approx(1)
+    a, h = np.radians([azimuth, altitude])
+    boresight = [np.sin(a) * np.cos(h), np.cos(a) * np.cos(h), np.sin(h)]
+    np.testing.assert_allclose(matrix[2], boresight, atol=1e-12)
+
+
+def test_level_camera_has_the_zenith_above_and_east_to_the_right_of_north() -> None:
+    matrix = pointing_matrix(Pointing(azimuth_deg=0.0, altitude_deg=0.0))
+    np.testing.assert_allclose(matrix @ [0, 0, 1], [0, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(matrix @ [1, 0, 0], [1, 0, 0], atol=1e-15)
+
+
+def test_roll_turns_the_camera_clockwise() -> None:
+    """Seen from behind, the camera turns to the right, so the zenith turns to the left in the image."""
+    matrix = pointing_matrix(Pointing(azimuth_deg=0.0, altitude_deg=0.0, roll_deg=30.0))
+    x, y, z = matrix @ [0, 0, 1]
+    assert (x, y, z) == pytest.approx((-0.5, -np.sqrt(0.75), 0))
