@@ -25,7 +25,7 @@ class Detections:
     uv : ndarray, shape (n, 2)
         Centroids, pixels.
     flux : ndarray, shape (n,), or None
-        Sum over the background in the image's unit; None where unknown.
+        Light above the background, up to a constant factor of the image's unit; None where unknown.
     shape : tuple of int or None
         Height and width of the image they come from.
     """
@@ -144,18 +144,22 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
     flux = np.asarray(np.bincount(label, weights=values, minlength=n + 1)[good], dtype=np.float64)
     uv = np.column_stack((u, v))
     if config.window_sigma_px is not None:
-        uv = windowed_centroids(light, uv, config.window_sigma_px)
+        uv, flux = windowed_centroids(light, uv, config.window_sigma_px)
     order = np.argsort(-flux, kind="stable")
     return Detections(uv[order], flux[order], pixels.shape)
 
 
-def windowed_centroids(light: F4, uv: F8, sigma_px: float) -> F8:
-    """Refine centroids, shape (n, 2), under a Gaussian window that follows them.
+def windowed_centroids(light: F4, uv: F8, sigma_px: float) -> tuple[F8, F8]:
+    """Refine centroids, shape (n, 2), under a Gaussian window that follows them, and measure the flux, shape (n,).
 
     The iteration x += 2 sum(w I (x_i - x)) / sum(w I) of the windowed positions of SExtractor (Bertin & Arnouts 1996,
     and its manual), which for a Gaussian star and a window of like width is nearly as good as a fit. Negative light
     counts: leaving it out would bias towards the window's middle. A centroid that wanders off by more than the window's
     width (light of a neighbour, no star) is left as it was.
+
+    The flux is twice the light under the window: the whole of it for a Gaussian star of the window's width, and for
+    another width a constant part. It keeps the brightness order in crowded fields, which the sum over a component that
+    has run into its neighbours does not.
     """
     height, width = light.shape
     reach = int(np.ceil(3 * sigma_px))
@@ -165,16 +169,18 @@ def windowed_centroids(light: F4, uv: F8, sigma_px: float) -> F8:
     inside = ((columns >= 0) & (columns < width))[:, None, :] & ((rows >= 0) & (rows < height))[:, :, None]
     patch = light[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]] * inside
     at = uv.copy()
+    flux = np.zeros(len(uv))
     for _ in range(6):
         du, dv = columns - at[:, :1], rows - at[:, 1:]
         window = np.exp(-0.5 * (dv[:, :, None] ** 2 + du[:, None, :] ** 2) / sigma_px**2) * patch
         total = window.sum(axis=(1, 2))
+        flux = 2 * total
         total = np.where(total > 0, total, np.inf)
         at[:, 0] += 2 * np.sum(window.sum(axis=1) * du, axis=1) / total
         at[:, 1] += 2 * np.sum(window.sum(axis=2) * dv, axis=1) / total
         np.clip(at, uv - 2 * sigma_px, uv + 2 * sigma_px, out=at)
     wandered = np.linalg.norm(at - uv, axis=1) > sigma_px
-    return np.where(wandered[:, None], uv, at)
+    return np.where(wandered[:, None], uv, at), np.maximum(flux, 0.0)
 
 
 def background_and_noise(pixels: F4, used: NDArray[np.bool_], tile_px: int) -> tuple[F4, F4]:
