@@ -6,7 +6,6 @@ itself is fetched from the package index, by its hash in requirements.lock.
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import importlib.util
 import os
@@ -79,20 +78,26 @@ def fetch_pip(folder: Path) -> Path:
 
 
 def supply_libatomic(python: Path) -> None:
-    """Let pip's LLVM load where the system has no libatomic, as in a minimal Debian.
+    """Put libatomic beside the libraries that need it, where the system has none, as in a minimal Debian or Ubuntu.
 
-    The C++ library in karellen-llvm-core lists libatomic.so.1 among its needs but takes no symbol from it. A link of that
-    name to the mathematics library, which every process has loaded anyway, satisfies the loader.
+    Dr.Jit's wheel and pip's LLVM link to libatomic.so.1 without bringing it (mitsuba-renderer/drjit issue 484). Its Debian
+    package can be downloaded and unpacked without being root.
     """
-    library = VENV / "lib" / "libLLVM.so"
-    folder = VENV / "lib" / "x86_64-unknown-linux-gnu"
-    probe = [str(python), "-c", f"import ctypes; ctypes.CDLL({str(library)!r})"]
-    if not library.exists() or "libatomic.so.1" not in subprocess.run(probe, capture_output=True, text=True).stderr:
+    probe = subprocess.run([str(python), "-c", "import ctypes; ctypes.CDLL('libatomic.so.1')"], capture_output=True)
+    if sys.platform != "linux" or probe.returncode == 0:
         return
-    ctypes.CDLL("libm.so.6")
-    mapped = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines()}
-    mathematics = next(path for path in sorted(mapped) if re.search(r"/libm[-.][^/]*$", path))
-    (folder / "libatomic.so.1").symlink_to(mathematics)
+    advice = "libatomic.so.1 is missing; install it: apt install libatomic1 (Debian, Ubuntu), dnf install libatomic (Fedora)"
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            subprocess.run(["apt-get", "--quiet=2", "download", "libatomic1"], cwd=folder, check=True)
+            (package,) = Path(folder).glob("libatomic1_*.deb")
+            subprocess.run(["dpkg-deb", "--extract", str(package), folder], check=True)
+            library = next(path for path in Path(folder).rglob("libatomic.so.1") if path.exists())
+        except (OSError, subprocess.CalledProcessError, ValueError, StopIteration):
+            sys.exit(advice)
+        needing = [*VENV.glob("lib/python*/site-packages/drjit"), *VENV.glob("lib/*-unknown-linux-gnu")]
+        for place in needing:
+            shutil.copyfile(library.resolve(), place / "libatomic.so.1")
 
 
 def run(command: list[str]) -> None:

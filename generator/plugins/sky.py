@@ -16,13 +16,19 @@ Radiance in photons s^-1 m^-2 nm^-1 sr^-1. The scene's z axis is up; the sky is 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from generator.plugins.spectra import SpectralTable
+from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky_brightness import AIRGLOW_LAYER_KM, ARTIFICIAL_AIRMASS_EXPONENT, EARTH_RADIUS_KM
+
+DISTANCE = 1e6
+"""How far away, in scene units, the sky is put for shadow rays."""
+
+UNIFORM_HEMISPHERE_DENSITY = 0.5 / math.pi
 
 ZENITH_AIRMASS = 0.99971
 """Kasten & Young's formula at the zenith."""
@@ -66,6 +72,35 @@ class DiffuseSkyEmitter(mi.Emitter):
     def eval(self, si: Any, active: Any = True) -> Any:
         """Mitsuba's interface: radiance along the ray that ended in `si`."""
         return dr.select(active, self.radiance(-si.wi, si.wavelengths), 0)
+
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        """Mitsuba's interface, for light on geometry: uniform over the upper hemisphere."""
+        direction = mi.warp.square_to_uniform_hemisphere(sample)
+        ds = dr.zeros(mi.DirectionSample3f, dr.width(sample))
+        ds.p = it.p + DISTANCE * direction
+        ds.n = -direction
+        ds.d = direction
+        ds.dist = mi.Float(DISTANCE)
+        ds.uv = sample
+        ds.time = it.time
+        ds.pdf = mi.Float(UNIFORM_HEMISPHERE_DENSITY)
+        ds.emitter = mi.EmitterPtr(self)
+        radiance = self.radiance(direction, it.wavelengths)
+        return ds, dr.select(active, radiance / UNIFORM_HEMISPHERE_DENSITY, 0)
+
+    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Mitsuba's interface: density of :meth:`sample_direction`, per sr."""
+        del it
+        return dr.select(active & (ds.d.z >= 0), mi.Float(UNIFORM_HEMISPHERE_DENSITY), 0)
+
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        """Mitsuba's interface: radiance from the sampled direction."""
+        return dr.select(active, self.radiance(ds.d, it.wavelengths), 0)
+
+    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        """Mitsuba's interface: uniform over the spectral range."""
+        del si, active
+        return stratified_wavelengths(sample), mi.Spectrum(1)
 
     def to_string(self) -> str:
         """Return a short description."""
