@@ -86,7 +86,9 @@ def supply_libatomic(python: Path) -> None:
     probe = subprocess.run([str(python), "-c", "import ctypes; ctypes.CDLL('libatomic.so.1')"], capture_output=True)
     if sys.platform != "linux" or probe.returncode == 0:
         return
-    advice = "libatomic.so.1 is missing; install it: apt install libatomic1 (Debian, Ubuntu), dnf install libatomic (Fedora)"
+    advice = (
+        "libatomic.so.1 is missing; install it: apt install libatomic1 (Debian, Ubuntu), dnf install libatomic (Fedora)"
+    )
     with tempfile.TemporaryDirectory() as folder:
         try:
             subprocess.run(["apt-get", "--quiet=2", "download", "libatomic1"], cwd=folder, check=True)

@@ -64,7 +64,8 @@ def test_spectra_close_on_catalogue_v_and_colour() -> None:
 
 
 @pytest.mark.parametrize(
-    ("mag", "radiance"), [(17, 6.713e11), (18, 2.672e11), (20, 4.235e10), (21, 1.686e10), (21.5, 1.064e10), (22, 6.713e9)]
+    ("mag", "radiance"),
+    [(17, 6.713e11), (18, 2.672e11), (20, 4.235e10), (21, 1.686e10), (21.5, 1.064e10), (22, 6.713e9)],
 )
 def test_surface_brightness_in_photons(mag, radiance) -> None:
     """Photons s^-1 m^-2 nm^-1 sr^-1 of V mag/arcsec^2, from the V zero point (0.1 %)."""
@@ -91,7 +92,9 @@ def test_electrons_of_a_star_at_the_zenith_without_atmosphere() -> None:
     cosine = np.sin(np.radians(plan.middle.altitude_deg))
     nearest = int(np.argmax(cosine))
     area_cm2 = math.pi / 4 * 0.4**2
-    zero_point_electrons = 995.9 * np.trapezoid([point[1] for point in V_BAND_QE], [10 * point[0] for point in V_BAND_QE])
+    zero_point_electrons = 995.9 * np.trapezoid(
+        [point[1] for point in V_BAND_QE], [10 * point[0] for point in V_BAND_QE]
+    )
     wanted = zero_point_electrons * area_cm2 * 0.5 * 10 ** (-0.4 * plan.stars.v_mag[nearest]) * cosine[nearest]
     assert cosine[nearest] > 0.99
     assert expected.star_electrons[nearest] == pytest.approx(wanted, rel=0.01)

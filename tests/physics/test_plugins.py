@@ -83,9 +83,7 @@ def test_attitude_may_change_during_the_exposure(mi) -> None:
     plan = plan_frame(small_scenario(camera__width=540, camera__height=360, sky=None, stars={"limiting_mag": 2.0}), 0)
     description = scene_dict(plan)
     angles = np.radians(np.linspace(-10, 10, 21))
-    turned = [
-        [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] @ plan.spec.R_cam for a in angles
-    ]
+    turned = [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] @ plan.spec.R_cam for a in angles]
     description["camera"]["attitude"] = mi.TensorXf(np.array(turned, dtype=np.float32))
     rolled = np.array(mi.render(mi.load_dict(description)))[:, :, 0].astype(np.float64)
     still = render_expected(plan).electrons.astype(np.float64)

@@ -38,7 +38,14 @@ def test_zenith_brightness_measured_back_from_the_frame(bortle) -> None:
 
 @pytest.mark.parametrize(
     ("zenith_deg", "at_87_km", "at_250_km"),
-    [(30, 1.150, 1.141), (45, 1.396, 1.365), (60, 1.924, 1.809), (70, 2.667, 2.342), (80, 4.223, 3.132), (90, 6.116, 3.676)],
+    [
+        (30, 1.150, 1.141),
+        (45, 1.396, 1.365),
+        (60, 1.924, 1.809),
+        (70, 2.667, 2.342),
+        (80, 4.223, 3.132),
+        (90, 6.116, 3.676),
+    ],
 )
 def test_van_rhijn(zenith_deg, at_87_km, at_250_km) -> None:
     assert float(van_rhijn(zenith_deg)) == pytest.approx(at_87_km, abs=6e-4)

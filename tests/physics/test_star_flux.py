@@ -62,7 +62,10 @@ def test_star_half_across_the_edge_leaves_its_expected_fraction() -> None:
     }
     for roll in (0.0, 37.0):
         centred = small_scenario(
-            sky=None, camera__hfov_deg=2 * half_field, stars={"limiting_mag": 1.0}, attitude=attitude | {"roll_deg": roll}
+            sky=None,
+            camera__hfov_deg=2 * half_field,
+            stars={"limiting_mag": 1.0},
+            attitude=attitude | {"roll_deg": roll},
         )
         plan = plan_frame(centred, 0)
         focal = plan.spec.camera.f_px
@@ -152,7 +155,10 @@ def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
         {
             "type": "scene",
             "stars": stars,
-            "floor": {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 1.0}}},
+            "floor": {
+                "type": "rectangle",
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 1.0}},
+            },
         }
     )
     import drjit as dr

@@ -91,7 +91,10 @@ def test_any_text_is_accepted_or_refused_cleanly(text) -> None:
 
 def test_sweeps_multiply_and_zips_advance_together() -> None:
     scenario = small_scenario(
-        site={"latitude_deg": {"sweep": [10.0, 20.0], "zip": "place"}, "longitude_deg": {"sweep": [1.0, 2.0], "zip": "place"}},
+        site={
+            "latitude_deg": {"sweep": [10.0, 20.0], "zip": "place"},
+            "longitude_deg": {"sweep": [1.0, 2.0], "zip": "place"},
+        },
         sky={"bortle": {"sweep": [3, 5, 7]}},
     )
     seen = [
@@ -123,9 +126,7 @@ def test_zenith_north_up_is_the_documented_matrix() -> None:
     np.testing.assert_allclose(small_scenario().frame(0).R_cam, [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], atol=1e-15)
 
 
-@given(
-    st.floats(-360, 360), st.floats(-90, 90), st.floats(-360, 360)
-)
+@given(st.floats(-360, 360), st.floats(-90, 90), st.floats(-360, 360))
 def test_attitudes_are_rotations_with_the_boresight_where_asked(azimuth, altitude, roll) -> None:
     matrix = pointing_matrix(Pointing(azimuth_deg=azimuth, altitude_deg=altitude, roll_deg=roll))
     np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
