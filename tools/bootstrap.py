@@ -91,7 +91,9 @@ def supply_libatomic(python: Path) -> None:
     )
     with tempfile.TemporaryDirectory() as folder:
         try:
-            subprocess.run(["apt-get", "--quiet=2", "download", "libatomic1"], cwd=folder, check=True)
+            subprocess.run(
+                ["apt-get", "--quiet=2", "download", "libatomic1"], cwd=folder, check=True, stderr=subprocess.DEVNULL
+            )
             (package,) = Path(folder).glob("libatomic1_*.deb")
             subprocess.run(["dpkg-deb", "--extract", str(package), folder], check=True)
             library = next(path for path in Path(folder).rglob("libatomic.so.1") if path.exists())

@@ -36,7 +36,7 @@ def test_is_continuous_and_falls_with_altitude() -> None:
 def test_agrees_with_erfa_s_own_observed_places() -> None:
     """Against erfa.atco13 with air: 0.001 arcsec above 30 deg."""
     utc = (2458849.5, 0.25)
-    azimuth_air, zenith_air, *_ = erfa.atco13(
+    _, zenith_air, *_ = erfa.atco13(
         np.radians(np.linspace(0, 359, 400)), np.full(400, 0.5), 0.0, 0.0, 0.0, 0.0, *utc, -0.177, 0.1, 0.9, 0.0, 0.0, 0.0,
         850.0, -5.0, 0.3, 0.55,
     )  # fmt: skip

@@ -21,12 +21,12 @@ def test_round_trip_and_arithmetic_over_a_leap_second() -> None:
      "2020-01-01T24:00:00Z", "2020-01-01T12:60:00Z", "2020-01-01T12:00:60Z", "now", "", "2020-01-01"],
 )  # fmt: skip
 def test_other_texts_are_refused(text) -> None:
-    with pytest.raises(ValueError, match="2020|2021|is not a UTC time"):
+    with pytest.raises(ValueError, match=r"2020|2021|is not a UTC time"):
         Instant.parse(text)
 
 
 def test_against_astropy_s_reading_of_the_same_table() -> None:
-    """Across the leap second of 2017 too; astropy takes the final values of Bulletin B, which differ by 0.2 mas in the pole."""
+    """Across the leap second of 2017 too; astropy takes Bulletin B's final values, which differ by 0.2 mas in the pole."""
     table = iers.IERS_A.open()
     for text in ("1999-05-05T06:00:00Z", "2016-12-31T18:00:00Z", "2017-01-01T06:00:00Z", "2024-11-03T17:20:00Z"):
         instant = Instant.parse(text)
@@ -37,13 +37,7 @@ def test_against_astropy_s_reading_of_the_same_table() -> None:
         np.testing.assert_allclose([ours.polar_motion_x_arcsec, ours.polar_motion_y_arcsec], [x, y], atol=3e-4)
 
 
-@pytest.mark.parametrize("text", ["1972-01-01T00:00:00Z", "2045-01-01T00:00:00Z"])
+@pytest.mark.parametrize("text", ["1972-06-01T00:00:00Z", "2029-01-01T00:00:00Z"])
 def test_outside_the_table_is_an_error_with_a_remedy(text) -> None:
-    with pytest.warns(Warning) if text.startswith("2045") else _nothing(), pytest.raises(TimeRangeError, match="table"):
+    with pytest.raises(TimeRangeError, match="Earth orientation table"):
         earth_orientation(Instant.parse(text))
-
-
-def _nothing():
-    import contextlib
-
-    return contextlib.nullcontext()
