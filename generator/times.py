@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+import warnings
 from dataclasses import dataclass
 
 import astropy_iers_data
@@ -42,9 +43,13 @@ class Instant:
         if hour > 23 or minute > 59 or second >= (61 if leap_second_possible else 60):
             raise ValueError(f"{text!r} has no such time of day")
         try:
-            utc1, utc2 = erfa.dtf2d("UTC", year, month, day, hour, minute, second)
-        except (erfa.ErfaError, erfa.ErfaWarning) as error:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", erfa.ErfaWarning)
+                utc1, utc2 = erfa.dtf2d("UTC", year, month, day, hour, minute, second)
+        except erfa.ErfaError as error:
             raise ValueError(f"{text!r} is not a date: {error}") from error
+        except erfa.ErfaWarning as error:
+            raise ValueError(f"{text!r}: leap seconds are not known for that year") from error
         return cls(float(utc1), float(utc2))
 
     def plus(self, seconds: float) -> Instant:

@@ -5,7 +5,7 @@ import pytest
 from astropy.utils import iers
 
 from generator.errors import TimeRangeError
-from generator.times import Instant, earth_orientation
+from generator.times import Instant, _finals2000a, earth_orientation
 
 
 def test_round_trip_and_arithmetic_over_a_leap_second() -> None:
@@ -37,7 +37,15 @@ def test_against_astropy_s_reading_of_the_same_table() -> None:
         np.testing.assert_allclose([ours.polar_motion_x_arcsec, ours.polar_motion_y_arcsec], [x, y], atol=3e-4)
 
 
-@pytest.mark.parametrize("text", ["1972-06-01T00:00:00Z", "2029-01-01T00:00:00Z"])
-def test_outside_the_table_is_an_error_with_a_remedy(text) -> None:
-    with pytest.raises(TimeRangeError, match="Earth orientation table"):
-        earth_orientation(Instant.parse(text))
+@pytest.mark.parametrize("days", [-1.0, 1.0])
+def test_outside_the_table_is_an_error_with_a_remedy(days) -> None:
+    table = _finals2000a()
+    edge = table[0, 0] if days < 0 else table[-1, 0]
+    with pytest.raises(TimeRangeError, match="Earth orientation table.*update astropy-iers-data"):
+        earth_orientation(Instant(2400000.5, edge + days))
+
+
+@pytest.mark.parametrize("text", ["1950-01-01T00:00:00Z", "2099-01-01T00:00:00Z"])
+def test_years_without_known_leap_seconds_are_refused(text) -> None:
+    with pytest.raises(ValueError, match="leap seconds are not known"):
+        Instant.parse(text)
