@@ -41,7 +41,7 @@ def test_against_astropy_s_reading_of_the_same_table() -> None:
 def test_outside_the_table_is_an_error_with_a_remedy(days) -> None:
     table = _finals2000a()
     edge = table[0, 0] if days < 0 else table[-1, 0]
-    with pytest.raises(TimeRangeError, match="Earth orientation table.*update astropy-iers-data"):
+    with pytest.raises(TimeRangeError, match=r"Earth orientation table.*update astropy-iers-data"):
         earth_orientation(Instant(2400000.5, edge + days))
 
 
