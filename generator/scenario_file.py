@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import functools
 import hashlib
 import json
+import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,17 +19,16 @@ from pydantic import BaseModel, ValidationError
 from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario import FrameSpec
+from generator.seeds import random_stream
+from generator.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 
 LARGEST_FILE_BYTES = 1_000_000
 LARGEST_FRAME_COUNT = 10_000_000
-DEEPEST_NESTING = 20
-HEADER_KEYS = ("name", "description", "seed")
+HEADER_KEYS = ("name", "description", "seed", "frames")
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _UNIT_SUFFIX = re.compile(
     r"_(deg|rad|arcsec|arcmin|nm|um|mm|cm|m|km|s|ms|us|min|h|px|e|e_s|dn|mag|hpa|pa|mbar|c|k|f|du)$"
 )
-
-KeyPath = tuple[str, ...]
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -56,15 +57,6 @@ _StrictLoader.yaml_implicit_resolvers = {
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """Values that one key takes over the frames; sweeps with the same `zip_name` advance together."""
-
-    path: KeyPath
-    values: tuple[Any, ...]
-    zip_name: str | None
-
-
-@dataclass(frozen=True)
 class Scenario:
     """A validated scenario.
 
@@ -73,10 +65,14 @@ class Scenario:
     name, description : str
     seed : int
         Root of all random streams.
+    repeats : int
+        Frames per combination of swept values (the file's key ``frames``).
     template : dict
-        The tree of frame values, sweeps included.
+        The tree of frame values, sweeps and distributions included.
     axes : tuple of tuples of Sweep
         One axis per sweep or per zip name, slowest first.
+    draws : tuple of Draw
+        Distributions.
     source : str
         File name, for messages.
     """
@@ -84,55 +80,100 @@ class Scenario:
     name: str
     description: str
     seed: int
+    repeats: int
     template: dict[str, Any]
     axes: tuple[tuple[Sweep, ...], ...]
+    draws: tuple[Draw, ...]
     source: str = field(compare=False)
 
     @property
+    def combination_count(self) -> int:
+        """Number of combinations of swept values: the product of the axes' lengths."""
+        return math.prod(len(axis[0].values) for axis in self.axes)
+
+    @property
     def frame_count(self) -> int:
-        """Number of frames: the product of the axes' lengths."""
-        count = 1
-        for axis in self.axes:
-            count *= len(axis[0].values)
-        return count
+        """Number of frames: combinations times repeats."""
+        return self.combination_count * self.repeats
 
     def frame(self, index: int) -> FrameSpec:
-        """Return frame `index` (0 to frame_count - 1) with every value fixed.
+        """Return frame `index` (0 to frame_count - 1) with every value fixed; repeats of a combination stand together.
 
         Raises
         ------
         IndexError
             There is no such frame.
         ScenarioError
-            The combination of values is not acceptable.
+            The values are not acceptable.
         """
         if not 0 <= index < self.frame_count:
             raise IndexError(f"scenario '{self.name}' has frames 0 to {self.frame_count - 1}, not {index}")
-        chosen: dict[KeyPath, Any] = {}
-        for axis in reversed(self.axes):
-            index, position = divmod(index, len(axis[0].values))
-            chosen |= {sweep.path: sweep.values[position] for sweep in axis}
+        chosen = self._swept(index // self.repeats)
+        for draw in self.draws:
+            if not draw.distribution.needs_site:
+                chosen[draw.path] = draw.distribution.draw(random_stream(self.seed, draw.stream, index), None)
+        for draw in self.draws:
+            if draw.distribution.needs_site:
+                observer = _observer(_resolve(self.template.get("site"), chosen, ("site",)))
+                try:
+                    value = draw.distribution.draw(random_stream(self.seed, draw.stream, index), observer)
+                except ScenarioError as error:
+                    raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: frame {index}: {error}") from error
+                chosen[draw.path] = value
         return _validate(_resolve(self.template, chosen), self.source)
 
-    @property
+    def _swept(self, combination: int) -> dict[KeyPath, Any]:
+        """Values of the sweeps in one combination."""
+        chosen: dict[KeyPath, Any] = {}
+        for axis in reversed(self.axes):
+            combination, position = divmod(combination, len(axis[0].values))
+            chosen |= {sweep.path: sweep.values[position] for sweep in axis}
+        return chosen
+
+    def check(self) -> None:
+        """Validate every swept value, and both ends of every distribution, before any work. Raises ScenarioError."""
+        ends = [draw.distribution.typical() for draw in self.draws]
+        first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
+        stride = 1
+        for axis in reversed(self.axes):
+            for position in range(len(axis[0].values)):
+                _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
+            stride *= len(axis[0].values)
+        for draw, values in zip(self.draws, ends, strict=True):
+            for value in values:
+                _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
+        _validate(_resolve(self.template, self._swept(0) | first), self.source)
+
+    @functools.cached_property
     def sha256(self) -> str:
         """Hash of what the scenario means: values with all defaults filled in, and skybench's version."""
-        complete = self.frame(0).model_dump(mode="json")
-        meaning = {"format": 1, "skybench": __version__, "name": self.name, "seed": self.seed, "frame": complete}
-        for axis in self.axes:
-            for sweep in axis:
-                parent: Any = complete
-                for key in sweep.path[:-1]:
-                    parent = parent[key] if isinstance(parent.get(key), dict) else parent.setdefault(key, {})
-                parent[sweep.path[-1]] = {"sweep": sweep.values, "zip": sweep.zip_name}
-        meaning["axes"] = [[".".join(sweep.path) for sweep in axis] for axis in self.axes]
+        first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
+        complete = _validate(_resolve(self.template, self._swept(0) | first), self.source).model_dump(mode="json")
+        varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
+        varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
+        for path in [*self._swept(0), *first]:
+            parent: Any = complete
+            for key in path[:-1]:
+                parent = parent.get(key) if isinstance(parent, dict) else None
+            if isinstance(parent, dict):
+                parent.pop(path[-1], None)
+        meaning = {
+            "format": 1,
+            "skybench": __version__,
+            "name": self.name,
+            "seed": self.seed,
+            "frames": self.repeats,
+            "frame": complete,
+            "varied": varied,
+            "axes": [[".".join(sweep.path) for sweep in axis] for axis in self.axes],
+        }
         return hashlib.sha256(json.dumps(meaning, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def load_scenario(path: Path) -> Scenario:
     """Read, check and return a scenario file.
 
-    Every swept value is checked here, before any work.
+    Every swept value and both ends of every distribution are checked here, before any work.
 
     Raises
     ------
@@ -160,47 +201,24 @@ def parse_scenario(text: str, source: str) -> Scenario:
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise ScenarioError(f"{source}: not valid YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(tree, dict):
-        raise ScenarioError(f"{source}: found {_describe(tree)}, expected a mapping of keys such as site, time, camera")
+        raise ScenarioError(f"{source}: found {describe(tree)}, expected a mapping of keys such as site, time, camera")
     header = {key: tree.pop(key) for key in HEADER_KEYS if key in tree}
     name, description, seed = header.get("name"), header.get("description", ""), header.get("seed", 0)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise ScenarioError(f"{source}: name: found {_describe(name)}, expected 1 to 64 of a-z, 0-9, _ and -")
+        raise ScenarioError(f"{source}: name: found {describe(name)}, expected 1 to 64 of a-z, 0-9, _ and -")
     if not isinstance(description, str):
-        raise ScenarioError(f"{source}: description: found {_describe(description)}, expected text")
+        raise ScenarioError(f"{source}: description: found {describe(description)}, expected text")
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**64:
-        raise ScenarioError(f"{source}: seed: found {_describe(seed)}, expected an integer from 0 to 2^64 - 1")
-    scenario = Scenario(name, description, seed, tree, _axes(list(_sweeps(tree, (), source)), source), source)
+        raise ScenarioError(f"{source}: seed: found {describe(seed)}, expected an integer from 0 to 2^64 - 1")
+    repeats = header.get("frames", 1)
+    if not isinstance(repeats, int) or isinstance(repeats, bool) or repeats < 1:
+        raise ScenarioError(f"{source}: frames: found {describe(repeats)}, expected a positive integer")
+    sweeps, draws = find_variations(tree, source)
+    scenario = Scenario(name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source)
     if scenario.frame_count > LARGEST_FRAME_COUNT:
-        raise ScenarioError(f"{source}: the sweeps make {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
-    stride = 1
-    for axis in reversed(scenario.axes):
-        for position in range(len(axis[0].values)):
-            scenario.frame(position * stride)
-        stride *= len(axis[0].values)
-    scenario.frame(0)
+        raise ScenarioError(f"{source}: it makes {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
+    scenario.check()
     return scenario
-
-
-def _sweeps(tree: Any, path: KeyPath, source: str) -> Iterator[Sweep]:
-    """Find the sweeps of a tree, in the order in which they are written."""
-    if len(path) > DEEPEST_NESTING:
-        raise ScenarioError(f"{source}: {'.'.join(path[:3])}…: nested deeper than {DEEPEST_NESTING} levels")
-    if not isinstance(tree, dict):
-        return
-    if "sweep" in tree:
-        where = ".".join(path) or "(top)"
-        unknown = sorted(str(key) for key in tree if key not in ("sweep", "zip"))
-        if unknown:
-            raise ScenarioError(f"{source}: {where}.{unknown[0]}: unknown key; a sweep has the keys sweep and zip")
-        values, zip_name = tree["sweep"], tree.get("zip")
-        if not isinstance(values, list) or not values:
-            raise ScenarioError(f"{source}: {where}.sweep: found {_describe(values)}, expected a list of values")
-        if zip_name is not None and not isinstance(zip_name, str):
-            raise ScenarioError(f"{source}: {where}.zip: found {_describe(zip_name)}, expected a name")
-        yield Sweep(path, tuple(values), zip_name)
-        return
-    for key, value in tree.items():
-        yield from _sweeps(value, (*path, str(key)), source)
 
 
 def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
@@ -223,6 +241,16 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
     if isinstance(tree, dict):
         return {key: _resolve(value, chosen, (*path, str(key))) for key, value in tree.items()}
     return tree
+
+
+def _observer(site: Any) -> Observer | None:
+    """The site's position, when it has one."""
+    if not isinstance(site, dict):
+        return None
+    latitude, longitude = site.get("latitude_deg"), site.get("longitude_deg")
+    if not isinstance(latitude, int | float) or not isinstance(longitude, int | float):
+        return None
+    return Observer(float(latitude), float(longitude))
 
 
 def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
@@ -255,7 +283,7 @@ def _message(problem: Any, source: str) -> str:
     unit = _UNIT_SUFFIX.search(str(location[-1])) if location else None
     if isinstance(problem["input"], str) and unit and kind.startswith(("float", "int")):
         expected += f" in {unit.group(1)}, without a unit of its own"
-    return f"{source}: {where}: found {_describe(problem['input'])}, expected {expected}"
+    return f"{source}: {where}: found {describe(problem['input'])}, expected {expected}"
 
 
 def _suggestion(location: tuple[Any, ...]) -> str:
@@ -277,8 +305,3 @@ def _suggestion(location: tuple[Any, ...]) -> str:
             return f"; this quantity is '{key}'" + (f", in {unit.group(1)}" if unit else ", without a unit")
     close = difflib.get_close_matches(wanted, known, n=1)
     return (f"; did you mean '{close[0]}'?" if close else "") + f" Allowed: {', '.join(known)}"
-
-
-def _describe(value: Any) -> str:
-    text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
-    return text if len(text) <= 60 else text[:57] + "..."
