@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmark import bench_cli
+from benchmark import bench_cli, dataset_cli
+from benchmark.cli_errors import fail
 
 app = typer.Typer(
     help="Render synthetic night skies, solve them, and compare solvers.",
@@ -18,15 +19,11 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.add_typer(bench_cli.app, name="bench")
+app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.plan)
+app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
+app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
-EXIT_BAD_INPUT = 2
-
-
-def fail(error: Exception) -> NoReturn:
-    """Print an error as it is and exit 2: what the user gave is not acceptable."""
-    typer.echo(f"skybench: {error}", err=True)
-    raise typer.Exit(EXIT_BAD_INPUT)
 
 
 def frame_progress() -> Progress:

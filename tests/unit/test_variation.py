@@ -40,7 +40,10 @@ def test_uniform_normal_and_sphere_follow_their_laws() -> None:
     assert stats.kstest(values(scenario, "camera", "psf_sigma_px"), truncated.cdf).pvalue > FALSE_ALARM
     counts = np.bincount(values(scenario, "sky", "bortle"), minlength=10)[1:]
     assert stats.chisquare(counts).pvalue > FALSE_ALARM
-    assert stats.chisquare(np.unique(values(scenario, "camera", "aperture_mm"), return_counts=True)[1]).pvalue > FALSE_ALARM
+    assert (
+        stats.chisquare(np.unique(values(scenario, "camera", "aperture_mm"), return_counts=True)[1]).pvalue
+        > FALSE_ALARM
+    )
 
 
 def test_times_keep_the_sun_below() -> None:
@@ -84,7 +87,7 @@ def test_midnight_sun_is_an_error_that_says_so() -> None:
         site__latitude_deg=80.0,
         time__utc_start={"utc": ["2020-06-01T00:00:00Z", "2020-06-10T00:00:00Z"], "sun_below_deg": -6},
     )
-    with pytest.raises(ScenarioError, match="time.utc_start: frame 0: the Sun is not below -6 deg at latitude 80"):
+    with pytest.raises(ScenarioError, match=r"time.utc_start: frame 0: the Sun is not below -6 deg at latitude 80"):
         scenario.frame(0)
 
 
@@ -97,7 +100,9 @@ def test_frames_multiply_with_sweeps_and_differ() -> None:
 
 def test_one_distribution_does_not_disturb_another() -> None:
     alone = small_scenario(frames=4, site__latitude_deg={"uniform": [0, 60]})
-    beside = small_scenario(frames=4, site__latitude_deg={"uniform": [0, 60]}, camera__aperture_mm={"uniform": [2.0, 5.0]})
+    beside = small_scenario(
+        frames=4, site__latitude_deg={"uniform": [0, 60]}, camera__aperture_mm={"uniform": [2.0, 5.0]}
+    )
     assert values(alone, "site", "latitude_deg").tolist() == values(beside, "site", "latitude_deg").tolist()
 
 

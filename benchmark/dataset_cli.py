@@ -1,0 +1,162 @@
+"""Commands on datasets: plan, generate, verify."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from benchmark.cli_errors import fail
+from generator.errors import GeneratorError
+
+_Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
+SECONDS_PER_MEGAPIXEL = 0.9
+BYTES_PER_PIXEL = 1.1
+BYTES_PER_STAR = 85
+
+
+def plan(scenario: _Scenario) -> None:
+    """Print what a scenario would make: frames, values, time and size."""
+    from generator.frame_plan import plan_frame
+    from generator.scenario_file import load_scenario
+
+    try:
+        loaded = load_scenario(scenario)
+        first = plan_frame(loaded, 0)
+    except GeneratorError as error:
+        fail(error)
+    camera = first.spec.camera
+    pixels = camera.width * camera.height
+    size = loaded.frame_count * (pixels * BYTES_PER_PIXEL + len(first.stars) * BYTES_PER_STAR / 3)
+    seconds = loaded.frame_count * pixels / 1e6 * SECONDS_PER_MEGAPIXEL / (os.cpu_count() or 1)
+    table = Table("", loaded.name, show_header=True)
+    table.add_row("frames", f"{loaded.frame_count} ({loaded.combination_count} combinations x {loaded.repeats})")
+    for axis in loaded.axes:
+        for sweep in axis:
+            table.add_row(f"sweep {'.'.join(sweep.path)}", _listing(sweep.values))
+    for draw in loaded.draws:
+        table.add_row(f"draw {'.'.join(draw.path)}", str(draw.distribution))
+    table.add_row("image", f"{camera.width} x {camera.height}, {first.spec.sensor.bits} bits")
+    table.add_row("about", f"{size / 1e6:.0f} MB, {seconds / 60:.1f} min on {os.cpu_count()} cores")
+    table.add_row("scenario hash", loaded.sha256)
+    Console().print(table)
+
+
+def _listing(values: tuple[object, ...]) -> str:
+    shown = ", ".join(str(value) for value in values[:12])
+    return shown + (f", … ({len(values)})" if len(values) > 12 else "")
+
+
+def generate(
+    scenario: _Scenario,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the dataset; a begun one is continued.")],
+    frames: Annotated[str, typer.Option("--frames", metavar="FIRST:STOP", help="Frames to make, STOP excluded.")] = "",
+    split: Annotated[str, typer.Option("--split", help="Name of the split.")] = "train",
+    shard_size: Annotated[int, typer.Option("--shard-size", min=1, help="Frames per shard.")] = 100,
+    exr: Annotated[bool, typer.Option("--exr", help="Store the expected electrons too.")] = False,
+    codec: Annotated[str, typer.Option("--codec", help="png, or jxl (lossless JPEG XL).")] = "png",
+    workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
+    or 1,
+    part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "0/1",
+    as_json: Annotated[bool, typer.Option("--json", help="Report progress as JSON lines on standard output.")] = False,
+) -> None:
+    """Make a dataset in shards; killed and started again, it goes on where it was."""
+    from generator.dataset.generate import generate as make
+    from generator.dataset.layout import DatasetSpec
+    from generator.dataset.run import Part
+    from generator.dataset.shard import ShardReport
+    from generator.scenario_file import load_scenario
+
+    started = time.monotonic()
+    try:
+        loaded = load_scenario(scenario)
+        chosen = _range(frames, loaded.frame_count)
+        index, count = _part(part)
+        spec = DatasetSpec(split, shard_size, exr, codec)
+        done = failed = 0
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TaskProgressColumn(show_speed=True),
+                   TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
+        with Progress(*columns, console=Console(stderr=True), disable=as_json) as progress:
+            task = progress.add_task("rendering", total=chosen[1] - chosen[0], rate="")
+
+            def frame_done(frame: int) -> None:
+                nonlocal done
+                done += 1
+                rate = done / (time.monotonic() - started)
+                progress.update(task, advance=1, rate=f"{rate:.1f} frames/s, {failed} failed")
+                if as_json:
+                    typer.echo(
+                        json.dumps({"event": "frame", "index": frame, "done": done, "frames_per_s": round(rate, 3)})
+                    )
+
+            def shard_done(report: ShardReport) -> None:
+                nonlocal failed
+                failed += len(report.failures)
+                if report.skipped:
+                    progress.advance(task, report.shard.stop - report.shard.first)
+                if as_json:
+                    state = "kept" if report.skipped else "done" if report.complete else "failed"
+                    failures = [asdict(failure) for failure in report.failures]
+                    typer.echo(
+                        json.dumps({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
+                    )
+
+            report = make(loaded, scenario.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
+                          frame_done, shard_done)  # fmt: skip
+    except GeneratorError as error:
+        fail(error)
+    for failure in report.failures:
+        typer.echo(f"skybench: frame {failure.index} failed: {failure.error}", err=True)
+    finished = not report.missing
+    if as_json:
+        typer.echo(json.dumps({"event": "end", "finished": finished, "missing_shards": len(report.missing)}))
+    elif finished:
+        typer.echo(f"{chosen[1] - chosen[0]} frames in {out}; check them with: skybench verify {out}")
+    else:
+        typer.echo(f"{len(report.missing)} shards are still missing in {out}")
+    raise typer.Exit(1 if report.failures else 0)
+
+
+def _range(text: str, count: int) -> tuple[int, int]:
+    if not text:
+        return 0, count
+    first, colon, stop = text.partition(":")
+    if not colon or not first.isdigit() or not stop.isdigit():
+        raise GeneratorError(f"--frames {text}: expected FIRST:STOP, for example 120:121")
+    return int(first), int(stop)
+
+
+def _part(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    if not slash or not index.isdigit() or not count.isdigit():
+        raise GeneratorError(f"--part {text}: expected I/N, for example 0/4")
+    return int(index), int(count)
+
+
+def verify(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")]) -> None:
+    """Check every file of a dataset against its manifest, and the manifest against its scenario."""
+    from generator.dataset.verify import problems
+
+    with Console(stderr=True).status("reading") as status:
+        found = problems(folder, lambda path: status.update(f"reading {path}"))
+    for problem in found:
+        typer.echo(problem)
+    if not found:
+        typer.echo(f"{folder}: whole")
+    raise typer.Exit(1 if found else 0)

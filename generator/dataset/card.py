@@ -1,0 +1,152 @@
+"""The dataset card: a README for people, with the recipe, figures of the set, and its limits."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from pathlib import Path
+
+import altair as alt
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import vl_convert
+from numpy.typing import NDArray
+
+from generator import __version__
+from generator.dataset.images import decode
+from generator.dataset.layout import CARD, SCENARIO_COPY, DatasetSpec, Shard, divide
+from generator.files import write_bytes
+from generator.pictures import contact_sheet
+from generator.scenario_file import Scenario
+
+FIGURES = "card"
+SHEET = f"{FIGURES}/contact-sheet.png"
+HISTOGRAMS = f"{FIGURES}/histograms.svg"
+FRAMES_ON_SHEET = 12
+
+_HISTOGRAMS = (
+    ("latitude_deg", "latitude, deg"),
+    ("longitude_deg", "longitude, deg"),
+    ("exposure_s", "exposure, s"),
+    ("zenith_mag_arcsec2", "zenith, V mag/arcsec²"),
+    ("limiting_mag", "faintest star drawn, V"),
+    ("n_in_field", "stars in the field"),
+)
+
+
+def write_card(folder: Path, scenario: Scenario, spec: DatasetSpec, first: int, stop: int) -> list[str]:
+    """Write README.md and its figures; return the figures' paths from the dataset's root."""
+    shards = divide(scenario, spec, first, stop)
+    frames = pd.concat([pq.read_table(folder / shard.frames).to_pandas() for shard in shards], ignore_index=True)
+    stars = sum(pq.ParquetFile(folder / shard.stars).metadata.num_rows for shard in shards)
+    (folder / FIGURES).mkdir(exist_ok=True)
+    sheet = io.BytesIO()
+    contact_sheet(_samples(folder, shards, frames)).save(sheet, format="PNG", optimize=True)
+    write_bytes(folder / SHEET, sheet.getvalue())
+    write_bytes(folder / HISTOGRAMS, histograms(frames).encode())
+    write_bytes(folder / CARD, card_text(scenario, spec, first, stop, frames, stars).encode())
+    return [SHEET, HISTOGRAMS]
+
+
+def _samples(folder: Path, shards: list[Shard], frames: pd.DataFrame) -> list[NDArray[np.uint16]]:
+    """Images of frames spread evenly over the dataset."""
+    rows = np.unique(np.linspace(0, len(frames) - 1, min(FRAMES_ON_SHEET, len(frames))).round().astype(int))
+    archives = {shard.stem: folder / shard.tar for shard in shards}
+    pictures = []
+    for row in rows:
+        frame = frames.iloc[row]
+        with tarfile.open(archives[frame["shard"]], "r:") as archive:
+            member = archive.extractfile(frame["image"])
+            assert member is not None, "a shard holds every image that its table names"
+            pictures.append(decode(member.read(), Path(frame["image"]).suffix[1:]))
+    return pictures
+
+
+def histograms(frames: pd.DataFrame) -> str:
+    """SVG of the distributions of a dataset's main conditions; columns without spread are left out."""
+    charts = []
+    for column, title in _HISTOGRAMS:
+        values = frames[column].dropna()
+        if values.nunique() < 2:
+            continue
+        counts, edges = np.histogram(values, bins=min(30, max(5, values.nunique())))
+        data = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "frames": counts})
+        charts.append(
+            alt.Chart(data, width=260, height=130)
+            .mark_bar(color="#3b6ea5")
+            .encode(
+                x=alt.X("low:Q", title=title, scale=alt.Scale(zero=False, nice=False)),
+                x2="high:Q",
+                y=alt.Y("frames:Q", title="frames"),
+            )
+        )
+    if not charts:
+        charts = [
+            alt.Chart(pd.DataFrame({"text": ["every frame has the same conditions"]})).mark_text().encode(text="text:N")
+        ]
+    return str(vl_convert.vegalite_to_svg(alt.concat(*charts, columns=3).to_json()))
+
+
+def card_text(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, frames: pd.DataFrame, stars: int) -> str:
+    """Markdown of the card."""
+    conditions = "\n".join(
+        f"| {title} | {frames[column].min():.4g} | {frames[column].median():.4g} | {frames[column].max():.4g} |"
+        for column, title in _HISTOGRAMS
+        if frames[column].notna().any()
+    )
+    electrons = ", `.exr` (expected electrons)" if spec.exr else ""
+    options = f"--split {spec.split} --shard-size {spec.shard_size}" + (" --exr" if spec.exr else "")
+    options += f" --codec {spec.codec}" if spec.codec != "png" else ""
+    options += f" --frames {first}:{stop}" if (first, stop) != (0, scenario.frame_count) else ""
+    return f"""---
+license: cc-by-4.0
+task_categories: [other]
+tags: [astronomy, star-identification, celestial-navigation, synthetic]
+configs:
+- config_name: frames
+  data_files: [{{split: {spec.split}, path: frames/{spec.split}/*.parquet}}]
+- config_name: stars
+  data_files: [{{split: {spec.split}, path: stars/{spec.split}/*.parquet}}]
+---
+
+# {scenario.name}
+
+{scenario.description or "Synthetic night-sky frames."}
+
+{stop - first} frames and {stars} rows of star truth, rendered by skybench {__version__}.
+
+![Frames spread over the dataset]({SHEET})
+
+## Make it again
+
+```
+skybench generate {SCENARIO_COPY} --out DIR {options}
+```
+
+gives the same bytes (scenario SHA-256 `{scenario.sha256}`, seed {scenario.seed}). `skybench verify DIR` checks them.
+
+## What is in it
+
+| condition | least | median | greatest |
+|---|---|---|---|
+{conditions}
+
+![Distributions of conditions]({HISTOGRAMS})
+
+| file | holds |
+|---|---|
+| `data/{spec.split}/shard-*.tar` | WebDataset: `frame-NNNNN.{spec.codec}` (16-bit DN), `.json` (frame record){electrons} |
+| `frames/{spec.split}/*.parquet` | one row per frame |
+| `stars/{spec.split}/*.parquet` | one row per frame and star |
+| `manifest.json` | every file with its size and SHA-256 |
+| `croissant.json` | Croissant 1.1 |
+| `{SCENARIO_COPY}` | the recipe |
+
+Columns and units: docs/dataset_format.md of skybench; units also stand in the Parquet schema.
+
+## Limits
+
+The frames are synthetic. Each physical model with its source and limits is listed in docs/physics.md of skybench. The
+catalogue is complete to V 7 (90 % at V 8).
+"""

@@ -1,0 +1,75 @@
+"""The table of frames: one row per frame, the scalars of its record."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import pyarrow as pa
+
+_UNITS = {
+    "_deg": "deg", "_m": "m", "_s": "s", "_arcsec": "arcsec", "_px": "px", "_mm": "mm", "_hpa": "hPa", "_c": "deg C",
+    "_e": "e", "_dn": "DN", "_e_s": "e/s", "_e_per_dn": "e/DN", "_du": "DU", "_mag": "mag", "_arcsec2": "mag/arcsec2",
+}  # fmt: skip
+
+# Column, place in the frame record, type.
+_COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
+    ("index", "index", pa.int64()),
+    ("frame_id", "frame_id", pa.string()),
+    ("scenario", "scenario.name", pa.string()),
+    ("scenario_sha256", "scenario.sha256", pa.string()),
+    ("latitude_deg", "site.latitude_deg", pa.float64()),
+    ("longitude_deg", "site.longitude_deg", pa.float64()),
+    ("height_m", "site.height_m", pa.float64()),
+    ("utc_start", "time.utc_start", pa.string()),
+    ("utc_mid", "time.utc_mid", pa.string()),
+    ("exposure_s", "time.exposure_s", pa.float64()),
+    ("ut1_utc_s", "time.ut1_utc_s", pa.float64()),
+    ("camera_model", "camera.model", pa.string()),
+    ("width_px", "camera.width", pa.int32()),
+    ("height_px", "camera.height", pa.int32()),
+    ("f_px", "camera.f_px", pa.float64()),
+    ("fy_px", "camera.fy_px", pa.float64()),
+    ("cx_px", "camera.cx_px", pa.float64()),
+    ("cy_px", "camera.cy_px", pa.float64()),
+    ("k", "camera.k", pa.list_(pa.float64())),
+    ("p", "camera.p", pa.list_(pa.float64())),
+    ("R_cam", "attitude.R_cam", pa.list_(pa.float64(), 9)),
+    ("pressure_hpa", "atmosphere.pressure_hpa", pa.float64()),
+    ("temperature_c", "atmosphere.temperature_c", pa.float64()),
+    ("aerosol_tau_550", "atmosphere.aerosol_tau_550", pa.float64()),
+    ("bortle", "sky.bortle", pa.int32()),
+    ("zenith_mag_arcsec2", "sky.zenith_mag_arcsec2", pa.float64()),
+    ("limiting_mag", "stars.limiting_mag", pa.float64()),
+    ("n_in_field", "stars.n_in_field", pa.int32()),
+)
+
+
+def unit_of(column: str) -> str:
+    """Unit that a column's name carries, or an empty text."""
+    suffixes = [suffix for suffix in _UNITS if column.endswith(suffix)]
+    return _UNITS[max(suffixes, key=len)] if suffixes else ""
+
+
+FRAME_SCHEMA = pa.schema(
+    [
+        *(pa.field(name, kind, metadata={"unit": unit_of(name)}) for name, _, kind in _COLUMNS),
+        pa.field("split", pa.string(), metadata={"unit": ""}),
+        pa.field("shard", pa.string(), metadata={"unit": ""}),
+        pa.field("image", pa.string(), metadata={"unit": ""}),
+        pa.field("image_sha256", pa.string(), metadata={"unit": ""}),
+    ],
+    metadata={"format": "skybench-frames/1"},
+)
+
+
+def frame_row(record: dict[str, Any], split: str, shard: str, image: str, image_bytes: bytes) -> dict[str, Any]:
+    """Row of the table of frames (schema: FRAME_SCHEMA) for a frame record and its encoded image."""
+    row: dict[str, Any] = {}
+    for column, place, _ in _COLUMNS:
+        value: Any = record
+        for key in place.split("."):
+            value = value[key]
+        row[column] = [number for line in value for number in line] if column == "R_cam" else value
+    digest = hashlib.sha256(image_bytes).hexdigest()
+    return row | {"split": split, "shard": shard, "image": image, "image_sha256": digest}

@@ -1,0 +1,113 @@
+"""Names and places of a dataset's files, and how its frames are divided into shards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from generator.errors import GeneratorError
+from generator.scenario_file import Scenario
+
+MANIFEST = "manifest.json"
+SCENARIO_COPY = "scenario.yaml"
+CARD = "README.md"
+CROISSANT = "croissant.json"
+DEFAULT_SHARD_SIZE = 100
+CODECS = ("png", "jxl")
+
+
+@dataclass(frozen=True)
+class DatasetSpec:
+    """What a dataset is, beside its scenario.
+
+    Attributes
+    ----------
+    split : str
+        Name of the split, a folder under ``data``.
+    shard_size : int
+        Frames per shard.
+    exr : bool
+        Whether the expected electrons are stored too.
+    codec : str
+        Image format: ``png`` (16-bit), or ``jxl`` (lossless JPEG XL, 16-bit).
+    """
+
+    split: str = "train"
+    shard_size: int = DEFAULT_SHARD_SIZE
+    exr: bool = False
+    codec: str = "png"
+
+    def __post_init__(self) -> None:
+        """Refuse values that make no dataset. Raises GeneratorError."""
+        if not self.split.isidentifier():
+            raise GeneratorError(f"split '{self.split}': use letters, digits and _")
+        if self.shard_size < 1:
+            raise GeneratorError(f"shard size {self.shard_size}: at least 1")
+        if self.codec not in CODECS:
+            raise GeneratorError(f"codec '{self.codec}': one of {', '.join(CODECS)}")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A run of frames that are stored together.
+
+    Attributes
+    ----------
+    index : int
+    first, stop : int
+        Frames first to stop - 1.
+    split : str
+    """
+
+    index: int
+    first: int
+    stop: int
+    split: str
+
+    @property
+    def stem(self) -> str:
+        """Name without suffix."""
+        return f"shard-{self.index:06d}"
+
+    @property
+    def tar(self) -> str:
+        """Path of the images and records, from the dataset's root."""
+        return f"data/{self.split}/{self.stem}.tar"
+
+    @property
+    def frames(self) -> str:
+        """Path of the table of frames."""
+        return f"frames/{self.split}/{self.stem}.parquet"
+
+    @property
+    def stars(self) -> str:
+        """Path of the table of stars."""
+        return f"stars/{self.split}/{self.stem}.parquet"
+
+    @property
+    def receipt(self) -> str:
+        """Path of the receipt: written last, it says that the shard is whole."""
+        return f"receipts/{self.split}/{self.stem}.json"
+
+    @property
+    def log(self) -> str:
+        """Path of the log."""
+        return f"logs/{self.split}/{self.stem}.log"
+
+
+def divide(scenario: Scenario, spec: DatasetSpec, first: int, stop: int) -> list[Shard]:
+    """Divide frames first to stop - 1 into shards; shard boundaries do not depend on the range.
+
+    Raises
+    ------
+    GeneratorError
+        The range is empty or reaches beyond the scenario.
+    """
+    if not 0 <= first < stop <= scenario.frame_count:
+        raise GeneratorError(
+            f"frames {first}:{stop}: scenario '{scenario.name}' has frames 0:{scenario.frame_count}, stop excluded"
+        )
+    size = spec.shard_size
+    return [
+        Shard(index, max(first, index * size), min(stop, (index + 1) * size), spec.split)
+        for index in range(first // size, (stop - 1) // size + 1)
+    ]

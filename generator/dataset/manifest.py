@@ -1,0 +1,101 @@
+"""The manifest: what a dataset consists of, written when everything else is whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from generator import __version__
+from generator.dataset.layout import MANIFEST, DatasetSpec
+from generator.dataset.shard import StoredFile
+from generator.errors import GeneratorError
+from generator.files import write_bytes
+from generator.scenario_file import Scenario
+
+FORMAT = "skybench-dataset/1"
+LARGEST_MANIFEST_BYTES = 100_000_000
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Contents of manifest.json.
+
+    Attributes
+    ----------
+    scenario, scenario_sha256 : str
+    seed : int
+    skybench : str
+        Version that made the dataset.
+    split, codec : str
+    shard_size : int
+    exr : bool
+    first, stop : int
+        Frames first to stop - 1 of the scenario.
+    files : tuple of StoredFile
+        Every file but the manifest, logs and receipts, sorted by path.
+    """
+
+    scenario: str
+    scenario_sha256: str
+    seed: int
+    skybench: str
+    split: str
+    codec: str
+    shard_size: int
+    exr: bool
+    first: int
+    stop: int
+    files: tuple[StoredFile, ...]
+
+
+def make_manifest(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, files: list[StoredFile]) -> Manifest:
+    """Manifest of a finished dataset."""
+    return Manifest(
+        scenario=scenario.name,
+        scenario_sha256=scenario.sha256,
+        seed=scenario.seed,
+        skybench=__version__,
+        split=spec.split,
+        codec=spec.codec,
+        shard_size=spec.shard_size,
+        exr=spec.exr,
+        first=first,
+        stop=stop,
+        files=tuple(sorted(files, key=lambda file: file.path)),
+    )
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write manifest.json atomically."""
+    write_bytes(folder / MANIFEST, (json.dumps({"format": FORMAT, **asdict(manifest)}, indent=1) + "\n").encode())
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check manifest.json.
+
+    Raises
+    ------
+    GeneratorError
+        It is missing (an unfinished run), or not a manifest.
+    """
+    path = folder / MANIFEST
+    try:
+        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
+            raise GeneratorError(f"{path}: larger than any manifest")
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("format") != FORMAT:
+            raise GeneratorError(f"{path}: not of format {FORMAT}")
+        files = tuple(
+            StoredFile(str(file["path"]), int(file["bytes"]), str(file["sha256"])) for file in content.pop("files")
+        )
+        manifest = Manifest(**content, files=files)
+    except FileNotFoundError as error:
+        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench generate` again") from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    for file in manifest.files:
+        if Path(file.path).is_absolute() or ".." in Path(file.path).parts:
+            raise GeneratorError(f"{path}: names a file outside the dataset: {file.path}")
+    return manifest

@@ -1,0 +1,177 @@
+"""Making a dataset: shards on one or several processes, killed and resumed without a trace."""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
+from generator.dataset.shard import FailedFrame, ShardReport, render_shard
+from generator.errors import GeneratorError, ScenarioError
+from generator.files import write_bytes
+from generator.scenario_file import Scenario, load_scenario
+
+TRIES_PER_SHARD = 3
+POLL_S = 0.2
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of n jobs that share a dataset: it makes the shards whose index leaves `index` when divided by `count`."""
+
+    index: int = 0
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse a part that does not exist. Raises GeneratorError."""
+        if not 0 <= self.index < self.count:
+            raise GeneratorError(
+                f"part {self.index}/{self.count}: parts run from 0/{self.count} to {self.count - 1}/{self.count}"
+            )
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What came of a run.
+
+    Attributes
+    ----------
+    reports : tuple of ShardReport
+        Of the shards of this part.
+    missing : tuple of Shard
+        Shards of the dataset that are not there, other parts' included.
+    """
+
+    reports: tuple[ShardReport, ...]
+    missing: tuple[Shard, ...]
+
+    @property
+    def failures(self) -> tuple[FailedFrame, ...]:
+        """Frames that could not be made."""
+        return tuple(failure for report in self.reports for failure in report.failures)
+
+
+def open_folder(folder: Path, scenario: Scenario, text: str) -> None:
+    """Prepare a dataset's folder: its copy of the scenario goes in first, and another scenario's folder is refused.
+
+    Raises
+    ------
+    GeneratorError
+        The folder holds another dataset or other files, or cannot be written.
+    """
+    copy = folder / SCENARIO_COPY
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if copy.exists():
+            try:
+                same = load_scenario(copy).sha256 == scenario.sha256
+            except ScenarioError:
+                same = False
+            if not same:
+                raise GeneratorError(f"{folder}: holds another scenario's dataset; choose another folder")
+            return
+        others = sorted(path.name for path in folder.iterdir() if not path.name.startswith(".scenario-"))
+        if others:
+            raise GeneratorError(f"{folder}: holds other files ({others[0]}, …); choose an empty folder")
+        write_bytes(copy, text.encode())
+    except OSError as error:
+        raise GeneratorError(
+            f"{error.filename or folder}: cannot be written ({error.strerror}); choose another folder"
+        ) from error
+
+
+def run_shards(
+    scenario: Scenario,
+    spec: DatasetSpec,
+    shards: list[Shard],
+    folder: Path,
+    workers: int,
+    progress: Callable[[int], None] = lambda index: None,
+) -> Iterator[ShardReport]:
+    """Make shards, in this process (`workers` 0) or in `workers` processes of one thread each; reports as they finish.
+
+    A worker that dies takes its shard back to the queue, at most TRIES_PER_SHARD times.
+
+    Raises
+    ------
+    GeneratorError
+        The folder cannot be written, or workers keep dying.
+    """
+    if workers == 0:
+        for shard in shards:
+            yield render_shard(scenario, spec, shard, folder, progress)
+        return
+    waiting = {shard.index: (shard, 0) for shard in shards}
+    while waiting:
+        for report in _pool_round(scenario, spec, folder, workers, waiting, progress):
+            del waiting[report.shard.index]
+            yield report
+        exhausted = [shard for shard, tries in waiting.values() if tries >= TRIES_PER_SHARD]
+        if exhausted:
+            raise GeneratorError(
+                f"the worker of {exhausted[0].stem} died {TRIES_PER_SHARD} times (out of memory?); "
+                "use fewer --workers and run the same command again"
+            )
+
+
+def _pool_round(
+    scenario: Scenario,
+    spec: DatasetSpec,
+    folder: Path,
+    workers: int,
+    waiting: dict[int, tuple[Shard, int]],
+    progress: Callable[[int], None],
+) -> Iterator[ShardReport]:
+    """Give all waiting shards to a pool of processes; ends early, with shards left waiting, when a worker dies."""
+    context = multiprocessing.get_context("spawn")
+    with context.Manager() as manager:
+        done = manager.Queue()
+        pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, folder, done))
+        try:
+            futures = {pool.submit(_work, shard): shard for shard, _ in waiting.values()}
+            open_futures: set[Future[ShardReport]] = set(futures)
+            while open_futures:
+                finished, open_futures = wait(open_futures, timeout=POLL_S, return_when=FIRST_COMPLETED)
+                _drain(done, progress)
+                for future in finished:
+                    yield future.result()
+        except BrokenProcessPool:
+            for index, (shard, tries) in list(waiting.items()):
+                waiting[index] = (shard, tries + 1)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _drain(done: Any, progress: Callable[[int], None]) -> None:
+    """Pass on the frames that workers have announced."""
+    while True:
+        try:
+            progress(done.get_nowait())
+        except queue.Empty:
+            return
+
+
+_worker: dict[str, Any] = {}
+"""What a worker process was started with; empty in every other process."""
+
+
+def _start_worker(scenario: Scenario, spec: DatasetSpec, folder: Path, done: Any) -> None:
+    from generator.mitsuba_runtime import set_threads
+
+    set_threads(1)
+    _worker.update(scenario=scenario, spec=spec, folder=folder, done=done)
+
+
+def _work(shard: Shard) -> ShardReport:
+    return render_shard(_worker["scenario"], _worker["spec"], shard, _worker["folder"], _worker["done"].put)
+
+
+def shards_of_part(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, part: Part) -> list[Shard]:
+    """Shards of a range of frames that belong to a part."""
+    return [shard for shard in divide(scenario, spec, first, stop) if shard.index % part.count == part.index]

@@ -1,0 +1,244 @@
+"""Rendering one shard: a pure function of scenario, dataset and shard, apart from the files it writes."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tarfile
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
+from generator.dataset.images import encode
+from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset_writer import RenderedFrame, render_frame, write_exr
+from generator.errors import GeneratorError
+from generator.files import atomic_path, write_bytes
+from generator.frame_record import frame_record, record_bytes
+from generator.scenario_file import Scenario
+
+TRIES_PER_FRAME = 2
+RECEIPT_FORMAT = "skybench-receipt/1"
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a shard: path from the dataset's root, size and SHA-256."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class FailedFrame:
+    """A frame that could not be made, after all tries."""
+
+    index: int
+    error: str
+
+
+@dataclass(frozen=True)
+class ShardReport:
+    """What came of a shard: its files, or the frames that stand in the way of it."""
+
+    shard: Shard
+    files: tuple[StoredFile, ...]
+    failures: tuple[FailedFrame, ...]
+    skipped: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether the shard is whole under its final names."""
+        return not self.failures
+
+
+def render_shard(
+    scenario: Scenario,
+    spec: DatasetSpec,
+    shard: Shard,
+    folder: Path,
+    progress: Callable[[int], None] = lambda index: None,
+) -> ShardReport:
+    """Render a shard into a dataset's folder, or find that it is already there.
+
+    All frames are made before any file takes its final name; the receipt is written last. A frame that fails is tried
+    again; if it fails again, the others go on, and the shard is left out.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    spec : DatasetSpec
+    shard : Shard
+    folder : Path
+        The dataset's root.
+    progress : callable
+        Called with the index of each frame that is done.
+
+    Returns
+    -------
+    ShardReport
+
+    Raises
+    ------
+    GeneratorError
+        The folder cannot be written.
+    """
+    finished = read_receipt(folder, shard, scenario, spec)
+    if finished is not None:
+        return ShardReport(shard, finished, (), skipped=True)
+    try:
+        for place in (shard.tar, shard.frames, shard.stars, shard.receipt, shard.log):
+            (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        return _render(scenario, spec, shard, folder, progress)
+    except OSError as error:
+        raise GeneratorError(
+            f"{error.filename or folder}: writing failed ({error.strerror}); {shard.stem} is left out. "
+            "Mend it and run the same command again: finished shards are kept"
+        ) from error
+
+
+def _render(
+    scenario: Scenario, spec: DatasetSpec, shard: Shard, folder: Path, progress: Callable[[int], None]
+) -> ShardReport:
+    rows: list[dict[str, Any]] = []
+    stars: list[pa.Table] = []
+    try:
+        with (folder / shard.log).open("w", encoding="utf-8") as log, atomic_path(folder / shard.tar) as temporary:
+            _write_frames(temporary, scenario, spec, shard, rows, stars, log, progress)
+    except _FramesFailedError as failed:
+        return ShardReport(shard, (), failed.failures)
+    _write_table(folder / shard.frames, pa.Table.from_pylist(rows, schema=FRAME_SCHEMA))
+    _write_table(folder / shard.stars, pa.concat_tables(stars))
+    files = tuple(stored_file(folder, place) for place in (shard.tar, shard.frames, shard.stars))
+    receipt = {
+        "format": RECEIPT_FORMAT,
+        "scenario_sha256": scenario.sha256,
+        "codec": spec.codec,
+        "exr": spec.exr,
+        "first": shard.first,
+        "stop": shard.stop,
+        "files": [asdict(file) for file in files],
+    }
+    write_bytes(folder / shard.receipt, json.dumps(receipt, indent=1).encode())
+    return ShardReport(shard, files, ())
+
+
+def _write_frames(
+    path: Path,
+    scenario: Scenario,
+    spec: DatasetSpec,
+    shard: Shard,
+    rows: list[dict[str, Any]],
+    stars: list[pa.Table],
+    log: TextIO,
+    progress: Callable[[int], None],
+) -> None:
+    """Write the archive of a shard and collect its tables' rows; raises _FramesFailedError when a frame is missing."""
+    failures: list[FailedFrame] = []
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as archive:
+        for index in range(shard.first, shard.stop):
+            started = time.perf_counter()
+            frame = _try_frame(scenario, index, log)
+            if isinstance(frame, FailedFrame):
+                failures.append(frame)
+                continue
+            record = frame_record(frame.plan, frame.stars.num_rows)
+            stem = frame.plan.frame_id
+            image = encode(frame.dn, spec.codec)
+            _add(archive, f"{stem}.{spec.codec}", image)
+            _add(archive, f"{stem}.json", record_bytes(record))
+            if spec.exr:
+                _add(archive, f"{stem}.exr", _exr_bytes(frame))
+            rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
+            stars.append(frame.stars)
+            log.write(f"{stem}: {frame.stars.num_rows} stars, {time.perf_counter() - started:.3f} s\n")
+            log.flush()
+            progress(index)
+    if failures:
+        raise _FramesFailedError(tuple(failures))
+
+
+class _FramesFailedError(Exception):
+    """Some frames of a shard could not be made."""
+
+    def __init__(self, failures: tuple[FailedFrame, ...]) -> None:
+        super().__init__(f"{len(failures)} frames failed")
+        self.failures = failures
+
+
+def _try_frame(scenario: Scenario, index: int, log: TextIO) -> RenderedFrame | FailedFrame:
+    """Render a frame, again if it fails; a full disk or the like is not the frame's fault and is passed on."""
+    problem = ""
+    for attempt in range(TRIES_PER_FRAME):
+        try:
+            return render_frame(scenario, index)
+        except OSError:
+            raise
+        except Exception as error:
+            problem = f"{type(error).__name__}: {error}"
+            log.write(f"frame {index}, try {attempt + 1}: {traceback.format_exc()}\n")
+    return FailedFrame(index, problem)
+
+
+def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
+    """Add a member with no date or owner, so that the same frames make the same archive."""
+    member = tarfile.TarInfo(name)
+    member.size = len(data)
+    archive.addfile(member, io.BytesIO(data))
+
+
+def _exr_bytes(frame: RenderedFrame) -> bytes:
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "frame.exr"
+        write_exr(path, frame)
+        return path.read_bytes()
+
+
+def _write_table(path: Path, table: pa.Table) -> None:
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def stored_file(folder: Path, place: str) -> StoredFile:
+    """Measure a file of a dataset."""
+    digest = hashlib.sha256()
+    size = 0
+    with (folder / place).open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+            size += len(block)
+    return StoredFile(place, size, digest.hexdigest())
+
+
+def read_receipt(folder: Path, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
+    """Files of a finished shard, or None when it is not finished (or its files have another size than its receipt says).
+
+    Raises
+    ------
+    GeneratorError
+        The receipt belongs to another scenario, or to other options.
+    """
+    try:
+        receipt = json.loads((folder / shard.receipt).read_text(encoding="utf-8"))
+        files = tuple(StoredFile(**file) for file in receipt["files"])
+        same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
+        same_scenario = receipt["scenario_sha256"] == scenario.sha256
+        same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if not same_scenario:
+        raise GeneratorError(f"{folder / shard.receipt}: belongs to another scenario; choose another folder")
+    if not same_spec:
+        raise GeneratorError(f"{folder / shard.receipt}: was made with another --codec or --exr; choose another folder")
+    whole = all((folder / file.path).is_file() and (folder / file.path).stat().st_size == file.bytes for file in files)
+    return files if same_frames and whole else None

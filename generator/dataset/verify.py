@@ -1,0 +1,98 @@
+"""`skybench verify`: holds a dataset on disk against its manifest, and the manifest against its scenario."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+
+from generator.dataset.layout import CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
+from generator.dataset.manifest import Manifest, read_manifest
+from generator.dataset.reader import Dataset
+from generator.dataset.shard import StoredFile, stored_file
+from generator.errors import GeneratorError
+from generator.scenario_file import load_scenario
+
+UNLISTED_FOLDERS = ("logs", "receipts")
+
+
+def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) -> list[str]:
+    """Everything that is wrong with a dataset, a line each with the file's name; an empty list when all is well.
+
+    Parameters
+    ----------
+    folder : Path
+    progress : callable
+        Called with each file that has been read.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except GeneratorError as error:
+        return [str(error)]
+    found = _scenario_problems(folder, manifest)
+    listed = {file.path for file in manifest.files}
+    for file in manifest.files:
+        problem = _file_problem(folder, file)
+        if problem:
+            found.append(problem)
+        progress(file.path)
+    present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    for stranger in sorted(present - listed - {MANIFEST}):
+        if not stranger.startswith(UNLISTED_FOLDERS):
+            found.append(f"{stranger}: not in the manifest")
+    return found if found else _content_problems(Dataset(folder, manifest))
+
+
+def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
+    """Where the manifest does not belong to the scenario beside it, or does not list all of its shards."""
+    try:
+        scenario = load_scenario(folder / SCENARIO_COPY)
+        spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
+        shards = divide(scenario, spec, manifest.first, manifest.stop)
+    except GeneratorError as error:
+        return [str(error)]
+    if scenario.sha256 != manifest.scenario_sha256:
+        return [f"{MANIFEST}: belongs to another scenario than {SCENARIO_COPY} (or to another version of skybench)"]
+    listed = {file.path for file in manifest.files}
+    wanted = [place for shard in shards for place in (shard.tar, shard.frames, shard.stars)] + [
+        SCENARIO_COPY,
+        CROISSANT,
+    ]
+    return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
+
+
+def _file_problem(folder: Path, listed: StoredFile) -> str:
+    path = folder / listed.path
+    if not path.is_file():
+        return f"{listed.path}: missing"
+    try:
+        found = stored_file(folder, listed.path)
+    except OSError as error:
+        return f"{listed.path}: cannot be read ({error.strerror})"
+    if found.bytes != listed.bytes:
+        return f"{listed.path}: has {found.bytes} bytes, the manifest says {listed.bytes}"
+    if found.sha256 != listed.sha256:
+        return f"{listed.path}: its contents have changed (SHA-256 differs)"
+    return ""
+
+
+def _content_problems(dataset: Dataset) -> list[str]:
+    """Where tables and archives, with all files as listed, do not agree with each other."""
+    try:
+        dataset.stars()
+        frames = dataset.frames().to_pylist()
+        stored = list(dataset.stored_frames())
+    except (GeneratorError, OSError, pa.ArrowException) as error:
+        return [str(error)]
+    if [row["frame_id"] for row in frames] != [frame.frame_id for frame in stored]:
+        return ["frames: the table lists other frames than the shards hold"]
+    wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
+    found = []
+    for row, frame in zip(frames, stored, strict=True):
+        if set(frame.members) != wanted:
+            found.append(f"{row['shard']}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
+        elif json.loads(frame.members["json"])["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
+            found.append(f"{row['shard']}: {frame.frame_id} belongs to another scenario")
+    return found

@@ -1,0 +1,373 @@
+"""Datasets: identity of frames, resuming after a kill, faults, verification, and loading with other people's tools."""
+
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+import psutil
+import pyarrow.dataset
+import pytest
+import yaml
+from PIL import Image
+from small_scenes import BASE
+
+from generator.dataset import shard as shard_module
+from generator.dataset.generate import generate
+from generator.dataset.layout import DatasetSpec
+from generator.dataset.reader import Dataset
+from generator.dataset.run import Part
+from generator.dataset.verify import problems
+from generator.errors import GeneratorError
+from generator.scenario_file import load_scenario
+
+ROOT = Path(__file__).parents[2]
+TINY = BASE | {
+    "name": "tiny",
+    "frames": 4,
+    "site": {"latitude_deg": {"sphere_latitude": [-90, 90]}, "longitude_deg": {"uniform": [-180, 180]}},
+    "time": {
+        "utc_start": {"utc": ["2000-01-01T00:00:00Z", "2025-01-01T00:00:00Z"], "sun_below_deg": -6},
+        "exposure_s": 0.5,
+    },
+    "camera": BASE["camera"] | {"width": 96, "height": 64},
+    "sky": {"bortle": {"sweep": [2, 5, 8]}},
+    "stars": {"limiting_mag": 6.0},
+}
+SPEC = DatasetSpec(shard_size=5, exr=True)
+
+
+@pytest.fixture(scope="module")
+def scenario_path(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("scenario") / "tiny.yaml"
+    path.write_text(yaml.safe_dump(TINY, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(scenario_path, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("dataset") / "tiny"
+    report = generate(load_scenario(scenario_path), scenario_path.read_text(), folder, SPEC)
+    assert not report.missing
+    return folder
+
+
+@pytest.fixture
+def copy(dataset, tmp_path) -> Path:
+    return Path(shutil.copytree(dataset, tmp_path / "copy"))
+
+
+def fingerprint(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file but the logs, which hold times."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "logs" not in path.parts
+    }
+
+
+def members(folder: Path) -> dict[str, bytes]:
+    found = {}
+    for path in sorted(folder.glob("data/*/*.tar")):
+        with tarfile.open(path) as archive:
+            found |= {member.name: archive.extractfile(member).read() for member in archive}
+    return found
+
+
+def start(*arguments: str) -> subprocess.Popen:
+    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+
+
+def test_manifest_lists_every_file_and_verifies(dataset) -> None:
+    manifest = json.loads((dataset / "manifest.json").read_text())
+    listed = {file["path"] for file in manifest["files"]}
+    present = {
+        str(path.relative_to(dataset))
+        for path in dataset.rglob("*")
+        if path.is_file() and not path.relative_to(dataset).parts[0].startswith(("logs", "receipts", "manifest"))
+    }
+    assert listed == present
+    assert problems(dataset) == []
+
+
+@pytest.mark.parametrize(("shard_size", "workers"), [(5, 2), (3, 1)])
+def test_bytes_do_not_depend_on_workers_or_shards(dataset, scenario_path, tmp_path, shard_size, workers) -> None:
+    spec = DatasetSpec(shard_size=shard_size, exr=True)
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "other", spec, workers=workers)
+    assert members(tmp_path / "other") == members(dataset)
+    if shard_size == SPEC.shard_size:
+        assert fingerprint(tmp_path / "other") == fingerprint(dataset)
+
+
+def test_one_frame_alone_has_the_same_bytes(dataset, scenario_path, tmp_path) -> None:
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "one", SPEC, frames=(7, 8))
+    alone, full = members(tmp_path / "one"), members(dataset)
+    assert set(alone) == {"frame-00007.png", "frame-00007.json", "frame-00007.exr"}
+    assert all(full[name] == data for name, data in alone.items())
+    assert problems(tmp_path / "one") == []
+
+
+def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
+    scenario, text = load_scenario(scenario_path), scenario_path.read_text()
+    first = generate(scenario, text, tmp_path / "parts", SPEC, part=Part(0, 2))
+    assert first.missing
+    assert not (tmp_path / "parts" / "manifest.json").exists()
+    assert not generate(scenario, text, tmp_path / "parts", SPEC, part=Part(1, 2)).missing
+    assert fingerprint(tmp_path / "parts") == fingerprint(dataset)
+
+
+def run_killed(scenario_path: Path, folder: Path, moments: list[float]) -> int:
+    """Start the command again and again, killing it with all its children at each moment; returns the kills that struck."""
+    struck = 0
+    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    command = [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(folder), "--shard-size", "5",
+               "--exr", "--workers", "1"]  # fmt: skip
+    for moment in moments:
+        with subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT, start_new_session=True
+        ) as process:
+            time.sleep(moment)
+            struck += process.poll() is None
+            try:
+                os.killpg(process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                assert process.poll() is not None
+        for path in folder.glob("data/*/shard-*.tar"):
+            with tarfile.open(path) as archive:
+                assert archive.getmembers()
+        if (folder / "manifest.json").exists():
+            break
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
+    return struck
+
+
+def test_killed_and_resumed_gives_the_same_bytes(dataset, scenario_path, tmp_path) -> None:
+    moments = [2.0, 3.0, 3.5]
+    assert run_killed(scenario_path, tmp_path / "killed", moments) >= 2
+    assert fingerprint(tmp_path / "killed") == fingerprint(dataset)
+
+
+@pytest.mark.slow
+def test_killed_at_twenty_random_moments(dataset, scenario_path, tmp_path) -> None:
+    """Twenty runs, each killed once at a random moment of its life, resumed, and compared byte for byte."""
+    moments = random.Random(20)
+    struck = 0
+    for attempt in range(20):
+        folder = tmp_path / f"killed-{attempt}"
+        struck += run_killed(scenario_path, folder, [moments.uniform(0.3, 6.0)])
+        assert fingerprint(folder) == fingerprint(dataset)
+    assert struck >= 10
+
+
+def test_a_folder_of_another_scenario_is_refused(copy, scenario_path, tmp_path) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(yaml.safe_dump(TINY | {"seed": 99}))
+    with pytest.raises(GeneratorError, match="another scenario"):
+        generate(load_scenario(other), other.read_text(), copy, SPEC)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("precious")
+    with pytest.raises(GeneratorError, match=r"thesis\.tex"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "mine", SPEC)
+
+
+def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, monkeypatch, dataset) -> None:
+    calls: list[int] = []
+    render = shard_module.render_frame
+
+    def fragile(scenario, index):
+        calls.append(index)
+        if index == 6 or (index == 2 and calls.count(2) == 1):
+            raise RuntimeError("cosmic ray")
+        return render(scenario, index)
+
+    monkeypatch.setattr(shard_module, "render_frame", fragile)
+    report = generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
+    assert [(failure.index, failure.error) for failure in report.failures] == [(6, "RuntimeError: cosmic ray")]
+    assert calls.count(6) == shard_module.TRIES_PER_FRAME
+    assert [shard.index for shard in report.missing] == [1]
+    assert sorted(path.name for path in (tmp_path / "failing/data/train").iterdir()) == [
+        "shard-000000.tar",
+        "shard-000002.tar",
+    ]
+    assert "cosmic ray" in (tmp_path / "failing/logs/train/shard-000001.log").read_text()
+    monkeypatch.setattr(shard_module, "render_frame", render)
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
+    assert fingerprint(tmp_path / "failing") == fingerprint(dataset)
+
+
+def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_path, monkeypatch) -> None:
+    def full(archive, name, data):
+        raise OSError(28, "No space left on device", str(tmp_path / "disk"))
+
+    monkeypatch.setattr(shard_module, "_add", full)
+    with pytest.raises(GeneratorError, match=r"No space left on device.*run the same command again"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "full", SPEC)
+    assert list((tmp_path / "full").glob("data/*/*")) == []
+
+
+def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(GeneratorError, match="cannot be written"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "file", SPEC)
+
+
+def test_a_worker_that_dies_is_replaced(dataset, scenario_path, tmp_path) -> None:
+    process = start("generate", str(scenario_path), "--out", str(tmp_path / "out"), "--shard-size", "5", "--exr",
+                    "--workers", "1", "--json")  # fmt: skip
+    with process:
+        for line in process.stdout:
+            if json.loads(line)["event"] == "frame":
+                break
+        children = psutil.Process(process.pid).children(recursive=True)
+        workers = [child.pid for child in children if "spawn_main" in " ".join(child.cmdline())]
+        os.kill(max(workers), signal.SIGKILL)
+        events = [json.loads(line) for line in process.stdout]
+    assert process.returncode == 0
+    assert events[-1] == {"event": "end", "finished": True, "missing_shards": 0}
+    assert fingerprint(tmp_path / "out") == fingerprint(dataset)
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda folder: flip(folder / "data/train/shard-000001.tar"), "data/train/shard-000001.tar: its contents"),
+        (lambda folder: (folder / "data/train/shard-000002.tar").unlink(), "data/train/shard-000002.tar: missing"),
+        (lambda folder: os.truncate(folder / "stars/train/shard-000000.parquet", 500), "shard-000000.parquet: has 500"),
+        (lambda folder: (folder / "stray.txt").write_text("?"), "stray.txt: not in the manifest"),
+        (lambda folder: (folder / "manifest.json").unlink(), "manifest.json: missing"),
+        (lambda folder: (folder / "manifest.json").write_text("{}"), "manifest.json: not a manifest"),
+        (
+            lambda folder: (folder / "scenario.yaml").write_text(yaml.safe_dump(TINY | {"seed": 4})),
+            "manifest.json: belongs to another scenario",
+        ),
+    ],
+)
+def test_verify_names_what_is_wrong(copy, damage, named) -> None:
+    damage(copy)
+    process = start("verify", str(copy))
+    output, _ = process.communicate()
+    assert process.returncode == 1
+    assert named in output
+
+
+def test_manifest_may_not_point_outside(copy) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["files"][0]["path"] = "../../etc/passwd"
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    assert "outside the dataset" in problems(copy)[0]
+
+
+def test_loads_with_pandas_and_pyarrow(dataset) -> None:
+    frames = pd.read_parquet(dataset / "frames" / "train")
+    assert len(frames) == 12
+    assert frames["bortle"].tolist() == [2] * 4 + [5] * 4 + [8] * 4
+    stars = pyarrow.dataset.dataset(dataset / "stars" / "train", format="parquet").to_table()
+    assert stars.num_rows == frames["n_in_field"].sum()
+    assert stars.schema.field("u_px").metadata[b"unit"] == b"px"
+
+
+def test_loads_with_duckdb(dataset) -> None:
+    with duckdb.connect() as connection:
+        (count,) = connection.execute(
+            f"select count(*) from '{dataset}/frames/train/*.parquet' f join '{dataset}/stars/train/*.parquet' s "
+            "on f.index = s.index where s.fraction_in_frame > 0.99"
+        ).fetchone()
+    assert count > 100
+
+
+def in_a_process_of_its_own(code: str, *arguments: str, **environment: str) -> str:
+    """Run code that uses a library whose own open files and deprecations would fail our tests."""
+    run = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        env=os.environ | environment,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_loads_with_webdataset(dataset) -> None:
+    code = (
+        "import io, json, sys, webdataset, numpy, PIL.Image\n"
+        "samples = list(webdataset.WebDataset(sys.argv[1:], shardshuffle=False))\n"
+        "print([sample['__key__'] for sample in samples])\n"
+        "print(numpy.array(PIL.Image.open(io.BytesIO(samples[0]['png']))).shape)\n"
+        "print(json.loads(samples[0]['json'])['frame_id'])\n"
+    )
+    printed = in_a_process_of_its_own(code, *sorted(str(path) for path in dataset.glob("data/train/*.tar")))
+    keys = [f"frame-{index:05d}" for index in range(12)]
+    assert printed.splitlines() == [str(keys), "(64, 96)", "frame-00000"]
+
+
+def test_loads_with_hugging_face_datasets(dataset, tmp_path) -> None:
+    code = (
+        "import sys, datasets\n"
+        "frames = datasets.load_dataset(sys.argv[1], 'frames', split='train')\n"
+        "stars = datasets.load_dataset(sys.argv[1], 'stars', split='train')\n"
+        "print(len(frames), frames[3]['bortle'], len(stars) > 100)\n"
+    )
+    printed = in_a_process_of_its_own(
+        code, str(dataset), HF_HOME=str(tmp_path), HF_HUB_OFFLINE="1", HF_DATASETS_OFFLINE="1"
+    )
+    assert printed.split() == ["12", "2", "True"]
+
+
+def test_croissant_is_valid_and_yields_records(dataset) -> None:
+    code = (
+        "import sys, mlcroissant\n"
+        "described = mlcroissant.Dataset(jsonld=sys.argv[1])\n"
+        "print(len(described.metadata.issues.errors), described.metadata.ctx.conforms_to.value)\n"
+        "for table in ('frames', 'stars'):\n"
+        "    first = next(iter(described.records(table)))\n"
+        "    print(first[f'{table}/frame_id'].decode())\n"
+    )
+    printed = in_a_process_of_its_own(code, str(dataset / "croissant.json"))
+    assert printed.splitlines() == ["0 http://mlcommons.org/croissant/1.1", "frame-00000", "frame-00000"]
+
+
+def test_card_names_the_recipe_and_shows_the_frames(dataset) -> None:
+    card = (dataset / "README.md").read_text()
+    for phrase in ("skybench generate scenario.yaml", "--shard-size 5 --exr", "12 frames", "## Limits"):
+        assert phrase in card
+    with Image.open(dataset / "card/contact-sheet.png") as sheet:
+        assert sheet.width > 600
+    assert (dataset / "card/histograms.svg").read_text().startswith("<svg")
+
+
+def test_reader_gives_back_images_and_tables(dataset) -> None:
+    opened = Dataset.open(dataset)
+    stored = list(opened.stored_frames())
+    assert len(stored) == opened.frames().num_rows == 12
+    hashes = opened.frames()["image_sha256"].to_pylist()
+    assert [hashlib.sha256(frame.members["png"]).hexdigest() for frame in stored] == hashes
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--frames", "3:1"], ["--frames", "0:99"], ["--frames", "x"], ["--part", "2/2"], ["--codec", "gif"]]
+)
+def test_bad_options_exit_2(scenario_path, tmp_path, arguments) -> None:
+    process = start("generate", str(scenario_path), "--out", str(tmp_path / "out"), *arguments)
+    _, errors = process.communicate()
+    assert process.returncode == 2
+    assert arguments[0].strip("-").rstrip("s") in errors
+    assert "Traceback" not in errors
