@@ -7,7 +7,7 @@ import os
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -24,6 +24,9 @@ from rich.table import Table
 
 from benchmark.cli_errors import fail
 from generator.errors import GeneratorError
+
+if TYPE_CHECKING:
+    from generator.dataset.run import Runner
 
 _Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
 SECONDS_PER_MEGAPIXEL = 0.9
@@ -65,7 +68,7 @@ def _listing(values: tuple[object, ...]) -> str:
 
 def generate(
     scenario: _Scenario,
-    out: Annotated[Path, typer.Option("--out", help="Folder of the dataset; a begun one is continued.")],
+    out: Annotated[str, typer.Option("--out", help="Folder (or URL such as s3://…); a begun dataset is continued.")],
     frames: Annotated[str, typer.Option("--frames", metavar="FIRST:STOP", help="Frames to make, STOP excluded.")] = "",
     split: Annotated[str, typer.Option("--split", help="Name of the split.")] = "train",
     shard_size: Annotated[int, typer.Option("--shard-size", min=1, help="Frames per shard.")] = 100,
@@ -74,6 +77,10 @@ def generate(
     workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
     or 1,
     part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "0/1",
+    backend: Annotated[str, typer.Option("--backend", help="local, or ray.")] = "local",
+    ray_address: Annotated[
+        str, typer.Option("--ray-address", help="Of a running cluster; else one is started here.")
+    ] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Report progress as JSON lines on standard output.")] = False,
 ) -> None:
     """Make a dataset in shards; killed and started again, it goes on where it was."""
@@ -118,7 +125,7 @@ def generate(
                     )
 
             report = make(loaded, scenario.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
-                          frame_done, shard_done)  # fmt: skip
+                          _backend(backend, ray_address), frame_done, shard_done)  # fmt: skip
     except GeneratorError as error:
         fail(error)
     for failure in report.failures:
@@ -131,6 +138,17 @@ def generate(
     else:
         typer.echo(f"{len(report.missing)} shards are still missing in {out}")
     raise typer.Exit(1 if report.failures else 0)
+
+
+def _backend(name: str, ray_address: str) -> Runner:
+    from generator.dataset.ray_backend import ray_runner
+    from generator.dataset.run import run_shards
+
+    if name == "local":
+        return run_shards
+    if name == "ray":
+        return ray_runner(ray_address or None)
+    raise GeneratorError(f"--backend {name}: one of local, ray")
 
 
 def _range(text: str, count: int) -> tuple[int, int]:

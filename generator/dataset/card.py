@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tarfile
+from collections.abc import Callable
 from pathlib import Path
 
 import altair as alt
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from generator import __version__
 from generator.dataset.images import decode
-from generator.dataset.layout import CARD, SCENARIO_COPY, DatasetSpec, Shard, divide
+from generator.dataset.layout import CARD, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
 from generator.pictures import contact_sheet
 from generator.scenario_file import Scenario
@@ -35,28 +36,42 @@ _HISTOGRAMS = (
 )
 
 
-def write_card(folder: Path, scenario: Scenario, spec: DatasetSpec, first: int, stop: int) -> list[str]:
-    """Write README.md and its figures; return the figures' paths from the dataset's root."""
-    shards = divide(scenario, spec, first, stop)
-    frames = pd.concat([pq.read_table(folder / shard.frames).to_pandas() for shard in shards], ignore_index=True)
-    stars = sum(pq.ParquetFile(folder / shard.stars).metadata.num_rows for shard in shards)
+def write_card(
+    folder: Path, scenario: Scenario, spec: DatasetSpec, shards: list[Shard], reach: Callable[[str], Path]
+) -> list[str]:
+    """Write README.md and its figures; return the figures' paths from the dataset's root.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write.
+    scenario : Scenario
+    spec : DatasetSpec
+    shards : list of Shard
+        All of the dataset's.
+    reach : callable
+        Gives a local file for a path from the dataset's root.
+    """
+    frames = pd.concat([pq.read_table(reach(shard.frames)).to_pandas() for shard in shards], ignore_index=True)
+    stars = sum(pq.ParquetFile(reach(shard.stars)).metadata.num_rows for shard in shards)
     (folder / FIGURES).mkdir(exist_ok=True)
     sheet = io.BytesIO()
-    contact_sheet(_samples(folder, shards, frames)).save(sheet, format="PNG", optimize=True)
+    contact_sheet(_samples(shards, frames, reach)).save(sheet, format="PNG", optimize=True)
     write_bytes(folder / SHEET, sheet.getvalue())
     write_bytes(folder / HISTOGRAMS, histograms(frames).encode())
-    write_bytes(folder / CARD, card_text(scenario, spec, first, stop, frames, stars).encode())
+    text = card_text(scenario, spec, shards[0].first, shards[-1].stop, frames, stars)
+    write_bytes(folder / CARD, text.encode())
     return [SHEET, HISTOGRAMS]
 
 
-def _samples(folder: Path, shards: list[Shard], frames: pd.DataFrame) -> list[NDArray[np.uint16]]:
+def _samples(shards: list[Shard], frames: pd.DataFrame, reach: Callable[[str], Path]) -> list[NDArray[np.uint16]]:
     """Images of frames spread evenly over the dataset."""
     rows = np.unique(np.linspace(0, len(frames) - 1, min(FRAMES_ON_SHEET, len(frames))).round().astype(int))
-    archives = {shard.stem: folder / shard.tar for shard in shards}
+    archives = {shard.stem: shard.tar for shard in shards}
     pictures = []
     for row in rows:
         frame = frames.iloc[row]
-        with tarfile.open(archives[frame["shard"]], "r:") as archive:
+        with tarfile.open(reach(archives[frame["shard"]]), "r:") as archive:
             member = archive.extractfile(frame["image"])
             assert member is not None, "a shard holds every image that its table names"
             pictures.append(decode(member.read(), Path(frame["image"]).suffix[1:]))

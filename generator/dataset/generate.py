@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,8 +10,9 @@ from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
 from generator.dataset.manifest import make_manifest, write_manifest
-from generator.dataset.run import Part, RunReport, open_folder, run_shards, shards_of_part
+from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
 from generator.dataset.shard import ShardReport, StoredFile, read_receipt, stored_file
+from generator.dataset.target import LocalTarget, Target, open_target
 from generator.errors import GeneratorError
 from generator.scenario_file import Scenario
 
@@ -20,11 +22,12 @@ UNFINISHED_PREFIX = ".shard-"
 def generate(
     scenario: Scenario,
     text: str,
-    folder: Path,
+    out: str | Path,
     spec: DatasetSpec,
     frames: tuple[int, int] | None = None,
     part: Part = Part(),  # noqa: B008 - frozen
     workers: int = 0,
+    run: Runner = run_shards,
     frame_done: Callable[[int], None] = lambda index: None,
     shard_done: Callable[[ShardReport], None] = lambda report: None,
 ) -> RunReport:
@@ -35,7 +38,8 @@ def generate(
     scenario : Scenario
     text : str
         The scenario file's text, kept with the dataset.
-    folder : Path
+    out : str or Path
+        A folder, or a URL that fsspec knows.
     spec : DatasetSpec
     frames : (first, stop), optional
         Frames to make; all by default. A frame's bytes do not depend on the range.
@@ -43,6 +47,8 @@ def generate(
         For jobs that share a dataset.
     workers : int
         Processes; 0 renders in this one.
+    run : callable
+        The backend: :func:`generator.dataset.run.run_shards` or one like it.
     frame_done, shard_done : callables
         Called as work goes on.
 
@@ -57,41 +63,49 @@ def generate(
         The folder cannot be used, or workers keep dying.
     """
     first, stop = frames or (0, scenario.frame_count)
-    open_folder(folder, scenario, text)
+    target = open_target(str(out))
+    open_dataset_target(target, scenario, text)
     reports = []
-    for report in run_shards(
-        scenario, spec, shards_of_part(scenario, spec, first, stop, part), folder, workers, frame_done
-    ):
+    shards = shards_of_part(scenario, spec, first, stop, part)
+    for report in run(scenario, spec, shards, target, workers, frame_done):
         reports.append(report)
         shard_done(report)
     stored: list[StoredFile] = []
     missing = []
     for shard in divide(scenario, spec, first, stop):
-        files = read_receipt(folder, shard, scenario, spec)
+        files = read_receipt(target, shard, scenario, spec)
         if files is None:
             missing.append(shard)
         else:
             stored += files
     if not missing:
-        _finish(scenario, spec, folder, first, stop, stored)
+        _finish(scenario, spec, target, first, stop, stored)
     return RunReport(tuple(reports), tuple(missing))
 
 
 def _finish(
-    scenario: Scenario, spec: DatasetSpec, folder: Path, first: int, stop: int, stored: list[StoredFile]
+    scenario: Scenario, spec: DatasetSpec, target: Target, first: int, stop: int, stored: list[StoredFile]
 ) -> None:
     """Write what describes the whole dataset; the manifest last."""
     try:
-        (folder / MANIFEST).unlink(missing_ok=True)
-        # Temporary files of killed workers can go now: with every shard in place, nobody is writing one.
-        for leftover in folder.rglob(f"{UNFINISHED_PREFIX}*"):
-            leftover.unlink(missing_ok=True)
-        assets = write_card(folder, scenario, spec, first, stop)
-        described = [*stored, *(stored_file(folder, place) for place in (SCENARIO_COPY, CARD, *assets))]
-        write_croissant(folder, scenario, spec, described)
-        described.append(stored_file(folder, CROISSANT))
-        write_manifest(folder, make_manifest(scenario, spec, first, stop, described))
+        target.remove(MANIFEST)
+        if isinstance(target, LocalTarget):
+            # Temporary files of killed workers can go now: with every shard in place, nobody is writing one.
+            for leftover in target.folder.rglob(f"{UNFINISHED_PREFIX}*"):
+                leftover.unlink(missing_ok=True)
+        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
+            build = Path(scratch) / "build"
+            build.mkdir()
+            (build / SCENARIO_COPY).write_bytes(target.read(SCENARIO_COPY) or b"")
+            shards = divide(scenario, spec, first, stop)
+            figures = write_card(build, scenario, spec, shards, lambda place: target.fetch(place, Path(scratch)))
+            described = [*stored, *(stored_file(build, place) for place in (SCENARIO_COPY, CARD, *figures))]
+            write_croissant(build, scenario, spec, described)
+            described.append(stored_file(build, CROISSANT))
+            write_manifest(build, make_manifest(scenario, spec, first, stop, described))
+            for place in (CARD, *figures, CROISSANT, MANIFEST):
+                target.put(build / place, place)
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or folder}: writing failed ({error.strerror}); run the same command again"
+            f"{error.filename or target.name}: writing failed ({error.strerror or error}); run the same command again"
         ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -13,9 +14,9 @@ from typing import Any
 
 from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
+from generator.dataset.target import Target
 from generator.errors import GeneratorError, ScenarioError
-from generator.files import write_bytes
-from generator.scenario_file import Scenario, load_scenario
+from generator.scenario_file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
 POLL_S = 0.2
@@ -57,32 +58,34 @@ class RunReport:
         return tuple(failure for report in self.reports for failure in report.failures)
 
 
-def open_folder(folder: Path, scenario: Scenario, text: str) -> None:
-    """Prepare a dataset's folder: its copy of the scenario goes in first, and another scenario's folder is refused.
+def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
+    """Prepare a dataset's place: its copy of the scenario goes in first, and another scenario's place is refused.
 
     Raises
     ------
     GeneratorError
-        The folder holds another dataset or other files, or cannot be written.
+        The place holds another dataset or other files, or cannot be written.
     """
-    copy = folder / SCENARIO_COPY
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if copy.exists():
+        copy = target.read(SCENARIO_COPY)
+        if copy is not None:
             try:
-                same = load_scenario(copy).sha256 == scenario.sha256
-            except ScenarioError:
+                same = parse_scenario(copy.decode(), SCENARIO_COPY).sha256 == scenario.sha256
+            except (ScenarioError, UnicodeDecodeError):
                 same = False
             if not same:
-                raise GeneratorError(f"{folder}: holds another scenario's dataset; choose another folder")
+                raise GeneratorError(f"{target.name}: holds another scenario's dataset; choose another folder")
             return
-        others = sorted(path.name for path in folder.iterdir() if not path.name.startswith(".scenario-"))
+        others = [name for name in target.listing() if not name.startswith(".")]
         if others:
-            raise GeneratorError(f"{folder}: holds other files ({others[0]}, …); choose an empty folder")
-        write_bytes(copy, text.encode())
+            raise GeneratorError(f"{target.name}: holds other files ({others[0]}, …); choose an empty folder")
+        with tempfile.TemporaryDirectory() as scratch:
+            local = Path(scratch) / SCENARIO_COPY
+            local.write_text(text, encoding="utf-8")
+            target.put(local, SCENARIO_COPY)
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or folder}: cannot be written ({error.strerror}); choose another folder"
+            f"{error.filename or target.name}: cannot be written ({error.strerror or error}); choose another folder"
         ) from error
 
 
@@ -90,7 +93,7 @@ def run_shards(
     scenario: Scenario,
     spec: DatasetSpec,
     shards: list[Shard],
-    folder: Path,
+    target: Target,
     workers: int,
     progress: Callable[[int], None] = lambda index: None,
 ) -> Iterator[ShardReport]:
@@ -105,11 +108,11 @@ def run_shards(
     """
     if workers == 0:
         for shard in shards:
-            yield render_shard(scenario, spec, shard, folder, progress)
+            yield render_shard(scenario, spec, shard, target, progress)
         return
     waiting = {shard.index: (shard, 0) for shard in shards}
     while waiting:
-        for report in _pool_round(scenario, spec, folder, workers, waiting, progress):
+        for report in _pool_round(scenario, spec, target, workers, waiting, progress):
             del waiting[report.shard.index]
             yield report
         exhausted = [shard for shard, tries in waiting.values() if tries >= TRIES_PER_SHARD]
@@ -123,7 +126,7 @@ def run_shards(
 def _pool_round(
     scenario: Scenario,
     spec: DatasetSpec,
-    folder: Path,
+    target: Target,
     workers: int,
     waiting: dict[int, tuple[Shard, int]],
     progress: Callable[[int], None],
@@ -132,7 +135,7 @@ def _pool_round(
     context = multiprocessing.get_context("spawn")
     with context.Manager() as manager:
         done = manager.Queue()
-        pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, folder, done))
+        pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, target, done))
         try:
             futures = {pool.submit(_work, shard): shard for shard, _ in waiting.values()}
             open_futures: set[Future[ShardReport]] = set(futures)
@@ -157,19 +160,22 @@ def _drain(done: Any, progress: Callable[[int], None]) -> None:
             return
 
 
+Runner = Callable[[Scenario, DatasetSpec, list[Shard], Target, int, Callable[[int], None]], Iterator[ShardReport]]
+"""What a backend does: make shards and yield a report for each (:func:`run_shards`)."""
+
 _worker: dict[str, Any] = {}
 """What a worker process was started with; empty in every other process."""
 
 
-def _start_worker(scenario: Scenario, spec: DatasetSpec, folder: Path, done: Any) -> None:
+def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)
-    _worker.update(scenario=scenario, spec=spec, folder=folder, done=done)
+    _worker.update(scenario=scenario, spec=spec, target=target, done=done)
 
 
 def _work(shard: Shard) -> ShardReport:
-    return render_shard(_worker["scenario"], _worker["spec"], shard, _worker["folder"], _worker["done"].put)
+    return render_shard(_worker["scenario"], _worker["spec"], shard, _worker["target"], _worker["done"].put)
 
 
 def shards_of_part(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, part: Part) -> list[Shard]:

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.target import LocalTarget, Target
 from generator.dataset_writer import RenderedFrame, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
@@ -66,12 +67,12 @@ def render_shard(
     scenario: Scenario,
     spec: DatasetSpec,
     shard: Shard,
-    folder: Path,
+    target: Target,
     progress: Callable[[int], None] = lambda index: None,
 ) -> ShardReport:
-    """Render a shard into a dataset's folder, or find that it is already there.
+    """Render a shard into a dataset, or find that it is already there.
 
-    All frames are made before any file takes its final name; the receipt is written last. A frame that fails is tried
+    All frames are made before any file takes its final name; the receipt is stored last. A frame that fails is tried
     again; if it fails again, the others go on, and the shard is left out.
 
     Parameters
@@ -79,8 +80,8 @@ def render_shard(
     scenario : Scenario
     spec : DatasetSpec
     shard : Shard
-    folder : Path
-        The dataset's root.
+    target : Target
+        Where the dataset is.
     progress : callable
         Called with the index of each frame that is done.
 
@@ -91,18 +92,25 @@ def render_shard(
     Raises
     ------
     GeneratorError
-        The folder cannot be written.
+        The target cannot be written.
     """
-    finished = read_receipt(folder, shard, scenario, spec)
-    if finished is not None:
-        return ShardReport(shard, finished, (), skipped=True)
     try:
-        for place in (shard.tar, shard.frames, shard.stars, shard.receipt, shard.log):
-            (folder / place).parent.mkdir(parents=True, exist_ok=True)
-        return _render(scenario, spec, shard, folder, progress)
+        finished = read_receipt(target, shard, scenario, spec)
+        if finished is not None:
+            return ShardReport(shard, finished, (), skipped=True)
+        if isinstance(target, LocalTarget):
+            return _render(scenario, spec, shard, target.folder, progress)
+        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
+            report = _render(scenario, spec, shard, Path(scratch), progress)
+            for place in (
+                shard.log,
+                *((shard.tar, shard.frames, shard.stars, shard.receipt) if report.complete else ()),
+            ):
+                target.put(Path(scratch) / place, place)
+        return report
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or folder}: writing failed ({error.strerror}); {shard.stem} is left out. "
+            f"{error.filename or target.name}: writing failed ({error.strerror or error}); {shard.stem} is left out. "
             "Mend it and run the same command again: finished shards are kept"
         ) from error
 
@@ -110,6 +118,8 @@ def render_shard(
 def _render(
     scenario: Scenario, spec: DatasetSpec, shard: Shard, folder: Path, progress: Callable[[int], None]
 ) -> ShardReport:
+    for place in (shard.tar, shard.frames, shard.stars, shard.receipt, shard.log):
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     stars: list[pa.Table] = []
     try:
@@ -220,7 +230,7 @@ def stored_file(folder: Path, place: str) -> StoredFile:
     return StoredFile(place, size, digest.hexdigest())
 
 
-def read_receipt(folder: Path, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
+def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
     """Files of a finished shard, or None when it is not finished (or its files have another size than its receipt says).
 
     Raises
@@ -229,16 +239,18 @@ def read_receipt(folder: Path, shard: Shard, scenario: Scenario, spec: DatasetSp
         The receipt belongs to another scenario, or to other options.
     """
     try:
-        receipt = json.loads((folder / shard.receipt).read_text(encoding="utf-8"))
+        receipt = json.loads(target.read(shard.receipt) or b"")
         files = tuple(StoredFile(**file) for file in receipt["files"])
         same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
         same_scenario = receipt["scenario_sha256"] == scenario.sha256
         same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
     if not same_scenario:
-        raise GeneratorError(f"{folder / shard.receipt}: belongs to another scenario; choose another folder")
+        raise GeneratorError(f"{target.name}/{shard.receipt}: belongs to another scenario; choose another folder")
     if not same_spec:
-        raise GeneratorError(f"{folder / shard.receipt}: was made with another --codec or --exr; choose another folder")
-    whole = all((folder / file.path).is_file() and (folder / file.path).stat().st_size == file.bytes for file in files)
+        raise GeneratorError(
+            f"{target.name}/{shard.receipt}: was made with another --codec or --exr; choose another folder"
+        )
+    whole = all(target.size(file.path) == file.bytes for file in files)
     return files if same_frames and whole else None

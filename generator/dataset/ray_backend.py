@@ -1,0 +1,80 @@
+"""Making shards on a Ray cluster: a local one by default, or the one at an address."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.run import TRIES_PER_SHARD, Runner
+from generator.dataset.shard import ShardReport, render_shard
+from generator.dataset.target import Target
+from generator.errors import GeneratorError
+from generator.scenario_file import Scenario
+
+
+def ray_runner(address: str | None = None) -> Runner:
+    """Return a backend that gives each shard to Ray as a task of one core, retried when its worker or node dies.
+
+    Parameters
+    ----------
+    address : str, optional
+        Of a running cluster; without one, Ray starts a cluster on this machine.
+
+    Raises
+    ------
+    GeneratorError
+        Ray is not installed, or the cluster cannot be reached.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise GeneratorError("--backend ray needs Ray: pip install 'skybench[cluster]'") from error
+
+    def run(
+        scenario: Scenario,
+        spec: DatasetSpec,
+        shards: list[Shard],
+        target: Target,
+        workers: int,
+        progress: Callable[[int], None],
+    ) -> Iterator[ShardReport]:
+        try:
+            ray.init(address=address, num_cpus=None if address else max(1, workers), include_dashboard=False,
+                     configure_logging=False, log_to_driver=False)  # fmt: skip
+        except (ConnectionError, RuntimeError) as error:
+            raise GeneratorError(f"cannot reach a Ray cluster: {error}") from error
+        try:
+            task: Any = ray.remote(num_cpus=1, max_retries=TRIES_PER_SHARD)(_render_on_one_thread)
+            shared = ray.put((scenario, spec, target))
+            open_tasks = [task.remote(shared, shard) for shard in shards]
+            while open_tasks:
+                finished, open_tasks = ray.wait(open_tasks)
+                for reference in finished:
+                    report: ShardReport = _result(ray, reference)
+                    if not report.skipped:
+                        for index in range(report.shard.first, report.shard.stop):
+                            progress(index)
+                    yield report
+        finally:
+            ray.shutdown()
+
+    return run
+
+
+def _render_on_one_thread(shared: tuple[Scenario, DatasetSpec, Target], shard: Shard) -> ShardReport:
+    from generator.mitsuba_runtime import set_threads
+
+    set_threads(1)
+    scenario, spec, target = shared
+    return render_shard(scenario, spec, shard, target)
+
+
+def _result(ray: Any, reference: Any) -> ShardReport:
+    try:
+        report: ShardReport = ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        raise error.as_instanceof_cause() from None
+    except ray.exceptions.RayError as error:
+        raise GeneratorError(f"Ray gave up on a shard after {TRIES_PER_SHARD} retries: {error}") from error
+    return report

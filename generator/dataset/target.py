@@ -1,0 +1,153 @@
+"""Where a dataset is put: a local folder, or any URL that fsspec knows, such as s3://bucket/name."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from generator.errors import GeneratorError
+
+
+class Target(Protocol):
+    """A place for a dataset's files, each named by its path from the dataset's root."""
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+
+    def read(self, place: str) -> bytes | None:
+        """Contents of a file, or None when it is not there."""
+
+    def size(self, place: str) -> int | None:
+        """Size of a file in bytes, or None when it is not there."""
+
+    def put(self, local: Path, place: str) -> None:
+        """Store a local file; under its name it is whole or not there."""
+
+    def remove(self, place: str) -> None:
+        """Remove a file; fine when it is not there."""
+
+    def fetch(self, place: str, scratch: Path) -> Path:
+        """A local file with the contents of a stored one, in the folder `scratch` if need be."""
+
+    def listing(self) -> list[str]:
+        """Names at the dataset's root."""
+
+
+@dataclass(frozen=True)
+class LocalTarget:
+    """A folder on this machine."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+        return str(self.folder)
+
+    def read(self, place: str) -> bytes | None:
+        """Contents of a file, or None."""
+        try:
+            return (self.folder / place).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+
+    def size(self, place: str) -> int | None:
+        """Size of a file, or None."""
+        path = self.folder / place
+        return path.stat().st_size if path.is_file() else None
+
+    def put(self, local: Path, place: str) -> None:
+        """Move a file here, from the same file system or another."""
+        path = self.folder / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        waiting = path.with_name(f".{path.name}-incoming")
+        shutil.move(local, waiting)
+        waiting.replace(path)
+
+    def remove(self, place: str) -> None:
+        """Remove a file."""
+        (self.folder / place).unlink(missing_ok=True)
+
+    def fetch(self, place: str, scratch: Path) -> Path:
+        """The file itself."""
+        return self.folder / place
+
+    def listing(self) -> list[str]:
+        """Names at the root."""
+        return sorted(path.name for path in self.folder.iterdir()) if self.folder.is_dir() else []
+
+
+@dataclass(frozen=True)
+class RemoteTarget:
+    """An fsspec URL; objects appear whole, as object stores have it."""
+
+    url: str
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+        return self.url
+
+    def _open(self, place: str) -> tuple[Any, str]:
+        try:
+            import fsspec
+
+            system, root = fsspec.core.url_to_fs(self.url)
+        except (ImportError, ValueError) as error:
+            raise GeneratorError(f"{self.url}: {error}; pip install 'skybench[cluster]'") from error
+        return system, f"{root}/{place}" if place else root
+
+    def read(self, place: str) -> bytes | None:
+        """Contents of an object, or None."""
+        system, path = self._open(place)
+        try:
+            return bytes(system.cat_file(path))
+        except FileNotFoundError:
+            return None
+
+    def size(self, place: str) -> int | None:
+        """Size of an object, or None."""
+        system, path = self._open(place)
+        system.invalidate_cache()
+        try:
+            return int(system.info(path)["size"])
+        except FileNotFoundError:
+            return None
+
+    def put(self, local: Path, place: str) -> None:
+        """Upload a file."""
+        system, path = self._open(place)
+        system.put_file(str(local), path)
+
+    def remove(self, place: str) -> None:
+        """Remove an object."""
+        system, path = self._open(place)
+        system.invalidate_cache()
+        if system.exists(path):
+            system.rm_file(path)
+
+    def fetch(self, place: str, scratch: Path) -> Path:
+        """Download an object, once."""
+        local = scratch / place
+        if not local.exists():
+            local.parent.mkdir(parents=True, exist_ok=True)
+            system, path = self._open(place)
+            system.get_file(path, str(local))
+        return local
+
+    def listing(self) -> list[str]:
+        """Names at the root."""
+        system, path = self._open("")
+        system.invalidate_cache()
+        try:
+            return sorted(Path(entry).name for entry in system.ls(path, detail=False))
+        except FileNotFoundError:
+            return []
+
+
+def open_target(out: str) -> Target:
+    """Return the target that a user's ``--out`` names: a URL with ``://``, or a local folder."""
+    return RemoteTarget(out.rstrip("/")) if "://" in out else LocalTarget(Path(out))
