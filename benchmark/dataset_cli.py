@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -91,6 +92,12 @@ def generate(
     from generator.scenario_file import load_scenario
 
     started = time.monotonic()
+    own_lines = sys.stdout  # a backend may redirect the stream while it runs
+
+    def tell(event: dict[str, object]) -> None:
+        if as_json:
+            typer.echo(json.dumps(event), file=own_lines)
+
     try:
         loaded = load_scenario(scenario)
         chosen = _range(frames, loaded.frame_count)
@@ -107,22 +114,16 @@ def generate(
                 done += 1
                 rate = done / (time.monotonic() - started)
                 progress.update(task, advance=1, rate=f"{rate:.1f} frames/s, {failed} failed")
-                if as_json:
-                    typer.echo(
-                        json.dumps({"event": "frame", "index": frame, "done": done, "frames_per_s": round(rate, 3)})
-                    )
+                tell({"event": "frame", "index": frame, "done": done, "frames_per_s": round(rate, 3)})
 
             def shard_done(report: ShardReport) -> None:
                 nonlocal failed
                 failed += len(report.failures)
                 if report.skipped:
                     progress.advance(task, report.shard.stop - report.shard.first)
-                if as_json:
-                    state = "kept" if report.skipped else "done" if report.complete else "failed"
-                    failures = [asdict(failure) for failure in report.failures]
-                    typer.echo(
-                        json.dumps({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
-                    )
+                state = "kept" if report.skipped else "done" if report.complete else "failed"
+                failures = [asdict(failure) for failure in report.failures]
+                tell({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
 
             report = make(loaded, scenario.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
                           _backend(backend, ray_address), frame_done, shard_done)  # fmt: skip
@@ -132,7 +133,7 @@ def generate(
         typer.echo(f"skybench: frame {failure.index} failed: {failure.error}", err=True)
     finished = not report.missing
     if as_json:
-        typer.echo(json.dumps({"event": "end", "finished": finished, "missing_shards": len(report.missing)}))
+        tell({"event": "end", "finished": finished, "missing_shards": len(report.missing)})
     elif finished:
         typer.echo(f"{chosen[1] - chosen[0]} frames in {out}; check them with: skybench verify {out}")
     else:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,6 +14,8 @@ from generator.dataset.shard import ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.scenario_file import Scenario
+
+CONNECT_TIMEOUT_S = 5.0
 
 
 def ray_runner(address: str | None = None) -> Runner:
@@ -39,12 +44,16 @@ def ray_runner(address: str | None = None) -> Runner:
         workers: int,
         progress: Callable[[int], None],
     ) -> Iterator[ShardReport]:
+        if address:
+            _check_reachable(address)
         try:
             ray.init(address=address, num_cpus=None if address else max(1, workers), include_dashboard=False,
                      configure_logging=False, log_to_driver=False)  # fmt: skip
         except (ConnectionError, RuntimeError) as error:
             raise GeneratorError(f"cannot reach a Ray cluster: {error}") from error
-        try:
+        # Ray reports dead workers on standard output, which belongs to the caller's own lines.
+        with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
+            stack.callback(ray.shutdown)
             task: Any = ray.remote(num_cpus=1, max_retries=TRIES_PER_SHARD)(_render_on_one_thread)
             shared = ray.put((scenario, spec, target))
             open_tasks = [task.remote(shared, shard) for shard in shards]
@@ -56,8 +65,6 @@ def ray_runner(address: str | None = None) -> Runner:
                         for index in range(report.shard.first, report.shard.stop):
                             progress(index)
                     yield report
-        finally:
-            ray.shutdown()
 
     return run
 
@@ -68,6 +75,17 @@ def _render_on_one_thread(shared: tuple[Scenario, DatasetSpec, Target], shard: S
     set_threads(1)
     scenario, spec, target = shared
     return render_shard(scenario, spec, shard, target)
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address that nobody listens at; Ray itself would try for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon:
+        return  # a name such as "auto", which Ray resolves
+    try:
+        socket.create_connection((host, int(port)), timeout=CONNECT_TIMEOUT_S).close()
+    except (OSError, ValueError) as error:
+        raise GeneratorError(f"cannot reach a Ray cluster at {address}: {error}") from error
 
 
 def _result(ray: Any, reference: Any) -> ShardReport:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -352,6 +353,12 @@ def test_card_names_the_recipe_and_shows_the_frames(dataset) -> None:
     with Image.open(dataset / "card/contact-sheet.png") as sheet:
         assert sheet.width > 600
     assert (dataset / "card/histograms.svg").read_text().startswith("<svg")
+
+
+def test_every_column_of_frames_is_documented(dataset) -> None:
+    text = (ROOT / "docs/dataset_format.md").read_text().split("### frames\n")[1].split("###")[0]
+    documented = set(re.findall(r"`([^`]+)`", text))
+    assert documented == set(Dataset.open(dataset).frames().schema.names)
 
 
 def test_reader_gives_back_images_and_tables(dataset) -> None:

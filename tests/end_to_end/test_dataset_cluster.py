@@ -1,0 +1,153 @@
+"""Datasets on Ray and in an object store: the same bytes as on one machine, also when a worker dies."""
+
+import hashlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+import yaml
+from small_scenes import BASE
+
+ROOT = Path(__file__).parents[2]
+SCENARIO = BASE | {
+    "name": "cluster",
+    "frames": 12,
+    "site": {"latitude_deg": {"uniform": [-60, 60]}, "longitude_deg": {"uniform": [-180, 180]}},
+    "camera": BASE["camera"] | {"width": 96, "height": 64},
+    "stars": {"limiting_mag": 5.0},
+}
+CODE = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+
+
+def command(scenario: Path, out: str, *more: str) -> list[str]:
+    return [sys.executable, "-c", CODE, "generate", str(scenario), "--out", out, "--shard-size", "3", "--json", *more]
+
+
+def fingerprint(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "logs" not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("cluster") / "cluster.yaml"
+    path.write_text(yaml.safe_dump(SCENARIO))
+    return path
+
+
+@pytest.fixture(scope="module")
+def local(scenario, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("local") / "dataset"
+    subprocess.run(command(scenario, str(folder), "--workers", "0"), check=True, cwd=ROOT, capture_output=True)
+    return folder
+
+
+def test_ray_with_a_killed_worker_gives_the_same_bytes(scenario, local, tmp_path) -> None:
+    """Two workers, of which one is killed once the first shard is there; Ray retries its shard."""
+    out = tmp_path / "ray"
+    arguments = command(scenario, str(out), "--backend", "ray", "--workers", "2")
+    environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+    killed = 0
+    with subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=environment
+    ) as process:
+        for line in process.stdout:
+            event = json.loads(line)
+            if event["event"] == "shard" and not killed:
+                tasks = [
+                    child
+                    for child in psutil.Process(process.pid).children(recursive=True)
+                    if any("_render_on_one_thread" in part for part in child.cmdline())
+                ]
+                if tasks:
+                    os.kill(tasks[0].pid, signal.SIGKILL)
+                    killed += 1
+        errors = process.stderr.read()
+    assert process.returncode == 0, errors
+    assert killed == 1
+    assert event == {"event": "end", "finished": True, "missing_shards": 0}
+    assert fingerprint(out) == fingerprint(local)
+
+
+@pytest.fixture
+def object_store():
+    """An S3-compatible server on loopback."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = subprocess.Popen(
+        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for _ in range(200):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        yield {
+            "AWS_ACCESS_KEY_ID": "test",
+            "AWS_SECRET_ACCESS_KEY": "test",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+            "FSSPEC_S3_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        }
+    finally:
+        server.kill()
+        server.wait()
+
+
+DOWNLOAD = """
+import sys, fsspec
+system = fsspec.filesystem("s3")
+if sys.argv[1] == "make":
+    system.mkdir("skies")
+else:
+    system.get("skies/set/", sys.argv[2], recursive=True)
+"""
+
+
+def test_an_object_store_holds_the_same_bytes(scenario, local, tmp_path, object_store) -> None:
+    """First half the shards, as an interrupted run leaves them, then the rest; then everything is compared."""
+    environment = os.environ | object_store
+    subprocess.run([sys.executable, "-c", DOWNLOAD, "make"], check=True, env=environment, capture_output=True)
+    half = subprocess.run(
+        command(scenario, "s3://skies/set", "--workers", "0", "--part", "0/2"),
+        capture_output=True, text=True, env=environment, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert half.returncode == 0, half.stderr
+    assert json.loads(half.stdout.splitlines()[-1]) == {"event": "end", "finished": False, "missing_shards": 2}
+    whole = subprocess.run(
+        command(scenario, "s3://skies/set", "--workers", "2"),
+        capture_output=True, text=True, env=environment, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert whole.returncode == 0, whole.stderr
+    states = [event["state"] for event in map(json.loads, whole.stdout.splitlines()) if event["event"] == "shard"]
+    assert sorted(states) == ["done", "done", "kept", "kept"]
+    subprocess.run(
+        [sys.executable, "-c", DOWNLOAD, "get", str(tmp_path / "got") + "/"],
+        check=True,
+        env=environment,
+        capture_output=True,
+    )
+    assert fingerprint(tmp_path / "got") == fingerprint(local)
+
+
+def test_ray_that_cannot_be_reached_is_a_clear_error(scenario, tmp_path) -> None:
+    run = subprocess.run(
+        command(scenario, str(tmp_path / "out"), "--backend", "ray", "--ray-address", "127.0.0.1:1"),
+        capture_output=True, text=True, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2
+    assert "cannot reach a Ray cluster" in run.stderr
