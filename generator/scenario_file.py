@@ -8,8 +8,9 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -114,19 +115,29 @@ class Scenario:
             chosen |= {sweep.path: sweep.values[position] for sweep in axis}
         return _validate(_resolve(self.template, chosen), self.source)
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of what the scenario means: values with all defaults filled in, and skybench's version."""
         complete = self.frame(0).model_dump(mode="json")
         meaning = {"format": 1, "skybench": __version__, "name": self.name, "seed": self.seed, "frame": complete}
-        for axis in self.axes:
-            for sweep in axis:
-                parent: Any = complete
-                for key in sweep.path[:-1]:
-                    parent = parent[key] if isinstance(parent.get(key), dict) else parent.setdefault(key, {})
-                parent[sweep.path[-1]] = {"sweep": sweep.values, "zip": sweep.zip_name}
-        meaning["axes"] = [[".".join(sweep.path) for sweep in axis] for axis in self.axes]
+        stride = 1
+        values = {}
+        for axis in reversed(self.axes):
+            frames = [self.frame(position * stride).model_dump(mode="json") for position in range(len(axis[0].values))]
+            values |= {".".join(sweep.path): [_value_at(frame, sweep.path) for frame in frames] for sweep in axis}
+            stride *= len(axis[0].values)
+        meaning["sweeps"] = values
+        meaning["axes"] = [[(".".join(sweep.path), sweep.zip_name) for sweep in axis] for axis in self.axes]
         return hashlib.sha256(json.dumps(meaning, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _value_at(tree: Any, path: KeyPath) -> Any:
+    """Value of a resolved frame where a sweep stands; a part that takes several keys together as a whole."""
+    for key in path:
+        if not isinstance(tree, dict) or key not in tree:
+            break
+        tree = tree[key]
+    return tree
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -227,7 +238,7 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
 
 def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
     try:
-        return FrameSpec.model_validate(tree)
+        return FrameSpec.model_validate(tree, context={"folder": Path(source).parent})
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
@@ -264,9 +275,11 @@ def _suggestion(location: tuple[Any, ...]) -> str:
     for part in location[:-1]:
         fields = getattr(model, "model_fields", {})
         model = fields[part].annotation if part in fields else None
+        choices = [choice for choice in get_args(model) if isinstance(choice, type) and issubclass(choice, BaseModel)]
+        model = choices[0] if choices else model
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
         return ""
-    known = list(model.model_fields)
+    known = [field.alias or name for name, field in model.model_fields.items()]
     if model is FrameSpec:
         known += HEADER_KEYS
     wanted = str(location[-1])
