@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from generator.projection import MODELS, Projection, ProjectionError
+from generator.psf_stack import read_stack
 from generator.strict import File, Fraction, Numbers, Strict, listed
 
 Waves = Annotated[float, Field(ge=-5, le=5)]
@@ -49,6 +50,11 @@ class PsfStackSpec(Strict):
     """FITS cube (n, rows, columns), or EXR whose channels in alphabetical order are the n functions."""
     oversampling: Annotated[int, Field(ge=1, le=32)]
     """Samples of the stack per pixel."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> PsfStackSpec:
+        read_stack(self.file, self.oversampling)
+        return self
 
 
 class PsfSpec(Strict):

@@ -56,6 +56,7 @@ def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
         plan.spec.time.exposure_s,
         plan.spec.sensor,
         lambda name: random_stream(scenario.seed, name, index),
+        lambda name: random_stream(scenario.seed, f"unit.{name}", 0),
     )
     return RenderedFrame(plan, expected, dn, star_table(plan, expected))
 
@@ -69,6 +70,8 @@ def png_bytes(dn: NDArray[np.uint16]) -> bytes:
 
 def write_exr(path: Path, frame: RenderedFrame) -> None:
     """Write expected electrons as an OpenEXR file with the frame's identity in its header."""
+    names = {"electrons": "Y", "red": "R", "green": "G", "blue": "B"}
+    channels = {names[name]: pixels for name, pixels in frame.expected.channels.items()}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -77,7 +80,7 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
         "skybench:utc_start": frame.plan.utc_start.isoformat(),
         "skybench:unit": "electrons",
     }
-    with atomic_path(path) as temporary, OpenEXR.File(header, {"Y": frame.expected.electrons}) as file:
+    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
         file.write(str(temporary))
 
 

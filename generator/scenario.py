@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from generator.camera_presets import with_preset
 from generator.camera_spec import CameraSpec
+from generator.motion import check_motion
 from generator.motion_spec import MotionSpec
 from generator.sensor_spec import SensorSpec
 from generator.sky_brightness import BORTLE_ZENITH_MAG
@@ -143,6 +144,11 @@ class FrameSpec(Strict):
     @classmethod
     def _fill_from_preset(cls, tree: object) -> object:
         return with_preset(tree)
+
+    @model_validator(mode="after")
+    def _motion_covers_the_exposure(self) -> FrameSpec:
+        check_motion(self.motion, self.shutter_s)
+        return self
 
     @property
     def shutter_s(self) -> float:

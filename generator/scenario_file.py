@@ -255,7 +255,7 @@ def _message(problem: Any, source: str) -> str:
     if kind == "missing":
         return f"{source}: {where}: missing; every scenario needs it"
     if kind == "value_error":
-        return f"{source}: {where}: {context['error']}"
+        return f"{source}: {where}: {context['error']}" if where else f"{source}: {context['error']}"
     bounds = {"greater_than_equal": ("ge", ">="), "greater_than": ("gt", ">"), "less_than_equal": ("le", "<="),
               "less_than": ("lt", "<")}  # fmt: skip
     if kind in bounds:
