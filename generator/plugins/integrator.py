@@ -164,7 +164,9 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             values = film.prepare_sample(radiance(wavelengths) * weight, wavelengths, channels + 1)
             return (group + 1, *(so_far + value for so_far, value in zip(total, values, strict=False)))
 
-        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=("group", *"c" * channels))
+        # State variables that share a label share a value.
+        labels = ("group", *(f"channel{channel}" for channel in range(channels)))
+        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=labels)
         for channel, value in enumerate(total):
             dr.scatter_add(image, value / self.wavelength_groups, pixel * channels + channel)
         dr.eval(image)
