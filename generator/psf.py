@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 FINE_PER_PX = 8
 """Samples of a stamp per pixel."""
-FIELD_NODES = 7
+FIELD_NODES = 5
 """Nodes of the field grid along each axis, where the point spread function varies."""
 BAND_COUNT = 4
 """Wavelength bands, where it depends on wavelength."""
@@ -162,7 +162,7 @@ def _pupil_transfer(
         s = np.minimum(np.hypot(fu, fv) / cutoff, 1)
         return (2 / np.pi) * (np.arccos(s) - s * np.sqrt(1 - s * s)) + 0j
     # Autocorrelation of the pupil, by transforms over a grid whose step is a fixed part of the pupil's radius.
-    samples = 256
+    samples = 192
     step = 4.0 / samples
     axis = (np.arange(samples) - samples // 2) * step
     x, y = np.meshgrid(axis, axis)
@@ -177,10 +177,12 @@ def _pupil_transfer(
     correlation = np.fft.fftshift(np.fft.ifft2(np.abs(np.fft.fft2(padded)) ** 2))
     correlation = correlation / correlation[samples, samples].real
     # A shift of two pupil radii is the cut-off frequency.
-    rows, columns = samples + 2 * fv / cutoff / step, samples + 2 * fu / cutoff / step
-    real = ndimage.map_coordinates(correlation.real, [rows, columns], order=3, cval=0.0)
-    imaginary = ndimage.map_coordinates(correlation.imag, [rows, columns], order=3, cval=0.0)
-    return real + 1j * imaginary
+    passed = np.hypot(fu, fv) < cutoff
+    places = [samples + 2 * f[passed] / cutoff / step for f in (fv, fu)]
+    transfer = np.zeros(fu.shape, complex)
+    transfer.real[passed] = ndimage.map_coordinates(correlation.real, places, order=3)
+    transfer.imag[passed] = ndimage.map_coordinates(correlation.imag, places, order=3)
+    return transfer
 
 
 def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> NDArray[np.complex128]:
@@ -202,4 +204,7 @@ def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> N
     columns = (np.arange(image.shape[1]) - middle[1]) / stack.oversampling
     down = np.exp(-2j * np.pi * np.outer(frequency, rows))
     across = np.exp(-2j * np.pi * np.outer(columns, frequency))
+    # Samples stand for the band-limited function through them: their spectrum repeats beyond this frequency.
+    beyond = np.abs(frequency) >= stack.oversampling / 2
+    down[beyond], across[:, beyond] = 0, 0
     return down @ image @ across

@@ -45,7 +45,7 @@ def analysis():
     from emva1288.process.routines import get_int_imgs
 
     saturation = SENSOR.full_well_e / QUANTUM_EFFICIENCY
-    levels = [0.0, *(saturation * np.concatenate([np.geomspace(1e-4, 0.9, 28), np.arange(0.92, 1.06, 0.005)]))]
+    levels = [0.0, *(saturation * np.concatenate([np.geomspace(1e-4, 0.9, 28), np.arange(0.92, 1.001, 0.005)]))]
     temporal = {}
     for number, photons in enumerate(levels):
         pair = get_int_imgs([frame(photons, 2 * number), frame(photons, 2 * number + 1)])
