@@ -189,8 +189,8 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
         emitter = next(emitter for emitter in scene.emitters() if emitter.id() == "stars")
         tracks = integrator.follow(scene, camera, emitter)
         image = sky + np.array(integrator.stars(scene, camera, emitter, tracks))
-        on_axis = np.array([np.array(values, np.float64) for values in integrator.star_electrons(camera, emitter)])
-        truth = star_truth(plan, tracks, channel_weights(sensor) @ on_axis)
+        on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
+        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
     return ExpectedFrame(
         electrons=mosaic(image, sensor),
         sky_electrons=mosaic(sky, sensor),

@@ -31,13 +31,24 @@ class StarTruth:
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
-    """Truth from a :class:`generator.plugins.star_splats.StarTracks` and each star's electrons on the axis, (n,)."""
+    """Truth of stars.
+
+    Parameters
+    ----------
+    plan : FramePlan
+    tracks : generator.plugins.star_splats.StarTracks
+    on_axis_e : (n, bands) array
+        Each star's electrons on the axis, in the point spread function's wavelength bands.
+    """
     camera = plan.spec.camera
     if camera.psf is None:
         sigma = camera.psf_sigma_px
         share = share_within(tracks.u, camera.width, sigma) * share_within(tracks.v, camera.height, sigma)
     else:
-        share = _table_share(plan, tracks)
+        share = np.zeros(len(tracks.star))
+        by_band = np.divide(on_axis_e, on_axis_e.sum(axis=1, keepdims=True), where=on_axis_e > 0, out=0 * on_axis_e)
+        for band in range(on_axis_e.shape[1]):
+            share += by_band[tracks.star, band] * _table_share(plan, tracks, band)
     count = len(on_axis_e)
     in_frame = np.bincount(tracks.star, tracks.weight * share, count)
     fraction = np.divide(in_frame, tracks.light, out=np.zeros(count), where=tracks.light > 0)
@@ -47,7 +58,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         tracks.start,
         tracks.end,
         tracks.centroid,
-        on_axis_e * tracks.light,
+        on_axis_e.sum(axis=1) * tracks.light,
         fraction,
         tracks.visible_share < 0.5,
     )
@@ -59,14 +70,13 @@ def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
     return 0.5 * (erf((size - 0.5 - position_px) / scale) - erf((-0.5 - position_px) / scale))
 
 
-def _table_share(plan: FramePlan, tracks: Any) -> Floats:
+def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
     """Part of the tabulated point spread function that falls on the sensor, at each of the tracks' moments.
 
-    That of the middle band at the nearest field node; the support's own encircled energy where it lies wholly inside.
+    That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
     """
     camera = plan.spec.camera
-    stamps = psf_table(camera).stamps
-    stamps = stamps[len(stamps) // 2]
+    stamps = psf_table(camera).stamps[band]
     rows, columns, size = stamps.shape[:3]
     # Sums over whole pixels: fine samples integrate to the light, each for 1/FINE_PER_PX^2 of it.
     fine = stamps / FINE_PER_PX**2

@@ -27,6 +27,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.foreground import lit_radiance
@@ -173,11 +174,10 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
         """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""
-        bands = self._electrons_by_band(camera, emitter, 1)
-        return [bands[channel][0] for channel in range(len(bands))]
+        return [mi.Float(values[:, 0]) for values in np.moveaxis(self.electrons_by_band(camera, emitter, 1), 1, 0)]
 
-    def _electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> list[list[Any]]:
-        """As :meth:`star_electrons`, split into equal bands of the spectral range: [channel][band], Float."""
+    def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
+        """As :meth:`star_electrons`, split into equal bands of the spectral range: (stars, channels, bands)."""
         film = camera.film()
         channels = film.create_block().channel_count() - 1
         star = dr.arange(mi.UInt32, emitter.count)
@@ -192,9 +192,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 for channel in range(channels):
                     total[channel][band] += values[channel]
             dr.eval(total)
-        total = [[value / self.wavelength_groups for value in channel] for channel in total]
-        dr.eval(total)
-        return total
+        host = np.array([[np.array(value, np.float64) for value in channel] for channel in total])
+        return np.moveaxis(host, 2, 0) / self.wavelength_groups
 
     def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
         """Where each star's light falls, and when."""
@@ -205,9 +204,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         """Expected electrons from stars, TensorXf (height, width, channels); `tracks` are those of :meth:`follow`."""
         tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
         width, height = camera.width, camera.height
-        by_band = self._electrons_by_band(camera, emitter, self.bands)
-        electrons = np.array([[np.array(band, np.float64) for band in channel] for channel in by_band])
-        electrons = np.moveaxis(electrons, 2, 0)
+        electrons = self.electrons_by_band(camera, emitter, self.bands)
         channels = electrons.shape[1]
         total = dr.zeros(UINT64, width * height * channels)
         if self.stamps is None:
