@@ -22,6 +22,8 @@ from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes, star
 from generator.scenario_file import Scenario
 from generator.scene import ExpectedFrame, render_expected
 from generator.seeds import random_stream
+from generator.sensor.develop import develop
+from generator.sensor.hud import hud_mask
 
 PNG_COMPRESSION = 4
 STARS_FILE = "stars.parquet"
@@ -39,12 +41,18 @@ class RenderedFrame:
         What the camera recorded.
     stars : pyarrow.Table
         Truth (schema: STAR_SCHEMA).
+    hud : (height, width) bool array or None
+        Pixels that the head-up display covers.
+    developed : (height, width[, 3]) uint8 array or None
+        8-bit picture.
     """
 
     plan: FramePlan
     expected: ExpectedFrame
     dn: NDArray[np.uint16]
     stars: pa.Table
+    hud: NDArray[np.bool_] | None = None
+    developed: NDArray[np.uint8] | None = None
 
 
 def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
@@ -58,13 +66,31 @@ def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
         lambda name: random_stream(scenario.seed, name, index),
         lambda name: random_stream(scenario.seed, f"unit.{name}", 0),
     )
-    return RenderedFrame(plan, expected, dn, star_table(plan, expected))
+    sensor = plan.spec.sensor
+    developed = None if sensor.develop is None else develop(dn, sensor)
+    hud = None
+    if sensor.hud:
+        hud = hud_mask(plan.spec.camera.width, plan.spec.camera.height, hud_lines(plan))
+        dn[hud] = 2**sensor.bits - 1
+        if developed is not None:
+            developed[hud] = 255
+    return RenderedFrame(plan, expected, dn, star_table(plan, expected), hud, developed)
 
 
-def png_bytes(dn: NDArray[np.uint16]) -> bytes:
-    """Encode DN as a 16-bit greyscale PNG."""
+def hud_lines(plan: FramePlan) -> tuple[str, ...]:
+    """Text of the head-up display: what a flight controller knows, but not where it is."""
+    spec = plan.spec
+    return (
+        plan.utc_start.isoformat()[:19] + "Z",
+        f"AZ {spec.attitude.azimuth_deg:.1f} ALT {spec.attitude.altitude_deg:.1f} ROLL {spec.attitude.roll_deg:.1f}",
+        f"EXP {spec.time.exposure_s:.3f} S",
+    )
+
+
+def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
+    """Encode DN as a 16-bit greyscale PNG, or an 8-bit picture as grey or colour."""
     stream = io.BytesIO()
-    Image.fromarray(dn).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
+    Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()
 
 
@@ -89,6 +115,10 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     stem = frame.plan.frame_id
     write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
     write_exr(folder / f"{stem}.exr", frame)
+    if frame.developed is not None:
+        write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
+    if frame.hud is not None:
+        write_bytes(folder / f"{stem}-hud.png", png_bytes(np.where(frame.hud, 255, 0).astype(np.uint8)))
     write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.stars.num_rows)))
 
 
