@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from generator.camera_presets import with_preset
 from generator.camera_spec import CameraSpec
+from generator.foreground_spec import ForegroundSpec
 from generator.motion import check_motion
 from generator.motion_spec import MotionSpec
 from generator.sensor_spec import SensorSpec
@@ -136,6 +137,7 @@ class FrameSpec(Strict):
     camera: CameraSpec
     sensor: SensorSpec = SensorSpec()
     motion: MotionSpec = MotionSpec()
+    foreground: ForegroundSpec = ForegroundSpec()
     atmosphere: AtmosphereSpec = AtmosphereSpec()
     sky: SkySpec = SkySpec()
     stars: StarsSpec = StarsSpec()

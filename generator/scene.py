@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
 from generator.atmosphere import optical_depth
+from generator.foreground import shape_dicts
 from generator.frame_plan import FramePlan, dimming_atmosphere
 from generator.photometry import GRID_NM
 from generator.psf import psf_table
@@ -100,6 +101,7 @@ def scene_dict(plan: FramePlan) -> dict[str, Any]:
             "optical_depth": tensor(depth[None]),
         },
         "camera": camera_dict(plan, tensor),
+        **shape_dicts(spec.foreground, mi),
     }
 
 
@@ -148,6 +150,7 @@ def integrator_dict(plan: FramePlan, tensor: Callable[[ArrayLike], Any]) -> dict
     description: dict[str, Any] = {
         "type": "skybench_integrator",
         "sky_moments": int(np.clip(math.ceil(swept_px / SKY_STEP_PX), 1, MOST_SKY_MOMENTS)),
+        "lit_samples": spec.foreground.lit_directions,
         "coverage_moments": int(np.clip(math.ceil(swept_px), 1, MOST_COVERAGE_MOMENTS)),
     }
     if spec.camera.psf is None:
