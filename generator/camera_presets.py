@@ -31,7 +31,10 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "k": [-0.12, 0.02],
             "aperture_mm": 2.14,
             "vignetting": [-0.25],
-            "psf": {"diffraction": {"f_number": 2.8, "coma_waves": 0.15, "astigmatism_waves": 0.1}, "gaussian_sigma_px": 0.5},
+            "psf": {
+                "diffraction": {"f_number": 2.8, "coma_waves": 0.15, "astigmatism_waves": 0.1},
+                "gaussian_sigma_px": 0.5,
+            },
         },
         "sensor": {
             "colour": {"pattern": "BGGR"},

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from generator.projection import MODELS, Projection, ProjectionError
 from generator.psf_stack import read_stack
-from generator.strict import File, Fraction, Numbers, Strict, listed
+from generator.strict import File, Fraction, Numbers, Strict
 
 Waves = Annotated[float, Field(ge=-5, le=5)]
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")

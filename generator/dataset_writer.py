@@ -19,6 +19,7 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame_plan import FramePlan, plan_frame
 from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes, star_table
+from generator.object_table import object_table
 from generator.scenario_file import Scenario
 from generator.scene import ExpectedFrame, render_expected
 from generator.seeds import random_stream
@@ -26,7 +27,9 @@ from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
 
 PNG_COMPRESSION = 4
+TEMPORARY = ("frame-*", ".frame-*", ".stars-*", ".objects-*")
 STARS_FILE = "stars.parquet"
+OBJECTS_FILE = "objects.parquet"
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class RenderedFrame:
         What the camera recorded.
     stars : pyarrow.Table
         Truth (schema: STAR_SCHEMA).
+    objects : pyarrow.Table
+        Truth of flying objects (schema: OBJECT_SCHEMA).
     hud : (height, width) bool array or None
         Pixels that the head-up display covers.
     developed : (height, width[, 3]) uint8 array or None
@@ -51,6 +56,7 @@ class RenderedFrame:
     expected: ExpectedFrame
     dn: NDArray[np.uint16]
     stars: pa.Table
+    objects: pa.Table
     hud: NDArray[np.bool_] | None = None
     developed: NDArray[np.uint8] | None = None
 
@@ -74,7 +80,7 @@ def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
         dn[hud] = 2**sensor.bits - 1
         if developed is not None:
             developed[hud] = 255
-    return RenderedFrame(plan, expected, dn, star_table(plan, expected), hud, developed)
+    return RenderedFrame(plan, expected, dn, star_table(plan, expected), object_table(plan, expected), hud, developed)
 
 
 def hud_lines(plan: FramePlan) -> tuple[str, ...]:
@@ -145,11 +151,12 @@ def prepare_folder(folder: Path) -> None:
         strangers = [
             path.name
             for path in folder.iterdir()
-            if path.name != STARS_FILE and not path.name.startswith(("frame-", ".frame-", ".stars-"))
+            if path.name not in (STARS_FILE, OBJECTS_FILE)
+            and not path.name.startswith(("frame-", ".frame-", ".stars-", ".objects-"))
         ]
         if strangers:
             raise GeneratorError(f"{folder}: holds other files ({sorted(strangers)[0]}, …); choose an empty folder")
-        for old in [folder / STARS_FILE, *folder.glob("frame-*"), *folder.glob(".frame-*"), *folder.glob(".stars-*")]:
+        for old in [folder / STARS_FILE, folder / OBJECTS_FILE, *(p for mark in TEMPORARY for p in folder.glob(mark))]:
             old.unlink(missing_ok=True)
     except OSError as error:
         raise GeneratorError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
@@ -166,13 +173,18 @@ def render_dataset(
         With what to do about it.
     """
     prepare_folder(folder)
-    tables = []
+    tables, objects = [], []
     try:
         for index in range(scenario.frame_count):
             frame = render_frame(scenario, index)
             write_frame(folder, frame)
             tables.append(frame.stars)
+            if frame.objects.num_rows:
+                objects.append(frame.objects)
             progress(frame)
+        if objects:
+            with atomic_path(folder / OBJECTS_FILE) as temporary:
+                pq.write_table(pa.concat_tables(objects), temporary, compression="zstd")
         write_stars(folder, tables)
     except OSError as error:
         raise GeneratorError(

@@ -54,7 +54,9 @@ def wall_mesh(profile: Floats, distance_m: float) -> tuple[Floats, NDArray[np.ui
     here = np.arange(len(azimuth))
     after = np.roll(here, -1)
     count = len(azimuth)
-    faces = np.concatenate([np.stack([here, after, here + count], 1), np.stack([after, after + count, here + count], 1)])
+    faces = np.concatenate(
+        [np.stack([here, after, here + count], 1), np.stack([after, after + count, here + count], 1)]
+    )
     return vertices, faces.astype(np.uint32)
 
 
@@ -86,7 +88,9 @@ def _mesh_from_file(shape: ShapeSpec, key: str, mi: Any) -> Any:
     vertices = np.array(parameters["vertex_positions"]).reshape(-1, 3)
     faces = np.array(parameters["faces"]).reshape(-1, 3)
     if not 1 <= len(faces) <= MOST_FACES or not np.isfinite(vertices).all():
-        raise ScenarioError(f"{key}.file: '{shape.file.path}' has {len(faces)} faces; expected 1 to {MOST_FACES}, finite")
+        raise ScenarioError(
+            f"{key}.file: '{shape.file.path}' has {len(faces)} faces; expected 1 to {MOST_FACES}, finite"
+        )
     open_edges = count_open_edges(vertices, faces)
     if shape.closed and open_edges:
         raise ScenarioError(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, places_of_date
 from generator.atmosphere import Atmosphere, airmass
 from generator.catalogue import StarCatalogue, load_catalogue
+from generator.flying_objects import FlyingObjects, plan_objects
 from generator.motion import Motion, plan_motion
 from generator.scenario import AtmosphereSpec, FrameSpec
 from generator.scenario_file import Scenario
@@ -43,6 +44,8 @@ class FramePlan:
         Apparent unit vectors (ENU), evenly spaced over the shutter's time.
     motion : Motion
         How the camera turns.
+    objects : FlyingObjects
+        Satellites, aircraft and meteors.
     airmass : (n,) array
         At mid-exposure; 0 where extinction is off.
     """
@@ -61,6 +64,7 @@ class FramePlan:
     end: ApparentPlaces
     directions: Floats
     motion: Motion
+    objects: FlyingObjects
     airmass: Floats
 
     @property
@@ -108,6 +112,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
         motion=plan_motion(spec, scenario.seed, index),
+        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
         airmass=airmass(middle.altitude_deg[up]) if spec.atmosphere.extinction else np.zeros(len(stars)),
     )
 

@@ -29,7 +29,9 @@ def read_profile(file: InputFile) -> NDArray[np.float64]:
     lines = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
     header = [name.strip() for name in lines[0].split(",")] if lines else []
     if header != ["azimuth_deg", "elevation_deg"] or not 2 <= len(lines) <= LARGEST_ROWS:
-        raise ProfileError(f"found '{file.path}' with the columns {header}, expected azimuth_deg, elevation_deg and some rows")
+        raise ProfileError(
+            f"found '{file.path}' with the columns {header}, expected azimuth_deg, elevation_deg and some rows"
+        )
     try:
         rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:] if line.strip()])
     except ValueError as error:

@@ -180,7 +180,9 @@ def read_gyro_log(file: InputFile) -> Floats:
     text = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
     header = [name.strip() for name in text[0].split(",")] if text else []
     if header != ["t", "wx", "wy", "wz"] or not 3 <= len(text) <= LARGEST_LOG_ROWS:
-        raise MotionError(f"motion.gyro_log: '{file.path}' has the columns {header}, expected t, wx, wy, wz and 2 rows or more")
+        raise MotionError(
+            f"motion.gyro_log: '{file.path}' has the columns {header}, expected t, wx, wy, wz and 2 rows or more"
+        )
     try:
         log = np.array([[float(cell) for cell in line.split(",")] for line in text[1:] if line.strip()])
     except ValueError as error:
@@ -203,9 +205,7 @@ def _logged_rotation(log: Floats, time_s: Floats, middle_s: float) -> Rotation:
     return path[np.searchsorted(moments, time_s)] * path[int(np.searchsorted(moments, middle_s))].inv()
 
 
-def _imu_reading(
-    imu: ImuSpec, attitude: Callable[[Floats], Rotation], duration_s: float, stream: Stream
-) -> ImuReading:
+def _imu_reading(imu: ImuSpec, attitude: Callable[[Floats], Rotation], duration_s: float, stream: Stream) -> ImuReading:
     count = max(1, int(duration_s * imu.rate_hz + 1e-9))
     edges = np.minimum(np.arange(count + 1) / imu.rate_hz, duration_s)
     poses = attitude(edges)

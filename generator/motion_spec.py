@@ -78,6 +78,4 @@ class MotionSpec(Strict):
     @property
     def still(self) -> bool:
         """Whether nothing turns the camera."""
-        return not (
-            any(self.rate_deg_s) or any(self.polynomial_deg) or self.vibration or self.gimbal or self.gyro_log
-        )
+        return not (any(self.rate_deg_s) or any(self.polynomial_deg) or self.vibration or self.gimbal or self.gyro_log)

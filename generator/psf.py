@@ -83,7 +83,8 @@ def psf_table(camera: CameraSpec) -> PsfTable:
 def equivalent_sigma_px(camera: CameraSpec) -> float:
     """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
 
-    The noise-equivalent area 1 / sum(p^2) of a Gaussian is 4 pi (sigma^2 + 1/12), the pixel included (King 1983, PASP 95, 163).
+    The noise-equivalent area 1 / sum(p^2) of a Gaussian is 4 pi (sigma^2 + 1/12), the pixel included (King 1983, PASP 95,
+    163).
     """
     if camera.psf is None:
         return camera.psf_sigma_px
@@ -112,7 +113,7 @@ def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um
         Share of the light on a pixel whose centre lies (column, row) / FINE_PER_PX - support_px - 0.5 px from the star.
     """
     size_px = 2 * (psf.support_px + MARGIN_PX) + 2
-    frequency = np.fft.fftfreq(size_px * FINE_PER_PX, 1 / FINE_PER_PX)
+    frequency: Floats = np.fft.fftfreq(size_px * FINE_PER_PX, 1 / FINE_PER_PX).astype(np.float64)
     fu, fv = np.meshgrid(frequency, frequency)
     f = np.hypot(fu, fv)
     transfer = np.sinc(fu) * np.sinc(fv) * np.exp(-2 * (np.pi * psf.gaussian_sigma_px * f) ** 2) + 0j

@@ -46,7 +46,9 @@ def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
         stack = stack[None]
     shape = stack.shape
     if stack.ndim != 3 or shape[1] != shape[2] or shape[1] % 2 == 0 or not 1 <= shape[0] <= MOST_FUNCTIONS:
-        raise StackError(f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}")
+        raise StackError(
+            f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}"
+        )
     if not 3 <= shape[1] <= LARGEST_SIDE_PX * oversampling:
         raise StackError(f"found a side of {shape[1]} samples, expected 3 to {LARGEST_SIDE_PX * oversampling}")
     if not np.isfinite(stack).all() or stack.min() < 0 or (stack.sum(axis=(1, 2)) <= 0).any():

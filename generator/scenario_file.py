@@ -121,7 +121,7 @@ class Scenario:
         complete = self.frame(0).model_dump(mode="json")
         meaning = {"format": 1, "skybench": __version__, "name": self.name, "seed": self.seed, "frame": complete}
         stride = 1
-        values = {}
+        values: dict[str, list[Any]] = {}
         for axis in reversed(self.axes):
             frames = [self.frame(position * stride).model_dump(mode="json") for position in range(len(axis[0].values))]
             values |= {".".join(sweep.path): [_value_at(frame, sweep.path) for frame in frames] for sweep in axis}

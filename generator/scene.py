@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from generator import mitsuba_runtime
 from generator.atmosphere import optical_depth
 from generator.foreground import shape_dicts
+from generator.flying_objects import FlyingObjects
 from generator.frame_plan import FramePlan, dimming_atmosphere
 from generator.photometry import GRID_NM
 from generator.psf import psf_table
@@ -56,6 +57,8 @@ class ExpectedFrame:
         Part of them that falls on the sensor.
     occluded : (n,) bool array
         Whether something in front of the sky hides more than half of the star's light.
+    objects : StarTruth
+        The same of the plan's flying objects.
     """
 
     electrons: NDArray[np.float32]
@@ -69,6 +72,7 @@ class ExpectedFrame:
     star_electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
+    objects: StarTruth
 
 
 def scene_dict(plan: FramePlan) -> dict[str, Any]:
@@ -102,6 +106,21 @@ def scene_dict(plan: FramePlan) -> dict[str, Any]:
         },
         "camera": camera_dict(plan, tensor),
         **shape_dicts(spec.foreground, mi),
+        **({"objects": objects_dict(plan.objects, tensor)} if len(plan.objects) else {}),
+    }
+
+
+def objects_dict(objects: FlyingObjects, tensor: Callable[[ArrayLike], Any]) -> dict[str, Any]:
+    """Things that fly through the sky, as an emitter like the stars'; their magnitudes are those at the ground."""
+    return {
+        "type": "skybench_stars",
+        "directions": tensor(objects.directions),
+        "v_mag": tensor(objects.v_mag),
+        "colour_row": tensor(colour_row(objects.bv_mag)),
+        "airmass": tensor(np.zeros(len(objects))),
+        "colour_table": tensor(colour_table()),
+        "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
+        "light_curve": tensor(objects.light_curve),
     }
 
 
@@ -184,16 +203,18 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
     names = list(sensor.channels)
     sky = np.array(integrator.diffuse(scene, camera))
     image = sky
-    nothing = np.zeros(0)
-    if len(plan.stars) == 0:
-        pairs = np.zeros((0, 2))
-        truth = StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
-    else:
-        emitter = next(emitter for emitter in scene.emitters() if emitter.id() == "stars")
+    nothing, pairs = np.zeros(0), np.zeros((0, 2))
+    truths = dict.fromkeys(
+        ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
+    )
+    for emitter in scene.emitters():
+        if emitter.id() not in truths or not emitter.count:
+            continue
         tracks = integrator.follow(scene, camera, emitter)
-        image = sky + np.array(integrator.stars(scene, camera, emitter, tracks))
+        image = image + np.array(integrator.stars(scene, camera, emitter, tracks))
         on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
-        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+    truth = truths["stars"]
     return ExpectedFrame(
         electrons=mosaic(image, sensor),
         sky_electrons=mosaic(sky, sensor),
@@ -206,4 +227,5 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
         star_electrons=truth.electrons,
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
+        objects=truths["objects"],
     )

@@ -142,11 +142,11 @@ class NightSkyCamera(mi.Sensor):
         time : Float64
         """
         time = self.moment(FLOAT64(0.5 * (self.height - 1)), share)
-        u, v, cosine, valid = self.project(*direction(time), time)
+        u, v, cosine, valid = self._project(direction(time), time)
         if self.read_out_share:
             for _ in range(ROW_ITERATIONS):
                 time = self.moment(dr.clip(dr.select(valid, v, 0), -self.height, 2 * self.height), share)
-                u, v, cosine, valid = self.project(*direction(time), time)
+                u, v, cosine, valid = self._project(direction(time), time)
         return u, v, cosine, valid, time
 
     def project(self, east: Any, north: Any, up: Any, time: Any) -> tuple[Any, Any, Any, Any]:
@@ -172,6 +172,10 @@ class NightSkyCamera(mi.Sensor):
         x, y, z = (row[0] * east + row[1] * north + row[2] * up for row in rows)
         u, v, valid = self.precise_lens.project(x, y, z)
         return u, v, z, valid
+
+    def _project(self, direction: tuple[Any, Any, Any], time: Any) -> tuple[Any, Any, Any, Any]:
+        east, north, up = direction
+        return self.project(east, north, up, time)
 
     def relative_light(self, u: Any, v: Any, cosine: Any) -> Any:
         """Light through the lens at a film position over that on the axis, per solid angle: pupil, vignetting, image circle.

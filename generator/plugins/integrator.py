@@ -29,10 +29,10 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.photometry import GRID_START_NM
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.foreground import lit_radiance
 from generator.plugins.psf_atlas import PsfAtlas
-from generator.photometry import GRID_START_NM
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 from generator.plugins.star_splats import (
     UINT64,

@@ -249,6 +249,7 @@ def make_lens(projection: Projection, number: Any) -> Lens:
     limit = number(projection.limit)
     edge = number(float(np.nextafter(projection.largest_radius, 0)))
     k, p = [number(value) for value in projection.full_k], [number(value) for value in projection.full_p]
+    f_px, fy_px, cx_px, cy_px = basic
     if projection.model == "brown_conrady":
-        return BrownConrady(*basic, k, p, limit, edge)
-    return Fisheye(projection.model, *basic, k, limit, edge)
+        return BrownConrady(f_px, fy_px, cx_px, cy_px, k, p, limit, edge)
+    return Fisheye(projection.model, f_px, fy_px, cx_px, cy_px, k, limit, edge)

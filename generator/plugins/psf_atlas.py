@@ -48,9 +48,8 @@ class PsfAtlas:
         """Share of the light (Float) that falls on the pixel `offset` of the stamp around stars at (u, v)."""
         side = 2 * self.radius_px + 1
         result = mi.Float(0)
-        phases, taps = [], (offset % side, offset // side)
-        for position in (u, v):
-            phases.append(mi.Float((dr.round(position) - position + 0.5) * FINE_PER_PX))
+        taps = (offset % side, offset // side)
+        phases = [mi.Float((dr.round(position) - position + 0.5) * FINE_PER_PX) for position in (u, v)]
         node, blend = [], []
         for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows)):
             place = mi.Float(dr.clip((position + 0.5) / size, 0, 1)) * max(count - 1, 0)
@@ -72,7 +71,9 @@ class PsfAtlas:
                 share *= (blends[0] if column else 1 - blends[0]) if self.columns > 1 else 1
                 stamp = ((nodes[1] + row) * self.columns + nodes[0] + column) * (self.size * self.size)
                 index = stamp + fine[1] * self.size + fine[0]
-                corners = [dr.gather(mi.Float, self.values[band], index + j * self.size + i) for j in (0, 1) for i in (0, 1)]
+                corners = [
+                    dr.gather(mi.Float, self.values[band], index + j * self.size + i) for j in (0, 1) for i in (0, 1)
+                ]
                 top = dr.lerp(corners[0], corners[1], weight[0])
                 bottom = dr.lerp(corners[2], corners[3], weight[0])
                 result += share * dr.lerp(top, bottom, weight[1])

@@ -28,6 +28,7 @@ LANES_AT_ONCE = 6_000_000
 COARSE_CHECKS = 33
 MOST_MOMENTS = 100_000
 SHARE_STEP = 0.5e-3
+MOMENTS_PER_PART = 2
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,13 @@ def follow_stars(
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
-    longest = _longest_step(camera, emitter, chosen, checks) if checks > coarse else steps.max(axis=1, initial=0.0)[chosen]
+    longest = (
+        _longest_step(camera, emitter, chosen, checks) if checks > coarse else steps.max(axis=1, initial=0.0)[chosen]
+    )
     moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px), 1, MOST_MOMENTS).astype(np.int64)
+    if emitter.light_curve is not None:
+        parts = emitter.light_curve.shape[1]
+        moments = np.maximum(np.ceil(moments / parts), MOMENTS_PER_PART).astype(np.int64) * parts
     star = np.repeat(chosen, moments)
     first = np.repeat(np.cumsum(moments) - moments, moments)
     per_star = np.repeat(moments, moments)
@@ -116,10 +122,15 @@ def follow_stars(
     visible_share = np.ones(count)
     if len(star) == 0:
         nothing = np.zeros(0)
-        return StarTracks(u_px, v_px, start, end, centroid, middle_light, visible_share, star, nothing, nothing, nothing)
-    u, v, cosine, good, _, direction = _project(camera, emitter, star, share)
+        return StarTracks(
+            u_px, v_px, start, end, centroid, middle_light, visible_share, star, nothing, nothing, nothing
+        )
+    u, v, cosine, good, time, direction = _project(camera, emitter, star, share)
     relative = _relative_light(camera, u, v, cosine)
     weight = np.where(good & (np.array(direction[2]) >= 0), relative, 0.0) / per_star
+    if emitter.light_curve is not None:
+        part = np.clip((time * parts).astype(np.int64), 0, parts - 1)
+        weight *= emitter.light_curve[star, part]
     if camera.read_out_share:
         weight *= _dwell(camera, emitter, star, share)
     if scene.shapes():
@@ -158,7 +169,7 @@ def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[
 
 
 def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], share: Floats) -> Floats:
-    """Time that a star spends per share of its row's exposure over the exposure: it follows the rows' readout, or flees it."""
+    """Time that a star spends per share of its row's exposure, over the exposure: it follows the readout, or flees it."""
     *_, before, _ = _project(camera, emitter, star, share - SHARE_STEP)
     *_, after, _ = _project(camera, emitter, star, share + SHARE_STEP)
     return np.maximum((after - before) / (2 * SHARE_STEP * camera.exposure_share), 0.0)

@@ -9,6 +9,7 @@ parameter          type     meaning
 ``airmass``        tensor   (n,): relative airmass
 ``colour_table``   tensor   (m, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
 ``optical_depth``  tensor   (1, k): vertical optical depth of the atmosphere
+``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
 =================  =======  =====================================================================================
 
 Stars are points: camera rays never hit them, so the integrator asks for their positions and irradiances and splats them.
@@ -47,6 +48,9 @@ class StarEmitter(mi.Emitter):
         self.airmass = mi.Float(props["airmass"].array)
         self.colour_table = SpectralTable(props["colour_table"])
         self.optical_depth = SpectralTable(props["optical_depth"])
+        self.light_curve = np.array(props["light_curve"], dtype=np.float64) if "light_curve" in props else None
+        if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
+            raise ValueError(f"skybench_stars: light_curve must have shape (n, m), not {self.light_curve.shape}")
         self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None
 
     def direction(self, star: Any, time: Any) -> tuple[Any, Any, Any]:

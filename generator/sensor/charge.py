@@ -87,7 +87,9 @@ class CosmicRays:
             column = np.floor(u + along * np.cos(angle)).astype(int)
             row = np.floor(v + along * np.sin(angle)).astype(int)
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            np.add.at(signal, (..., row[inside], column[inside]), charge * max(length, 1) / steps)
+            # Several steps may fall into one pixel, so they add up one by one.
+            for here in zip(row[inside], column[inside], strict=True):
+                signal[..., here[0], here[1]] += charge * max(length, 1) / steps
         return signal
 
 

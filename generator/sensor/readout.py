@@ -35,8 +35,8 @@ class ReadNoise:
 class TelegraphNoise:
     """Random telegraph noise, the read noise's tail: correlated double sampling sees a trap empty, fill, or neither.
 
-    A pixel with a trap reads -a, 0 or +a with probabilities 1/4, 1/2, 1/4 (Wang et al. 2006, IEDM, "Random telegraph signal in
-    CMOS image sensor pixels": three peaks); which pixels have one, and their exponentially distributed a, is fixed.
+    A pixel with a trap reads -a, 0 or +a with probabilities 1/4, 1/2, 1/4 (Wang et al. 2006, IEDM, "Random telegraph signal
+    in CMOS image sensor pixels": three peaks); which pixels have one, and their exponentially distributed a, is fixed.
     """
 
     fraction: float

@@ -116,11 +116,13 @@ def test_a_moving_camera_smears_the_horizon_s_edge(tmp_path) -> None:
     }  # fmt: skip
     wall = {"horizon": {"file": "flat.csv"}, "lit_directions": 0}
     walled, free = (
-        render_expected(plan_frame(scenario_in(tmp_path, **values, foreground=foreground), 0)).electrons[:, 32].astype(float)
+        render_expected(plan_frame(scenario_in(tmp_path, **values, foreground=foreground), 0))
+        .electrons[:, 32]
+        .astype(float)
         for foreground in (wall, {})
     )
     length = 300 * math.radians(8.0 * 0.5)
-    lit = walled / free
+    lit = walled[:140] / free[:140]
     ramp = np.flatnonzero((lit > 0.02) & (lit < 0.97))
     assert len(ramp) == pytest.approx(length, abs=2.5)
     assert lit[89:91].mean() == pytest.approx(0.5, abs=0.05)

@@ -211,7 +211,9 @@ def test_long_exposures_follow_the_stars_arcs() -> None:
     focal = plan.spec.camera.f_px
 
     def angle_about_pole(position):
-        direction = np.stack([(position[:, 0] - 269.5) / focal, (position[:, 1] - 179.5) / focal, np.ones(len(position))], 1)
+        direction = np.stack(
+            [(position[:, 0] - 269.5) / focal, (position[:, 1] - 179.5) / focal, np.ones(len(position))], 1
+        )
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         return direction
 

@@ -67,11 +67,15 @@ def test_against_opencv(case) -> None:
     points = np.stack(host([x, y, z]), axis=1)
     matrix = np.array([[projection.f_px, 0, projection.cx_px], [0, projection.fy_px, projection.cy_px], [0, 0, 1.0]])
     if case == "kannala":
-        image, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, np.array(projection.full_k))
+        image, _ = cv2.fisheye.projectPoints(
+            points[:, None], np.zeros(3), np.zeros(3), matrix, np.array(projection.full_k)
+        )
     else:
         k1, k2, k3, k4, k5, k6 = (projection.full_k + (0.0,) * 6)[:6]
         p1, p2 = (projection.full_p + (0.0,) * 2)[:2]
-        image, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
+        image, _ = cv2.projectPoints(
+            points, np.zeros(3), np.zeros(3), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6])
+        )
     ours = np.stack(host(lens.project(x, y, z)[:2]), axis=1)
     assert np.abs(ours - image.reshape(-1, 2)).max() < 1e-3
     assert np.abs(image.reshape(-1, 2) - np.stack([u, v], axis=1)).max() < 1e-3
@@ -189,8 +193,14 @@ def test_plugin_takes_every_model() -> None:
 
 
 REFUSED = {
-    "folding": ({"camera__model": "brown_conrady", "camera__k": [-0.5]}, ["camera", "k: the distortion stops increasing"]),
-    "too many": ({"camera__model": "pinhole", "camera__k": [0.1]}, ["camera", "k: found 1 numbers, expected at most 0"]),
+    "folding": (
+        {"camera__model": "brown_conrady", "camera__k": [-0.5]},
+        ["camera", "k: the distortion stops increasing"],
+    ),
+    "too many": (
+        {"camera__model": "pinhole", "camera__k": [0.1]},
+        ["camera", "k: found 1 numbers, expected at most 0"],
+    ),
     "no model": ({"camera__model": "mirror"}, ["camera.model", "mirror", "kannala_brandt"]),
     "bright vignetting": ({"camera__vignetting": [0.4]}, ["camera", "vignetting", "0 to 1"]),
     "two scales": ({"camera__hfov_deg": 60}, ["camera", "exactly one of hfov_deg"]),

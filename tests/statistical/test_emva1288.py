@@ -61,11 +61,11 @@ def analysis():
 
 
 def test_system_gain_within_one_percent(analysis) -> None:
-    assert analysis.K == pytest.approx(1 / SENSOR.gain_e_per_dn, rel=0.01)
+    assert pytest.approx(1 / SENSOR.gain_e_per_dn, rel=0.01) == analysis.K
 
 
 def test_quantum_efficiency_within_one_percent(analysis) -> None:
-    assert analysis.QE == pytest.approx(100 * QUANTUM_EFFICIENCY, rel=0.01)
+    assert pytest.approx(100 * QUANTUM_EFFICIENCY, rel=0.01) == analysis.QE
 
 
 def test_dark_noise_within_three_percent(analysis) -> None:
@@ -77,8 +77,8 @@ def test_full_well_within_two_percent(analysis) -> None:
 
 
 def test_dsnu_and_prnu_within_five_percent(analysis) -> None:
-    assert analysis.DSNU1288 == pytest.approx(SENSOR.dsnu_e, rel=0.05)
-    assert analysis.PRNU1288 == pytest.approx(100 * SENSOR.prnu, rel=0.05)
+    assert pytest.approx(SENSOR.dsnu_e, rel=0.05) == analysis.DSNU1288
+    assert pytest.approx(100 * SENSOR.prnu, rel=0.05) == analysis.PRNU1288
 
 
 def test_signal_to_noise_over_four_decades(analysis) -> None:

@@ -26,9 +26,7 @@ EVERYTHING = {
 
 
 def exposure(number: int = 0) -> Exposure:
-    return Exposure(
-        2.0, lambda name: random_stream(5, name, number), lambda name: random_stream(5, f"unit.{name}", 0)
-    )
+    return Exposure(2.0, lambda name: random_stream(5, name, number), lambda name: random_stream(5, f"unit.{name}", 0))
 
 
 def read_out(**values) -> np.ndarray:
@@ -66,7 +64,9 @@ def test_dark_current_doubles() -> None:
     """6 deg C warmer, twice the mean: within 4 standard errors."""
     means = []
     for temperature in (20.0, 26.0, 8.0):
-        spec = SensorSpec(dark_current_e_s=50.0, temperature_c=temperature, read_noise_e=0.0, gain_e_per_dn=0.25, bits=16)
+        spec = SensorSpec(
+            dark_current_e_s=50.0, temperature_c=temperature, read_noise_e=0.0, gain_e_per_dn=0.25, bits=16
+        )
         now = exposure()
         dn = expose(np.zeros(SHAPE, np.float32), 2.0, spec, now.frame, now.unit)
         means.append((dn.astype(float).mean() - 64) * 0.25)
@@ -146,7 +146,10 @@ def test_bayer_mosaic_is_made_of_its_planes() -> None:
 
 
 REFUSED = {
-    "efficiency above 1": ({"quantum_efficiency": [[400, 0.5], [600, 1.2]]}, ["sensor.quantum_efficiency.1.1", "1.2", "<= 1"]),
+    "efficiency above 1": (
+        {"quantum_efficiency": [[400, 0.5], [600, 1.2]]},
+        ["sensor.quantum_efficiency.1.1", "1.2", "<= 1"],
+    ),
     "negative": ({"colour": {"red": [[400, -0.1], [600, 0.2]]}}, ["sensor.colour.red.0.1", "-0.1", ">= 0"]),
     "pattern": ({"colour": {"pattern": "RGBG"}}, ["sensor.colour.pattern", "RGBG", "RGGB"]),
     "bits": ({"bits": 7}, ["sensor.bits", "7", ">= 8"]),
