@@ -1,6 +1,7 @@
 """Satellites, aircraft and meteors: places, light and truth rows."""
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -66,7 +67,7 @@ def test_element_sets_against_skyfield() -> None:
             atmosphere={"refraction": False},
         ), 0,
     )  # fmt: skip
-    timescale = Loader(skyfield_data.get_skyfield_data_path(), verbose=False).timescale(builtin=True)
+    timescale = Loader(Path(skyfield_data.__file__).parent / "data", verbose=False).timescale(builtin=True)
     where = EarthSatellite(*ISS, ts=timescale) - wgs84.latlon(52.0, 4.36)
     for keyframe, second in ((0, 0.0), (32, 30.0), (64, 60.0)):
         altitude, azimuth, _ = where.at(timescale.utc(2020, 1, 15, 18, 0, second)).altaz()
