@@ -31,7 +31,9 @@ Floats = NDArray[np.float64]
 FINE_PER_PX = 8
 """Samples of a stamp per pixel."""
 FIELD_NODES = 5
-"""Nodes of the field grid along each axis, where the point spread function varies."""
+"""Nodes of the field grid along each axis, where the point spread function varies, that are computed."""
+NODE_REFINEMENT = 9 / 5
+"""Nodes of the table over those: the others are blended linearly."""
 BAND_COUNT = 4
 """Wavelength bands, where it depends on wavelength."""
 REFERENCE_NM = 550.0
@@ -51,7 +53,7 @@ class PsfTable:
         The bands' limits.
     """
 
-    stamps: Floats
+    stamps: NDArray[np.float32]
     shift: Floats
     edges_nm: Floats
 
@@ -70,12 +72,15 @@ def psf_table(camera: CameraSpec) -> PsfTable:
     u = np.linspace(-0.5, camera.width - 0.5, nodes) if nodes > 1 else np.array([projection.cx_px])
     v = np.linspace(-0.5, camera.height - 0.5, nodes) if nodes > 1 else np.array([projection.cy_px])
     size = (2 * psf.support_px + 1) * FINE_PER_PX + 1
-    stamps = np.zeros((bands, nodes, nodes, size, size))
+    stamps = np.zeros((bands, nodes, nodes, size, size), np.float32)
     for band, wavelength in enumerate(middles):
         for row in range(nodes):
             for column in range(nodes):
                 field = complex(u[column] - projection.cx_px, v[row] - projection.cy_px) / corner
                 stamps[band, row, column] = pixel_psf(psf, wavelength, field, camera.pixel_pitch_um)
+    if nodes > 1:
+        # Stars take the nearest node, so there are enough for the steps between them to be small.
+        stamps = ndimage.zoom(stamps, (1, NODE_REFINEMENT, NODE_REFINEMENT, 1, 1), order=1, grid_mode=False)
     shift = psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM
     return PsfTable(stamps, shift, edges)
 
@@ -90,7 +95,7 @@ def equivalent_sigma_px(camera: CameraSpec) -> float:
         return camera.psf_sigma_px
     table = psf_table(camera)
     nodes = table.stamps.shape[1]
-    stamp = table.stamps[len(table.stamps) // 2, nodes // 2, nodes // 2]
+    stamp = table.stamps[len(table.stamps) // 2, nodes // 2, nodes // 2].astype(np.float64)
     area = stamp.sum() ** 2 / (stamp**2).sum() / FINE_PER_PX**2
     return float(np.sqrt(max(area / (4 * np.pi) - 1 / 12, 0.04)))
 

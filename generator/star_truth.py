@@ -76,7 +76,7 @@ def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
     That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
     """
     camera = plan.spec.camera
-    stamps = psf_table(camera).stamps[band]
+    stamps = psf_table(camera).stamps[band].astype(np.float64)
     rows, columns, size = stamps.shape[:3]
     # Sums over whole pixels: fine samples integrate to the light, each for 1/FINE_PER_PX^2 of it.
     fine = stamps / FINE_PER_PX**2

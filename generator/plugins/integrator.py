@@ -45,6 +45,8 @@ from generator.plugins.star_splats import (
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
+FAINT_E, FAINT_STEP_FACTOR = 2000.0, 2.0
+"""Stars of fewer electrons take longer steps."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -60,7 +62,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         self.wavelength_groups = int(props.get("wavelength_groups", 33))
         # The midpoint rule over a Gaussian is exact to 1e-6 at steps of half its width, the pixel's own included.
         width = math.hypot(self.psf_sigma_px, math.sqrt(1 / 12))
-        self.largest_step_px = float(props.get("largest_step_px", 0.5 * width if self.stamps is None else 0.3))
+        self.largest_step_px = float(props.get("largest_step_px", 0.5 * width if self.stamps is None else 0.35))
+        self._electrons: dict[tuple[str, int], NDArray[np.float64]] = {}
         self.coverage_moments = int(props.get("coverage_moments", 1))
         self.sky_moments = int(props.get("sky_moments", 1))
         self.lit_samples = int(props.get("lit_samples", 0))
@@ -178,6 +181,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
         """As :meth:`star_electrons`, split into equal bands of the spectral range: (stars, channels, bands)."""
+        if (emitter.id(), bands) in self._electrons:
+            return self._electrons[emitter.id(), bands]
         film = camera.film()
         channels = film.create_block().channel_count() - 1
         star = dr.arange(mi.UInt32, emitter.count)
@@ -193,12 +198,16 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                     total[channel][band] += values[channel]
             dr.eval(total)
         host = np.array([[np.array(value, np.float64) for value in channel] for channel in total])
-        return np.moveaxis(host, 2, 0) / self.wavelength_groups
+        self._electrons[emitter.id(), bands] = np.moveaxis(host, 2, 0) / self.wavelength_groups
+        return self._electrons[emitter.id(), bands]
 
     def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
         """Where each star's light falls, and when."""
         reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
-        return follow_stars(scene, camera, emitter, reach, self.largest_step_px)
+        # The steps of a faint star drown in its own photon noise long before they show.
+        electrons = self.electrons_by_band(camera, emitter, self.bands).sum(axis=2).max(axis=1)
+        step = np.where(electrons < FAINT_E, FAINT_STEP_FACTOR, 1.0) * self.largest_step_px
+        return follow_stars(scene, camera, emitter, reach, step)
 
     def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter, tracks: StarTracks | None = None) -> Any:
         """Expected electrons from stars, TensorXf (height, width, channels); `tracks` are those of :meth:`follow`."""

@@ -1,4 +1,4 @@
-"""A tabulated point spread function in Dr.Jit: bilinear in the field and between fine samples."""
+"""A tabulated point spread function in Dr.Jit: that of the nearest field node, bilinear between fine samples."""
 
 from __future__ import annotations
 
@@ -47,34 +47,22 @@ class PsfAtlas:
     def taps(self, band: int, u: Any, v: Any, owner: Any, offset: Any) -> Any:
         """Share of the light (Float) that falls on the pixel `offset` of the stamp around stars at (u, v)."""
         side = 2 * self.radius_px + 1
-        result = mi.Float(0)
         taps = (offset % side, offset // side)
         phases = [mi.Float((dr.round(position) - position + 0.5) * FINE_PER_PX) for position in (u, v)]
-        node, blend = [], []
-        for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows)):
-            place = mi.Float(dr.clip((position + 0.5) / size, 0, 1)) * max(count - 1, 0)
-            lower = dr.minimum(mi.UInt32(place), max(count - 2, 0))
-            node.append(lower)
-            blend.append(place - mi.Float(lower))
-        dr.eval(phases, node, blend)
+        node = [
+            mi.UInt32(dr.round(dr.clip((position + 0.5) / size, 0, 1) * (count - 1)))
+            for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows))
+        ]
+        stamp = (node[1] * self.columns + node[0]) * (self.size * self.size)
+        dr.eval(phases, stamp)
         fine, weight = [], []
         for phase, tap in zip(phases, taps, strict=True):
             own = dr.gather(mi.Float, phase, owner)
             lower = dr.minimum(mi.UInt32(own), FINE_PER_PX - 1)
             fine.append(tap * FINE_PER_PX + lower)
             weight.append(own - mi.Float(lower))
-        nodes = [dr.gather(mi.UInt32, index, owner) for index in node]
-        blends = [dr.gather(mi.Float, value, owner) for value in blend]
-        for row in range(min(self.rows, 2)):
-            for column in range(min(self.columns, 2)):
-                share = dr.select(bool(row), blends[1], 1 - blends[1]) if self.rows > 1 else mi.Float(1)
-                share *= (blends[0] if column else 1 - blends[0]) if self.columns > 1 else 1
-                stamp = ((nodes[1] + row) * self.columns + nodes[0] + column) * (self.size * self.size)
-                index = stamp + fine[1] * self.size + fine[0]
-                corners = [
-                    dr.gather(mi.Float, self.values[band], index + j * self.size + i) for j in (0, 1) for i in (0, 1)
-                ]
-                top = dr.lerp(corners[0], corners[1], weight[0])
-                bottom = dr.lerp(corners[2], corners[3], weight[0])
-                result += share * dr.lerp(top, bottom, weight[1])
-        return result
+        index = dr.gather(mi.UInt32, stamp, owner) + fine[1] * self.size + fine[0]
+        corners = [dr.gather(mi.Float, self.values[band], index + j * self.size + i) for j in (0, 1) for i in (0, 1)]
+        return dr.lerp(
+            dr.lerp(corners[0], corners[1], weight[0]), dr.lerp(corners[2], corners[3], weight[0]), weight[1]
+        )

@@ -78,7 +78,7 @@ def _project(
 
 
 def follow_stars(
-    scene: Any, camera: NightSkyCamera, emitter: StarEmitter, reach_px: float, largest_step_px: float
+    scene: Any, camera: NightSkyCamera, emitter: StarEmitter, reach_px: float, largest_step_px: Floats
 ) -> StarTracks:
     """Follow all stars of an emitter over the exposure.
 
@@ -89,8 +89,8 @@ def follow_stars(
     camera, emitter
     reach_px : float
         How far beyond the frame a star's centre can be for its light to touch the frame.
-    largest_step_px : float
-        Longest step between two moments.
+    largest_step_px : (n,) array
+        Longest step of each star between two moments.
     """
     count = emitter.count
     everyone = np.arange(count, dtype=np.int64)
@@ -111,7 +111,7 @@ def follow_stars(
     longest = (
         _longest_step(camera, emitter, chosen, checks) if checks > coarse else steps.max(axis=1, initial=0.0)[chosen]
     )
-    moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px), 1, MOST_MOMENTS).astype(np.int64)
+    moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px[chosen]), 1, MOST_MOMENTS).astype(np.int64)
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]
         moments = np.maximum(np.ceil(moments / parts), MOMENTS_PER_PART).astype(np.int64) * parts
