@@ -19,12 +19,17 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame_plan import FramePlan, plan_frame
 from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes, star_table
+from generator.object_table import object_table
 from generator.scenario_file import Scenario
 from generator.scene import ExpectedFrame, render_expected
 from generator.seeds import random_stream
+from generator.sensor.develop import develop
+from generator.sensor.hud import hud_mask
 
 PNG_COMPRESSION = 4
+TEMPORARY = ("frame-*", ".frame-*", ".stars-*", ".objects-*")
 STARS_FILE = "stars.parquet"
+OBJECTS_FILE = "objects.parquet"
 
 
 @dataclass(frozen=True)
@@ -39,12 +44,21 @@ class RenderedFrame:
         What the camera recorded.
     stars : pyarrow.Table
         Truth (schema: STAR_SCHEMA).
+    objects : pyarrow.Table
+        Truth of flying objects (schema: OBJECT_SCHEMA).
+    hud : (height, width) bool array or None
+        Pixels that the head-up display covers.
+    developed : (height, width[, 3]) uint8 array or None
+        8-bit picture.
     """
 
     plan: FramePlan
     expected: ExpectedFrame
     dn: NDArray[np.uint16]
     stars: pa.Table
+    objects: pa.Table
+    hud: NDArray[np.bool_] | None = None
+    developed: NDArray[np.uint8] | None = None
 
 
 def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
@@ -56,19 +70,40 @@ def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
         plan.spec.time.exposure_s,
         plan.spec.sensor,
         lambda name: random_stream(scenario.seed, name, index),
+        lambda name: random_stream(scenario.seed, f"unit.{name}", 0),
     )
-    return RenderedFrame(plan, expected, dn, star_table(plan, expected))
+    sensor = plan.spec.sensor
+    developed = None if sensor.develop is None else develop(dn, sensor)
+    hud = None
+    if sensor.hud:
+        hud = hud_mask(plan.spec.camera.width, plan.spec.camera.height, hud_lines(plan))
+        dn[hud] = 2**sensor.bits - 1
+        if developed is not None:
+            developed[hud] = 255
+    return RenderedFrame(plan, expected, dn, star_table(plan, expected), object_table(plan, expected), hud, developed)
 
 
-def png_bytes(dn: NDArray[np.uint16]) -> bytes:
-    """Encode DN as a 16-bit greyscale PNG."""
+def hud_lines(plan: FramePlan) -> tuple[str, ...]:
+    """Text of the head-up display: what a flight controller knows, but not where it is."""
+    spec = plan.spec
+    return (
+        plan.utc_start.isoformat()[:19] + "Z",
+        f"AZ {spec.attitude.azimuth_deg:.1f} ALT {spec.attitude.altitude_deg:.1f} ROLL {spec.attitude.roll_deg:.1f}",
+        f"EXP {spec.time.exposure_s:.3f} S",
+    )
+
+
+def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
+    """Encode DN as a 16-bit greyscale PNG, or an 8-bit picture as grey or colour."""
     stream = io.BytesIO()
-    Image.fromarray(dn).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
+    Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()
 
 
 def write_exr(path: Path, frame: RenderedFrame) -> None:
     """Write expected electrons as an OpenEXR file with the frame's identity in its header."""
+    names = {"electrons": "Y", "red": "R", "green": "G", "blue": "B"}
+    channels = {names[name]: pixels for name, pixels in frame.expected.channels.items()}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -77,7 +112,7 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
         "skybench:utc_start": frame.plan.utc_start.isoformat(),
         "skybench:unit": "electrons",
     }
-    with atomic_path(path) as temporary, OpenEXR.File(header, {"Y": frame.expected.electrons}) as file:
+    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
         file.write(str(temporary))
 
 
@@ -86,6 +121,10 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     stem = frame.plan.frame_id
     write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
     write_exr(folder / f"{stem}.exr", frame)
+    if frame.developed is not None:
+        write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
+    if frame.hud is not None:
+        write_bytes(folder / f"{stem}-hud.png", png_bytes(np.where(frame.hud, 255, 0).astype(np.uint8)))
     write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.stars.num_rows)))
 
 
@@ -112,11 +151,12 @@ def prepare_folder(folder: Path) -> None:
         strangers = [
             path.name
             for path in folder.iterdir()
-            if path.name != STARS_FILE and not path.name.startswith(("frame-", ".frame-", ".stars-"))
+            if path.name not in (STARS_FILE, OBJECTS_FILE)
+            and not path.name.startswith(("frame-", ".frame-", ".stars-", ".objects-"))
         ]
         if strangers:
             raise GeneratorError(f"{folder}: holds other files ({sorted(strangers)[0]}, …); choose an empty folder")
-        for old in [folder / STARS_FILE, *folder.glob("frame-*"), *folder.glob(".frame-*"), *folder.glob(".stars-*")]:
+        for old in [folder / STARS_FILE, folder / OBJECTS_FILE, *(p for mark in TEMPORARY for p in folder.glob(mark))]:
             old.unlink(missing_ok=True)
     except OSError as error:
         raise GeneratorError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
@@ -133,13 +173,18 @@ def render_dataset(
         With what to do about it.
     """
     prepare_folder(folder)
-    tables = []
+    tables, objects = [], []
     try:
         for index in range(scenario.frame_count):
             frame = render_frame(scenario, index)
             write_frame(folder, frame)
             tables.append(frame.stars)
+            if frame.objects.num_rows:
+                objects.append(frame.objects)
             progress(frame)
+        if objects:
+            with atomic_path(folder / OBJECTS_FILE) as temporary:
+                pq.write_table(pa.concat_tables(objects), temporary, compression="zstd")
         write_stars(folder, tables)
     except OSError as error:
         raise GeneratorError(

@@ -1,46 +1,75 @@
-"""From expected electrons to DN: shot noise, dark current, saturation, read noise, gain, black level, quantisation."""
+"""From expected electrons to DN: the sensor's effects in order (:mod:`generator.sensor`)."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.scenario import SensorSpec
+from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
+from generator.sensor.effect import Effect, Exposure, NoiseStream
+from generator.sensor.readout import Converter, FixedOffset, LineNoise, ReadNoise, TelegraphNoise
+from generator.sensor_spec import SensorSpec
 
-NoiseStream = Callable[[str], np.random.Generator]
+
+def effects(sensor: SensorSpec) -> list[Effect]:
+    """The sensor's effects in the order in which they act; those without a size are left out.
+
+    Source of the model: EMVA Standard 1288, release 4.0, section 2 (linear camera model).
+    """
+    on = sensor.noise
+    chain: list[Effect] = []
+    if on and (sensor.prnu or sensor.dead_pixel_fraction):
+        chain.append(PhotoResponse(sensor.prnu, sensor.dead_pixel_fraction))
+    chain.append(PhotonNoise(on))
+    hot = sensor.hot_pixel_fraction if on else 0.0
+    if sensor.mean_dark_e_s or hot:
+        chain.append(DarkCurrent(sensor.mean_dark_e_s, hot, sensor.hot_pixel_e_s * sensor.dark_factor, on))
+    if on and sensor.cosmic_rays is not None:
+        rays = sensor.cosmic_rays
+        chain.append(CosmicRays(rays.rate_s, rays.charge_e_px, rays.length_px))
+    chain.append(FullWell(sensor.full_well_e, sensor.blooming))
+    if on and sensor.dsnu_e:
+        chain.append(FixedOffset(sensor.dsnu_e))
+    if on and sensor.read_noise_e:
+        chain.append(ReadNoise(sensor.read_noise_e))
+    if on and sensor.telegraph is not None:
+        chain.append(TelegraphNoise(sensor.telegraph.fraction, sensor.telegraph.amplitude_e))
+    if on and (sensor.row_noise_e or sensor.column_noise_e):
+        chain.append(LineNoise(sensor.row_noise_e, sensor.column_noise_e))
+    chain.append(Converter(sensor.gain_e_per_dn, sensor.black_level_dn, sensor.bits))
+    return chain
 
 
 def expose(
-    electrons: NDArray[np.float32], exposure_s: float, sensor: SensorSpec, stream: NoiseStream
+    electrons: NDArray[np.float32],
+    exposure_s: float,
+    sensor: SensorSpec,
+    stream: NoiseStream,
+    unit: NoiseStream | None = None,
 ) -> NDArray[np.uint16]:
     """Read out a sensor.
 
-    Source of the model: EMVA Standard 1288, release 4.0, section 2 (linear camera model): Poisson electrons from light and
-    dark current, Gaussian read noise, a uniform quantiser.
-
     Parameters
     ----------
-    electrons : (height, width) array
+    electrons : (..., height, width) array
         Expected electrons from light.
     exposure_s : float
     sensor : SensorSpec
     stream : callable
-        Gives the random generator of a named stream (``shot``, ``read``).
+        Gives the random generator of a named stream of this frame.
+    unit : callable, optional
+        Gives that of a named stream of this very sensor, the same in all its frames; `stream` unless given.
 
     Returns
     -------
-    (height, width) uint16 array
+    (..., height, width) uint16 array
         DN, 0 to 2^bits - 1.
     """
-    expected = np.asarray(electrons, dtype=np.float64) + sensor.dark_current_e_s * exposure_s
-    signal = stream("shot").poisson(expected).astype(np.float64) if sensor.noise else expected
-    signal = np.minimum(signal, sensor.full_well_e)
-    if sensor.noise:
-        signal = signal + stream("read").normal(0.0, sensor.read_noise_e, signal.shape)
-    dn = np.rint(signal / sensor.gain_e_per_dn + sensor.black_level_dn)
-    return np.clip(dn, 0, 2**sensor.bits - 1).astype(np.uint16)
+    exposure = Exposure(exposure_s, stream, unit or stream)
+    signal = np.asarray(electrons, dtype=np.float64)
+    for effect in effects(sensor):
+        signal = effect.apply(signal, exposure)
+    return signal.astype(np.uint16)
 
 
 def saturation_e(sensor: SensorSpec) -> float:
@@ -73,5 +102,7 @@ def matched_filter_snr(
     (n,) array
     """
     area_px = 4 * np.pi * (psf_sigma_px**2 + 1 / 12)
-    per_pixel = sky_e_px + sensor.dark_current_e_s * exposure_s + sensor.read_noise_e**2 + sensor.gain_e_per_dn**2 / 12
+    lines = sensor.row_noise_e**2 + sensor.column_noise_e**2
+    readout = sensor.read_noise_e**2 + lines + sensor.dsnu_e**2 + sensor.gain_e_per_dn**2 / 12
+    per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + readout
     return star_e / np.sqrt(star_e + area_px * per_pixel)

@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, places_of_date
 from generator.atmosphere import Atmosphere, airmass
 from generator.catalogue import StarCatalogue, load_catalogue
+from generator.flying_objects import FlyingObjects, plan_objects
+from generator.motion import Motion, plan_motion
 from generator.scenario import AtmosphereSpec, FrameSpec
 from generator.scenario_file import Scenario
 from generator.times import EarthOrientation, Instant, earth_orientation
 
 Floats = NDArray[np.float64]
+
+LONGEST_STEP_S = 60.0
+"""Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,13 @@ class FramePlan:
     ra_deg, dec_deg : (n,) arrays
         ICRS, proper motion applied to mid-exposure.
     start, middle, end : ApparentPlaces
-        At the exposure's start, middle and end.
+        When the shutter opens, at mid-exposure, and when it closes.
+    directions : (n, k, 3) array
+        Apparent unit vectors (ENU), evenly spaced over the shutter's time.
+    motion : Motion
+        How the camera turns.
+    objects : FlyingObjects
+        Satellites, aircraft and meteors.
     airmass : (n,) array
         At mid-exposure; 0 where extinction is off.
     """
@@ -51,6 +62,9 @@ class FramePlan:
     start: ApparentPlaces
     middle: ApparentPlaces
     end: ApparentPlaces
+    directions: Floats
+    motion: Motion
+    objects: FlyingObjects
     airmass: Floats
 
     @property
@@ -69,7 +83,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     """
     spec = scenario.frame(index)
     utc_start = Instant.parse(spec.time.utc_start)
-    utc_mid = utc_start.plus(spec.time.exposure_s / 2)
+    utc_mid = utc_start.plus(spec.shutter_s / 2)
     orientation = earth_orientation(utc_mid)
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
@@ -79,6 +93,10 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     up = middle.altitude_deg > 0
     stars = stars[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
+    path = [
+        apparent_places(stars, site, utc_start.plus(float(after)), orientation, air)
+        for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
+    ]
     return FramePlan(
         scenario=scenario,
         index=index,
@@ -89,9 +107,12 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         stars=stars,
         ra_deg=ra_deg,
         dec_deg=dec_deg,
-        start=apparent_places(stars, site, utc_start, orientation, air),
+        start=path[0],
         middle=ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up]),
-        end=apparent_places(stars, site, utc_start.plus(spec.time.exposure_s), orientation, air),
+        end=path[-1],
+        directions=np.stack([places.enu for places in path], axis=1),
+        motion=plan_motion(spec, scenario.seed, index),
+        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
         airmass=airmass(middle.altitude_deg[up]) if spec.atmosphere.extinction else np.zeros(len(stars)),
     )
 

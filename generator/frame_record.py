@@ -10,9 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from generator import __version__
+from generator.camera_spec import CameraSpec
 from generator.detector import matched_filter_snr, saturation_e
 from generator.frame_plan import FramePlan
 from generator.mitsuba_runtime import choose_variant
+from generator.motion import Motion
+from generator.psf import equivalent_sigma_px
 from generator.scene import ExpectedFrame
 
 FORMAT = "skybench-frame/1"
@@ -33,10 +36,17 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("airmass", pa.float32(), "1"),
     ("u_px", pa.float64(), "px"),
     ("v_px", pa.float64(), "px"),
+    ("centroid_u_px", pa.float64(), "px"),
+    ("centroid_v_px", pa.float64(), "px"),
+    ("start_u_px", pa.float64(), "px"),
+    ("start_v_px", pa.float64(), "px"),
+    ("end_u_px", pa.float64(), "px"),
+    ("end_v_px", pa.float64(), "px"),
     ("electrons_e", pa.float32(), "e"),
     ("fraction_in_frame", pa.float32(), "1"),
     ("snr", pa.float32(), "1"),
     ("saturated", pa.bool_(), ""),
+    ("occluded", pa.bool_(), ""),
 )
 STAR_SCHEMA = pa.schema(
     [pa.field(name, kind, nullable=False, metadata={"unit": unit}) for name, kind, unit in STAR_COLUMNS],
@@ -62,22 +72,15 @@ def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
             "polar_motion_x_arcsec": plan.orientation.polar_motion_x_arcsec,
             "polar_motion_y_arcsec": plan.orientation.polar_motion_y_arcsec,
         },
-        "camera": {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            "f_px": camera.f_px,
-            "fy_px": camera.f_px,
-            "cx_px": (camera.width - 1) / 2,
-            "cy_px": (camera.height - 1) / 2,
-            "k": [],
-            "p": [],
-        },
-        "attitude": {"R_cam": (np.round(spec.R_cam, 15) + 0.0).tolist()},
+        "camera": camera_object(camera),
+        "attitude": attitude_object(plan.motion),
         "optics": {
             "aperture_mm": camera.aperture_mm,
             "transmission": camera.transmission,
-            "psf_sigma_px": camera.psf_sigma_px,
+            "psf_sigma_px": equivalent_sigma_px(camera),
+            "pupil": camera.pupil_law,
+            "vignetting": list(camera.vignetting),
+            "image_circle_px": camera.image_circle_px,
         },
         "sensor": {
             "bits": sensor.bits,
@@ -85,8 +88,13 @@ def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
             "black_level_dn": sensor.black_level_dn,
             "full_well_e": sensor.full_well_e,
             "read_noise_e": sensor.read_noise_e,
-            "dark_current_e_s": sensor.dark_current_e_s,
-            "quantum_efficiency": [list(point) for point in sensor.quantum_efficiency],
+            "dark_current_e_s": sensor.mean_dark_e_s,
+            "quantum_efficiency": [
+                {"channel": name, "curve": [list(point) for point in curve]} for name, curve in sensor.channels.items()
+            ],
+            "bayer_pattern": None if sensor.colour is None else sensor.colour.pattern,
+            "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
+            "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
         },
         "atmosphere": air.model_dump(),
         "sky": {"bortle": spec.sky.bortle, "zenith_mag_arcsec2": spec.sky.zenith_mag},
@@ -101,6 +109,35 @@ def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
     }
 
 
+def camera_object(camera: CameraSpec) -> dict[str, Any]:
+    """The description of the camera that solvers read, as in a file camera.json."""
+    projection = camera.projection
+    return {
+        "model": camera.model,
+        "width": camera.width,
+        "height": camera.height,
+        "f_px": projection.f_px,
+        "fy_px": projection.fy_px,
+        "cx_px": projection.cx_px,
+        "cy_px": projection.cy_px,
+        "k": list(projection.full_k),
+        "p": list(projection.full_p),
+    }
+
+
+def attitude_object(motion: Motion) -> dict[str, Any]:
+    """Attitude at mid-exposure, its samples over the shutter's time, and the gyroscope's reading."""
+    imu = motion.imu
+    return {
+        "R_cam": (np.round(motion.R_mid, 15) + 0.0).tolist(),
+        "sample_time_s": motion.time_s.tolist(),
+        "sample_R_cam": (np.round(motion.R_cam, 15) + 0.0).tolist(),
+        "imu_time_s": [] if imu is None else imu.time_s.tolist(),
+        "imu_rate_deg_s": [] if imu is None else imu.rate_deg_s.tolist(),
+        "imu_bias_deg_s": [0.0, 0.0, 0.0] if imu is None else imu.bias_deg_s.tolist(),
+    }
+
+
 def record_bytes(record: dict[str, Any]) -> bytes:
     """Serialise a frame record: indented UTF-8 JSON without NaN or infinity."""
     return (json.dumps(record, indent=1, allow_nan=False) + "\n").encode()
@@ -110,7 +147,8 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     """Return the truth of a frame's stars, one row per star in or near the field (schema: STAR_SCHEMA)."""
     spec = plan.spec
     camera, sensor = spec.camera, spec.sensor
-    reach = PSF_REACH_SIGMAS * camera.psf_sigma_px
+    sigma = equivalent_sigma_px(camera)
+    reach = PSF_REACH_SIGMAS * sigma
     with np.errstate(invalid="ignore"):
         seen = (
             (expected.u_px > -0.5 - reach)
@@ -125,7 +163,13 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     row = np.clip(np.rint(expected.v_px[rows]), 0, camera.height - 1).astype(np.intp)
     sky = expected.sky_electrons[row, column].astype(np.float64)
     electrons = expected.star_electrons[rows]
-    peak = _brightest_pixel_around(expected.electrons, row, column) + sensor.dark_current_e_s * spec.time.exposure_s
+    middle = np.stack([expected.u_px[rows], expected.v_px[rows]], axis=1)
+    # A star without light at one of these moments (behind something, or outside the lens' range) keeps its middle.
+    centroid, start, end = (
+        np.where(np.isfinite(places[rows]), places[rows], middle)
+        for places in (expected.centroid_px, expected.start_px, expected.end_px)
+    )
+    peak = _brightest_pixel_around(expected.electrons, row, column) + sensor.mean_dark_e_s * spec.time.exposure_s
     columns = {
         "index": np.full(len(rows), plan.index),
         "frame_id": [plan.frame_id] * len(rows),
@@ -141,10 +185,17 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "airmass": plan.airmass[rows],
         "u_px": expected.u_px[rows],
         "v_px": expected.v_px[rows],
+        "centroid_u_px": centroid[:, 0],
+        "centroid_v_px": centroid[:, 1],
+        "start_u_px": start[:, 0],
+        "start_v_px": start[:, 1],
+        "end_u_px": end[:, 0],
+        "end_v_px": end[:, 1],
         "electrons_e": electrons,
         "fraction_in_frame": expected.fraction_in_frame[rows],
-        "snr": matched_filter_snr(electrons, sky, camera.psf_sigma_px, spec.time.exposure_s, sensor),
+        "snr": matched_filter_snr(electrons, sky, sigma, spec.time.exposure_s, sensor),
         "saturated": peak >= saturation_e(sensor),
+        "occluded": expected.occluded[rows],
     }
     arrays = [pa.array(columns[field.name], type=field.type) for field in STAR_SCHEMA]
     return pa.Table.from_arrays(arrays, schema=STAR_SCHEMA)

@@ -7,24 +7,21 @@ A scenario describes one frame, or many by *sweeps*: any value may be replaced b
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from generator.camera_presets import with_preset
+from generator.camera_spec import CameraSpec
+from generator.foreground_spec import ForegroundSpec
+from generator.motion import check_motion
+from generator.motion_spec import MotionSpec
+from generator.sensor_spec import SensorSpec
 from generator.sky_brightness import BORTLE_ZENITH_MAG
+from generator.strict import Fraction, Strict
 from generator.times import Instant
-
-
-class Strict(BaseModel):
-    """Base of all parts: frozen, no unknown keys, no conversion between types but integer to float."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 def _check_utc(text: str) -> str:
@@ -33,7 +30,6 @@ def _check_utc(text: str) -> str:
 
 
 Utc = Annotated[str, AfterValidator(_check_utc)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 class SiteSpec(Strict):
@@ -65,90 +61,6 @@ class Pointing(Strict):
     """Apparent altitude, deg."""
     roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """Clockwise turn of the camera about its boresight, deg."""
-
-
-QE_CURVES: dict[str, tuple[tuple[float, float], ...]] = {
-    "cmos-mono": (
-        (350, 0.30), (400, 0.58), (450, 0.74), (500, 0.81), (550, 0.80), (600, 0.74), (650, 0.65), (700, 0.54),
-        (750, 0.43), (800, 0.33), (850, 0.24), (900, 0.16), (950, 0.09), (1000, 0.04),
-    ),
-}  # fmt: skip
-"""Named quantum efficiencies. ``cmos-mono`` is skybench's own generic back-illuminated monochrome CMOS curve."""
-
-
-def _named_curve(value: object) -> object:
-    if isinstance(value, str):
-        if value not in QE_CURVES:
-            raise ValueError(f"{value!r} is not one of the named curves {sorted(QE_CURVES)}, nor a list of [nm, 0-1]")
-        return QE_CURVES[value]
-    if isinstance(value, list):
-        return tuple(tuple(point) if isinstance(point, list) else point for point in value)
-    return value
-
-
-def _increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if any(after[0] <= before[0] for before, after in itertools.pairwise(curve)):
-        raise ValueError("wavelengths must increase")
-    return curve
-
-
-Curve = Annotated[
-    tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
-    Field(min_length=2, max_length=2000),
-    AfterValidator(_increasing),
-    BeforeValidator(_named_curve),
-]
-
-
-class CameraSpec(Strict):
-    """Optics: a pinhole projection behind an entrance pupil."""
-
-    model: Literal["pinhole"] = "pinhole"
-    """Projection."""
-    width: Annotated[int, Field(ge=8, le=16384)]
-    """Columns, pixels."""
-    height: Annotated[int, Field(ge=8, le=16384)]
-    """Rows, pixels."""
-    hfov_deg: Annotated[float, Field(gt=0, lt=180)]
-    """Horizontal field of view, edge to edge, deg."""
-    aperture_mm: Annotated[float, Field(gt=0, le=1000)]
-    """Diameter of the entrance pupil, mm."""
-    transmission: Fraction = 0.9
-    """Of the lens and filters, 0-1."""
-    psf_sigma_px: Annotated[float, Field(ge=0.2, le=20)] = 0.8
-    """Standard deviation of the Gaussian point spread function, px."""
-
-    @property
-    def f_px(self) -> float:
-        """Focal length, px."""
-        return self.width / 2 / math.tan(math.radians(self.hfov_deg / 2))
-
-
-class SensorSpec(Strict):
-    """What turns photons into DN."""
-
-    quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
-    """A named curve or a list of [nm, 0-1], linear in between, zero outside."""
-    full_well_e: Annotated[float, Field(gt=0, le=1e7)] = 15000.0
-    """Electrons at which a pixel saturates."""
-    read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
-    """Rms, electrons."""
-    dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
-    """Electrons per second and pixel."""
-    gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
-    """Electrons per DN."""
-    black_level_dn: Annotated[int, Field(ge=0, le=32768)] = 64
-    """DN without signal."""
-    bits: Annotated[int, Field(ge=8, le=16)] = 12
-    """Of the analogue-to-digital converter."""
-    noise: bool = True
-    """False gives the expected signal, quantised, without shot or read noise."""
-
-    @model_validator(mode="after")
-    def _black_level_fits(self) -> SensorSpec:
-        if self.black_level_dn >= 2**self.bits - 1:
-            raise ValueError(f"black_level_dn {self.black_level_dn} leaves no range below {2**self.bits - 1} DN")
-        return self
 
 
 class AtmosphereSpec(Strict):
@@ -224,13 +136,30 @@ class FrameSpec(Strict):
     """``zenith-north-up``, or azimuth, altitude and roll."""
     camera: CameraSpec
     sensor: SensorSpec = SensorSpec()
+    motion: MotionSpec = MotionSpec()
+    foreground: ForegroundSpec = ForegroundSpec()
     atmosphere: AtmosphereSpec = AtmosphereSpec()
     sky: SkySpec = SkySpec()
     stars: StarsSpec = StarsSpec()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, tree: object) -> object:
+        return with_preset(tree)
+
+    @model_validator(mode="after")
+    def _motion_covers_the_exposure(self) -> FrameSpec:
+        check_motion(self.motion, self.shutter_s)
+        return self
+
+    @property
+    def shutter_s(self) -> float:
+        """Time from the start of the exposure of the first row to the end of that of the last, s."""
+        return self.time.exposure_s + self.sensor.read_out_s(self.camera.height)
+
     @property
     def R_cam(self) -> NDArray[np.float64]:
-        """Rotation ENU to camera, (3, 3)."""
+        """Rotation ENU to camera, (3, 3), as the scenario asks for it; motion during the exposure comes on top."""
         return pointing_matrix(self.attitude)
 
 

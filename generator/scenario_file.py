@@ -11,7 +11,7 @@ import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -255,7 +255,7 @@ def _observer(site: Any) -> Observer | None:
 
 def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
     try:
-        return FrameSpec.model_validate(tree)
+        return FrameSpec.model_validate(tree, context={"folder": Path(source).parent})
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
@@ -272,7 +272,7 @@ def _message(problem: Any, source: str) -> str:
     if kind == "missing":
         return f"{source}: {where}: missing; every scenario needs it"
     if kind == "value_error":
-        return f"{source}: {where}: {context['error']}"
+        return f"{source}: {where}: {context['error']}" if where else f"{source}: {context['error']}"
     bounds = {"greater_than_equal": ("ge", ">="), "greater_than": ("gt", ">"), "less_than_equal": ("le", "<="),
               "less_than": ("lt", "<")}  # fmt: skip
     if kind in bounds:
@@ -292,9 +292,11 @@ def _suggestion(location: tuple[Any, ...]) -> str:
     for part in location[:-1]:
         fields = getattr(model, "model_fields", {})
         model = fields[part].annotation if part in fields else None
+        choices = [choice for choice in get_args(model) if isinstance(choice, type) and issubclass(choice, BaseModel)]
+        model = choices[0] if choices else model
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
         return ""
-    known = list(model.model_fields)
+    known = [field.alias or name for name, field in model.model_fields.items()]
     if model is FrameSpec:
         known += HEADER_KEYS
     wanted = str(location[-1])

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erf
+from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
 from generator.atmosphere import optical_depth
+from generator.foreground import shape_dicts
+from generator.flying_objects import FlyingObjects
 from generator.frame_plan import FramePlan, dimming_atmosphere
 from generator.photometry import GRID_NM
+from generator.psf import psf_table
 from generator.scenario import FrameSpec
+from generator.sensor.colour import channel_weights, mosaic
 from generator.sky_brightness import diffuse_sky
+from generator.star_truth import StarTruth, star_truth
 from generator.stellar_spectra import colour_row, colour_table
 
 Floats = NDArray[np.float64]
+
+SKY_STEP_PX = 8.0
+"""The diffuse sky is looked at once for so many pixels of motion."""
+MOST_SKY_MOMENTS = 16
+MOST_COVERAGE_MOMENTS = 64
 
 
 @dataclass(frozen=True)
@@ -28,23 +39,40 @@ class ExpectedFrame:
     Attributes
     ----------
     electrons : (height, width) float32 array
-        Expected electrons per pixel, stars and sky.
+        Expected electrons from stars and sky in each pixel, of the colour that its filter passes.
     sky_electrons : (height, width) float32 array
-        The diffuse sky's part.
+        Those from the sky, and from what stands in front of it.
+    channels : dict of (height, width) float32 arrays
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it.
     u_px, v_px : (n,) arrays
-        Positions of the plan's stars at mid-exposure, px; NaN where a star lies outside the lens model's range.
+        Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
+        model's range.
+    start_px, end_px : (n, 2) arrays
+        Positions when that row's exposure starts and ends; NaN outside the range or far from the frame.
+    centroid_px : (n, 2) array
+        Mean positions weighted by the light that arrives; NaN where none does.
     star_electrons : (n,) array
-        Expected electrons of each star over the whole point spread function.
+        Expected electrons over the whole point spread function; of a colour sensor, the mean over its filter pattern.
     fraction_in_frame : (n,) array
         Part of them that falls on the sensor.
+    occluded : (n,) bool array
+        Whether something in front of the sky hides more than half of the star's light.
+    objects : StarTruth
+        The same of the plan's flying objects.
     """
 
     electrons: NDArray[np.float32]
     sky_electrons: NDArray[np.float32]
+    channels: dict[str, NDArray[np.float32]]
     u_px: Floats
     v_px: Floats
+    start_px: Floats
+    end_px: Floats
+    centroid_px: Floats
     star_electrons: Floats
     fraction_in_frame: Floats
+    occluded: NDArray[np.bool_]
+    objects: StarTruth
 
 
 def scene_dict(plan: FramePlan) -> dict[str, Any]:
@@ -58,13 +86,9 @@ def scene_dict(plan: FramePlan) -> dict[str, Any]:
     atmosphere = dimming_atmosphere(spec.atmosphere)
     sky = diffuse_sky(spec.sky.zenith_mag, atmosphere)
     depth = np.zeros_like(GRID_NM) if atmosphere is None else optical_depth(GRID_NM, atmosphere)
-    camera = spec.camera
-    response = [
-        (float(wavelength), float(value)) for wavelength, value in zip(GRID_NM, quantum_efficiency(spec), strict=True)
-    ]
     return {
         "type": "scene",
-        "integrator": {"type": "skybench_integrator", "psf_sigma_px": camera.psf_sigma_px},
+        "integrator": integrator_dict(plan, tensor),
         "sky": {
             "type": "skybench_sky",
             "airglow": tensor(sky.airglow[None]),
@@ -73,39 +97,100 @@ def scene_dict(plan: FramePlan) -> dict[str, Any]:
         },
         "stars": {
             "type": "skybench_stars",
-            "directions": tensor(np.stack([plan.start.enu, plan.end.enu], axis=1)),
+            "directions": tensor(plan.directions),
             "v_mag": tensor(plan.stars.v_mag),
             "colour_row": tensor(colour_row(plan.stars.bv_mag)),
             "airmass": tensor(plan.airmass),
             "colour_table": tensor(colour_table()),
             "optical_depth": tensor(depth[None]),
         },
-        "camera": {
-            "type": "skybench_camera",
-            "model": camera.model,
-            "f_px": camera.f_px,
-            "fy_px": camera.f_px,
-            "cx_px": (camera.width - 1) / 2,
-            "cy_px": (camera.height - 1) / 2,
-            "aperture_area_m2": math.pi / 4 * (camera.aperture_mm / 1000) ** 2,
-            "exposure_s": spec.time.exposure_s,
-            "attitude": tensor(spec.R_cam[None]),
-            "film": {
-                "type": "specfilm",
-                "width": camera.width,
-                "height": camera.height,
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-                "electrons": {"type": "spectrum", "value": response},
-            },
-        },
+        "camera": camera_dict(plan, tensor),
+        **shape_dicts(spec.foreground, mi),
+        **({"objects": objects_dict(plan.objects, tensor)} if len(plan.objects) else {}),
     }
 
 
-def quantum_efficiency(spec: FrameSpec) -> Floats:
-    """Electrons per photon at GRID_NM: the sensor's curve times the optics' transmission."""
-    curve = np.array(spec.sensor.quantum_efficiency)
-    return spec.camera.transmission * np.interp(GRID_NM, curve[:, 0], curve[:, 1], left=0, right=0)
+def objects_dict(objects: FlyingObjects, tensor: Callable[[ArrayLike], Any]) -> dict[str, Any]:
+    """Things that fly through the sky, as an emitter like the stars'; their magnitudes are those at the ground."""
+    return {
+        "type": "skybench_stars",
+        "directions": tensor(objects.directions),
+        "v_mag": tensor(objects.v_mag),
+        "colour_row": tensor(colour_row(objects.bv_mag)),
+        "airmass": tensor(np.zeros(len(objects))),
+        "colour_table": tensor(colour_table()),
+        "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
+        "light_curve": tensor(objects.light_curve),
+    }
+
+
+def camera_dict(plan: FramePlan, tensor: Callable[[ArrayLike], Any]) -> dict[str, Any]:
+    """The sensor's part of a scene; `tensor` makes a Mitsuba tensor of an array."""
+    spec, camera = plan.spec, plan.spec.camera
+    projection = camera.projection
+    description: dict[str, Any] = {
+        "type": "skybench_camera",
+        "model": camera.model,
+        "f_px": projection.f_px,
+        "fy_px": projection.fy_px,
+        "cx_px": projection.cx_px,
+        "cy_px": projection.cy_px,
+        "pupil": camera.pupil_law,
+        "aperture_area_m2": math.pi / 4 * (camera.aperture_mm / 1000) ** 2,
+        "exposure_s": spec.time.exposure_s,
+        "read_out_s": spec.sensor.read_out_s(camera.height),
+        "reads_up": spec.sensor.rolling_shutter is not None and spec.sensor.rolling_shutter.direction == "up",
+        "attitude": tensor(plan.motion.R_cam),
+        "film": {
+            "type": "specfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+        },
+    }
+    for name, curve in spec.sensor.channels.items():
+        response = quantum_efficiency(spec, curve)
+        pairs = [(float(wavelength), float(value)) for wavelength, value in zip(GRID_NM, response, strict=True)]
+        description["film"][name] = {"type": "spectrum", "value": pairs}
+    description |= {f"k{i + 1}": value for i, value in enumerate(projection.full_k)}
+    description |= {f"p{i + 1}": value for i, value in enumerate(projection.full_p)}
+    if camera.image_circle_px is not None:
+        description["image_circle_px"] = camera.image_circle_px
+    if camera.vignetting:
+        description |= {"vignetting": tensor(camera.vignetting), "corner_px": camera.corner_px}
+    return description
+
+
+def integrator_dict(plan: FramePlan, tensor: Callable[[ArrayLike], Any]) -> dict[str, Any]:
+    """The integrator's part of a scene."""
+    spec = plan.spec
+    swept_px = _swept_px(plan)
+    description: dict[str, Any] = {
+        "type": "skybench_integrator",
+        "sky_moments": int(np.clip(math.ceil(swept_px / SKY_STEP_PX), 1, MOST_SKY_MOMENTS)),
+        "lit_samples": spec.foreground.lit_directions,
+        "coverage_moments": int(np.clip(math.ceil(swept_px), 1, MOST_COVERAGE_MOMENTS)),
+    }
+    if spec.camera.psf is None:
+        return description | {"psf_sigma_px": spec.camera.psf_sigma_px}
+    table = psf_table(spec.camera)
+    return description | {"psf_stamps": tensor(table.stamps), "psf_shift": tensor(table.shift)}
+
+
+def _swept_px(plan: FramePlan) -> float:
+    """About how far the camera's motion moves the image during one row's exposure, px."""
+    if len(plan.motion.R_cam) == 1:
+        return 0.0
+    turns = Rotation.from_matrix(plan.motion.R_cam)
+    total_rad = float((turns[1:] * turns[:-1].inv()).magnitude().sum())
+    return total_rad * plan.spec.camera.f_px * plan.spec.time.exposure_s / plan.spec.shutter_s
+
+
+def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None = None) -> Floats:
+    """Electrons per photon at GRID_NM: a curve (points nm, 0-1; the sensor's own unless given) times the transmission."""
+    points = np.array(spec.sensor.quantum_efficiency if curve is None else curve)
+    return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
 
 def render_expected(plan: FramePlan) -> ExpectedFrame:
@@ -114,32 +199,33 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
     scene = mi.load_dict(scene_dict(plan))
     integrator, camera = scene.integrator(), scene.sensors()[0]
     camera.film().prepare([])
-    sky = np.array(integrator.diffuse(scene, camera))[:, :, 0]
-    count = len(plan.stars)
-    if count == 0:
-        nothing = np.zeros(0)
-        return ExpectedFrame(sky, sky, nothing, nothing, nothing, nothing)
-    emitter = next(emitter for emitter in scene.emitters() if emitter.id() == "stars")
-    stars = np.array(integrator.stars(scene, camera, emitter))[:, :, 0]
-    precise = type(emitter.first[0])
-    u, v, cosine, valid = camera.project(*(precise(axis) for axis in plan.middle.enu.T), precise(0.5))
-    valid = np.array(valid)
-    u_px, v_px = (np.where(valid, np.array(position, dtype=np.float64), np.nan) for position in (u, v))
-    on_axis = np.array(integrator.star_electrons(camera, emitter)[0], dtype=np.float64)
-    pupil = np.array(camera.lens.pupil(mi.Float(cosine)), dtype=np.float64)
-    sigma = plan.spec.camera.psf_sigma_px
-    share = _share_within(u_px, plan.spec.camera.width, sigma) * _share_within(v_px, plan.spec.camera.height, sigma)
-    return ExpectedFrame(
-        electrons=sky + stars,
-        sky_electrons=sky,
-        u_px=u_px,
-        v_px=v_px,
-        star_electrons=on_axis * pupil,
-        fraction_in_frame=np.nan_to_num(share),
+    sensor = plan.spec.sensor
+    names = list(sensor.channels)
+    sky = np.array(integrator.diffuse(scene, camera))
+    image = sky
+    nothing, pairs = np.zeros(0), np.zeros((0, 2))
+    truths = dict.fromkeys(
+        ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
     )
-
-
-def _share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
-    """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
-    scale = math.sqrt(2) * sigma_px
-    return 0.5 * (erf((size - 0.5 - position_px) / scale) - erf((-0.5 - position_px) / scale))
+    for emitter in scene.emitters():
+        if emitter.id() not in truths or not emitter.count:
+            continue
+        tracks = integrator.follow(scene, camera, emitter)
+        image = image + np.array(integrator.stars(scene, camera, emitter, tracks))
+        on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
+        truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+    truth = truths["stars"]
+    return ExpectedFrame(
+        electrons=mosaic(image, sensor),
+        sky_electrons=mosaic(sky, sensor),
+        channels={name: np.ascontiguousarray(image[:, :, channel]) for channel, name in enumerate(names)},
+        u_px=truth.u_px,
+        v_px=truth.v_px,
+        start_px=truth.start_px,
+        end_px=truth.end_px,
+        centroid_px=truth.centroid_px,
+        star_electrons=truth.electrons,
+        fraction_in_frame=truth.fraction_in_frame,
+        occluded=truth.occluded,
+        objects=truths["objects"],
+    )

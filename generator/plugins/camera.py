@@ -5,23 +5,34 @@ nm, times the film's response, as Mitsuba's own sensors have it: a ``specfilm`` 
 weights with each channel's. Photon radiance (photons s^-1 m^-2 nm^-1 sr^-1) thus becomes expected electrons per pixel,
 when the film's channels hold quantum efficiencies.
 
-=====================  ==========  ==========================================================================
-parameter              type        meaning
-=====================  ==========  ==========================================================================
-``model``              string      ``pinhole``
-``f_px``, ``fy_px``    float       focal length along u and v, px
-``cx_px``, ``cy_px``   float       principal point, px
-``aperture_area_m2``   float       area of the entrance pupil, m^2
-``exposure_s``         float       s
-``attitude``           tensor      (k, 3, 3): R_cam, ENU to camera, evenly spaced over the exposure, k >= 1
-``film``               plugin      a ``specfilm``
-=====================  ==========  ==========================================================================
+======================  ==========  =========================================================================
+parameter               type        meaning
+======================  ==========  =========================================================================
+``model``               string      a name of :data:`generator.projection.MODELS` (default ``pinhole``)
+``f_px``, ``fy_px``     float       focal length along u and v, px
+``cx_px``, ``cy_px``    float       principal point, px
+``k1`` … ``k6``         float       radial distortion (default 0)
+``p1``, ``p2``          float       tangential distortion (default 0)
+``image_circle_px``     float       radius around the principal point beyond which no light falls
+``pupil``               string      ``cosine`` (default) or ``constant``: projected area of the pupil off axis
+``vignetting``          tensor      (n,): a1, a2, … of the factor 1 + a1 q + a2 q^2 + …
+``corner_px``           float       where q, the squared distance from the principal point, is 1 (with vignetting)
+``aperture_area_m2``    float       area of the entrance pupil, m^2
+``exposure_s``          float       of each row, s
+``read_out_s``          float       between the exposures' starts of the first and the last row, s (default 0)
+``reads_up``            boolean     whether the last row is the first to be exposed (default false)
+``attitude``            tensor      (k, 3, 3): R_cam, ENU to camera, evenly spaced over the shutter's time, k >= 1
+``film``                plugin      a ``specfilm``
+======================  ==========  =========================================================================
 
-The world frame of the scene is east, north, up. Ray time runs from 0 (exposure start) to 1 (its end).
+The world frame of the scene is east, north, up. Time runs from 0 to 1 over the shutter's time:
+from the start of the exposure of the first row to the end of that of the last. With a global shutter these are the
+exposure's start and end.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -29,10 +40,12 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from generator.plugins.lens import Lens, Pinhole
+from generator.plugins.lens import Lens, make_lens
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
+from generator.projection import COEFFICIENTS, MODELS, Projection
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
+ROW_ITERATIONS = 4
 
 
 class NightSkyCamera(mi.Sensor):
@@ -41,12 +54,29 @@ class NightSkyCamera(mi.Sensor):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         model = props.get("model", "pinhole")
-        if model != "pinhole":
-            raise ValueError(f"skybench_camera: model '{model}' is not one of: pinhole")
-        intrinsics = [float(props[name]) for name in ("f_px", "fy_px", "cx_px", "cy_px")]
-        self.lens: Lens = Pinhole(*(dr.opaque(mi.Float, value) for value in intrinsics))
-        self.precise_lens: Lens = Pinhole(*(dr.opaque(FLOAT64, value) for value in intrinsics))
-        self.collected = dr.opaque(mi.Float, float(props["aperture_area_m2"]) * float(props["exposure_s"]))
+        if model not in MODELS:
+            raise ValueError(f"skybench_camera: model '{model}' is not one of: {', '.join(MODELS)}")
+        most_k, most_p = COEFFICIENTS.get(model, (0, 0))
+        projection = Projection(
+            model,
+            *(float(props[name]) for name in ("f_px", "fy_px", "cx_px", "cy_px")),
+            k=tuple(float(props.get(f"k{i + 1}", 0.0)) for i in range(most_k)),
+            p=tuple(float(props.get(f"p{i + 1}", 0.0)) for i in range(most_p)),
+        )
+        self.projection = projection
+        self.lens: Lens = make_lens(projection, lambda value: dr.opaque(mi.Float, value))
+        self.precise_lens: Lens = make_lens(projection, lambda value: dr.opaque(FLOAT64, value))
+        self.image_circle_px = float(props.get("image_circle_px", math.inf))
+        self.pupil_law = props.get("pupil", "cosine")
+        if self.pupil_law not in ("cosine", "constant"):
+            raise ValueError(f"skybench_camera: pupil '{self.pupil_law}' is not one of: cosine, constant")
+        self.vignetting = [float(a) for a in np.array(props["vignetting"])] if "vignetting" in props else []
+        self.corner_px = float(props.get("corner_px", 1.0))
+        exposure_s, read_out_s = float(props["exposure_s"]), float(props.get("read_out_s", 0.0))
+        self.exposure_share = exposure_s / (exposure_s + read_out_s)
+        self.read_out_share = read_out_s / (exposure_s + read_out_s)
+        self.reads_up = bool(props.get("reads_up", False))
+        self.collected = dr.opaque(mi.Float, float(props["aperture_area_m2"]) * exposure_s)
         matrices = np.array(props["attitude"], dtype=np.float64)
         if matrices.ndim != 3 or matrices.shape[1:] != (3, 3):
             raise ValueError(f"skybench_camera: attitude must have shape (k, 3, 3), not {matrices.shape}")
@@ -84,6 +114,41 @@ class NightSkyCamera(mi.Sensor):
             [scale * (x * z - y * w), scale * (y * z + x * w), 1 - scale * (x * x + y * y)],
         ]
 
+    def moment(self, v: Any, share: Any) -> Any:
+        """Time at which row `v` (px) has had `share` (0 to 1) of its exposure; both Float64."""
+        if self.read_out_share == 0:
+            return FLOAT64(share)
+        row = self.height - 1 - v if self.reads_up else v
+        step = dr.opaque(FLOAT64, self.read_out_share / max(self.height - 1, 1))
+        return row * step + share * dr.opaque(FLOAT64, self.exposure_share)
+
+    def project_source(self, direction: Any, share: Any) -> tuple[Any, Any, Any, Any, Any]:
+        """Where a moving source falls on the film when the row it falls on has had `share` of its exposure.
+
+        The time follows from the row and the row from the time: a fixed point, which contracts as long as the image moves
+        less than one row per line time.
+
+        Parameters
+        ----------
+        direction : callable
+            Gives the source's unit vector (east, north, up; Float64) at a time.
+        share : Float64
+            0 to 1.
+
+        Returns
+        -------
+        u, v, cosine, valid
+            As :meth:`project`.
+        time : Float64
+        """
+        time = self.moment(FLOAT64(0.5 * (self.height - 1)), share)
+        u, v, cosine, valid = self._project(direction(time), time)
+        if self.read_out_share:
+            for _ in range(ROW_ITERATIONS):
+                time = self.moment(dr.clip(dr.select(valid, v, 0), -self.height, 2 * self.height), share)
+                u, v, cosine, valid = self._project(direction(time), time)
+        return u, v, cosine, valid, time
+
     def project(self, east: Any, north: Any, up: Any, time: Any) -> tuple[Any, Any, Any, Any]:
         """Where directions fall on the film.
 
@@ -108,6 +173,27 @@ class NightSkyCamera(mi.Sensor):
         u, v, valid = self.precise_lens.project(x, y, z)
         return u, v, z, valid
 
+    def _project(self, direction: tuple[Any, Any, Any], time: Any) -> tuple[Any, Any, Any, Any]:
+        east, north, up = direction
+        return self.project(east, north, up, time)
+
+    def relative_light(self, u: Any, v: Any, cosine: Any) -> Any:
+        """Light through the lens at a film position over that on the axis, per solid angle: pupil, vignetting, image circle.
+
+        Works in the precision of its arguments; `cosine` is that of the angle from the boresight.
+        """
+        light = dr.maximum(cosine, 0) if self.pupil_law == "cosine" else cosine * 0 + 1
+        square = dr.square(u - self.projection.cx_px) + dr.square(v - self.projection.cy_px)
+        if self.vignetting:
+            q = square / self.corner_px**2
+            factor = q * 0
+            for coefficient in reversed(self.vignetting):
+                factor = (factor + coefficient) * q
+            light *= dr.maximum(1 + factor, 0)
+        if math.isfinite(self.image_circle_px):
+            light = dr.select(square <= self.image_circle_px**2, light, 0)
+        return light
+
     def spectral_weight(self, wavelengths: Any) -> Any:
         """Spectral range times the film's overall response, nm (Spectrum), at uniformly drawn wavelengths."""
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(wavelengths))
@@ -123,17 +209,31 @@ class NightSkyCamera(mi.Sensor):
     ) -> tuple[Any, Any]:
         """Mitsuba's interface: a ray through a film position (0 to 1 over the frame) and its weight."""
         del aperture_sample, active
+        ray, etendue = self.pixel_ray(time, position_sample)
+        ray.wavelengths = stratified_wavelengths(wavelength_sample)
+        return ray, etendue * self.spectral_weight(ray.wavelengths)
+
+    def pixel_ray(self, share: Any, position_sample: Any) -> tuple[Any, Any]:
+        """Ray through a film position (0 to 1 over the frame) at a share of its row's exposure, without wavelengths.
+
+        Returns
+        -------
+        ray : Ray3f
+        etendue : Float
+            Aperture area x projected pupil x vignetting x exposure x solid angle of a pixel, m^2 s sr; 0 outside the lens'
+            range.
+        """
         u = position_sample.x * self.width - 0.5
         v = position_sample.y * self.height - 0.5
-        x, y, z = self.lens.unproject(u, v)
+        x, y, z, valid = self.lens.unproject(u, v)
+        time = self.moment(FLOAT64(v), FLOAT64(share))
         rows = self.world_to_camera(time)
         direction = mi.Vector3f(
             *(mi.Float(rows[0][k]) * x + mi.Float(rows[1][k]) * y + mi.Float(rows[2][k]) * z for k in range(3))
         )
-        wavelengths = stratified_wavelengths(wavelength_sample)
-        ray = mi.Ray3f(mi.Point3f(0), dr.normalize(direction), mi.Float(time), wavelengths)
-        etendue = self.collected * self.lens.pupil(z) * self.lens.solid_angle(u, v)
-        return ray, etendue * self.spectral_weight(wavelengths)
+        etendue = self.collected * self.relative_light(u, v, z) * self.lens.solid_angle(x, y, z)
+        ray = mi.Ray3f(mi.Point3f(0), dr.normalize(direction), mi.Float(time), mi.Spectrum(0))
+        return ray, dr.select(valid, etendue, 0)
 
     def sample_ray_differential(
         self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True

@@ -1,19 +1,22 @@
 """``skybench_integrator``: expected electrons of a night-sky scene, without Monte Carlo noise.
 
-The diffuse sky is taken by one camera ray per pixel through its centre, for stratified wavelengths over the whole range;
-geometry in front of it is a dark silhouette. Stars are projected by the same sensor, at several moments of the exposure,
-and spread over pixels by the point spread function, integrated over each pixel.
+The diffuse sky is taken by camera rays through the pixels' centres, for stratified wavelengths over the whole range. Stars
+are projected by the same sensor at many moments of the exposure and spread over pixels by the point spread function
+(:mod:`generator.plugins.star_splats`). Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
+directions of the sky light it.
 
-Splats add up in 64-bit integers: integer addition does not depend on order, so the image has the same bits on any number
-of threads.
-
-======================  =======  =================================================================================
-parameter               type     meaning
-======================  =======  =================================================================================
-``psf_sigma_px``        float    standard deviation of the Gaussian point spread function, px
-``wavelength_groups``   int      wavelengths per pixel over four (default 33: one every 4.9 nm)
-``largest_step_px``     float    longest step of a star between two moments of the exposure (default 0.2 px)
-======================  =======  =================================================================================
+=======================  =======  ================================================================================
+parameter                type     meaning
+=======================  =======  ================================================================================
+``psf_sigma_px``         float    standard deviation of a Gaussian point spread function, px; or
+``psf_stamps``           tensor   (bands, rows, columns, n, n): see :class:`generator.plugins.psf_atlas.PsfAtlas`
+``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
+``wavelength_groups``    int      wavelengths per pixel over four (default 33: one every 4.9 nm)
+``largest_step_px``      float    longest step of a star between two moments of the exposure
+``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
+``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
+``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
+=======================  =======  ================================================================================
 """
 
 from __future__ import annotations
@@ -24,15 +27,26 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
+from generator.photometry import GRID_START_NM
 from generator.plugins.camera import FLOAT64, NightSkyCamera
-from generator.plugins.spectra import stratified_wavelengths
+from generator.plugins.foreground import lit_radiance
+from generator.plugins.psf_atlas import PsfAtlas
+from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
+from generator.plugins.star_splats import (
+    UINT64,
+    UNITS_PER_ELECTRON,
+    StarTracks,
+    follow_stars,
+    splat_atlas,
+    splat_gaussian,
+)
 from generator.plugins.stars import StarEmitter
 
-UINT64: Any = dr.uint64_array_t(mi.Float)
 PSF_RADIUS_SIGMAS = 6.0
-UNITS_PER_ELECTRON = 2.0**24
-"""Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
+FAINT_E, FAINT_STEP_FACTOR = 2000.0, 2.0
+"""Stars of fewer electrons take longer steps."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -40,10 +54,27 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: Any) -> None:
         super().__init__(props)
-        self.psf_sigma_px = float(props["psf_sigma_px"])
+        self.stamps = np.array(props["psf_stamps"], dtype=np.float64) if "psf_stamps" in props else None
+        self.band_shift = np.array(props["psf_shift"], dtype=np.float64) if "psf_shift" in props else np.zeros(1)
+        self.psf_sigma_px = float(props.get("psf_sigma_px", 0.0))
+        if self.stamps is None and self.psf_sigma_px <= 0:
+            raise ValueError("skybench_integrator: give psf_sigma_px or psf_stamps")
         self.wavelength_groups = int(props.get("wavelength_groups", 33))
-        self.largest_step_px = float(props.get("largest_step_px", 0.2))
+        # The midpoint rule over a Gaussian is exact to 1e-6 at steps of half its width, the pixel's own included.
+        width = math.hypot(self.psf_sigma_px, math.sqrt(1 / 12))
+        self.largest_step_px = float(props.get("largest_step_px", 0.5 * width if self.stamps is None else 0.35))
+        self._electrons: dict[tuple[str, int], NDArray[np.float64]] = {}
+        self.coverage_moments = int(props.get("coverage_moments", 1))
+        self.sky_moments = int(props.get("sky_moments", 1))
+        self.lit_samples = int(props.get("lit_samples", 0))
         self.radius_px = math.ceil(PSF_RADIUS_SIGMAS * self.psf_sigma_px + 0.5)
+        if self.stamps is not None:
+            self.radius_px = PsfAtlas(self.stamps, self.band_shift, 1, 1, 0.0, 0.0, 1.0).radius_px
+
+    @property
+    def bands(self) -> int:
+        """Wavelength bands of the point spread function."""
+        return 1 if self.stamps is None else len(self.stamps)
 
     def render(
         self,
@@ -85,111 +116,122 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         pixel = dr.arange(mi.UInt32, width * height)
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
-        middle = mi.Float(0.5)
+        free = self._uncovered(scene, camera, film_position)
+        image = dr.zeros(mi.Float, width * height * channels)
+        for look in range(self.sky_moments):
+            ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
+            etendue *= free / self.sky_moments
+            dr.eval(ray, etendue)
+
+            def radiance(wavelengths: Any, ray: Any = ray) -> Any:
+                si = dr.zeros(mi.SurfaceInteraction3f, width * height)
+                si.wi = -ray.d
+                si.time = ray.time
+                si.wavelengths = wavelengths
+                return environment.eval(si)
+
+            self._collect(camera, image, etendue, radiance, pixel, channels)
+        if scene.shapes() and self.lit_samples:
+            for look in range(self.coverage_moments):
+                ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
+                for lit, radiance in lit_radiance(scene, ray, self.lit_samples):
+                    self._collect(camera, image, etendue * lit / self.coverage_moments, radiance, pixel, channels)
+        return mi.TensorXf(image, (height, width, channels))
+
+    def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
+        """Part of the exposure (Float) during which no geometry stands before each pixel."""
+        if not scene.shapes():
+            return mi.Float(1)
+        free = mi.Float(0)
+        for look in range(self.coverage_moments):
+            ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
+            free += dr.select(scene.ray_test(ray), 0, mi.Float(1 / self.coverage_moments))
+            dr.eval(free)
+        return free
+
+    def _collect(
+        self, camera: NightSkyCamera, image: Any, etendue: Any, radiance: Any, pixel: Any, channels: int
+    ) -> None:
+        """Add etendue x radiance, integrated over wavelength and weighted by the film's channels, to an image."""
+        film = camera.film()
+        dr.eval(etendue)
         group = mi.UInt32(0)
-        total = [dr.zeros(mi.Float, width * height) for _ in range(channels)]
+        total = [dr.zeros(mi.Float, dr.width(pixel)) for _ in range(channels)]
 
         def in_range(group: Any, *total: Any) -> Any:
             del total
             return group < self.wavelength_groups
 
         def add_group(group: Any, *total: Any) -> tuple[Any, ...]:
-            sample = (mi.Float(group) + 0.5) / (4 * self.wavelength_groups)
-            ray, weight = camera.sample_ray(middle, sample, film_position, mi.Point2f(0.5))
-            si = dr.zeros(mi.SurfaceInteraction3f, width * height)
-            si.wi = -ray.d
-            si.wavelengths = ray.wavelengths
-            values = film.prepare_sample(environment.eval(si) * weight, ray.wavelengths, channels + 1)
+            wavelengths = stratified_wavelengths((mi.Float(group) + 0.5) / (4 * self.wavelength_groups))
+            weight = etendue * camera.spectral_weight(wavelengths)
+            values = film.prepare_sample(radiance(wavelengths) * weight, wavelengths, channels + 1)
             return (group + 1, *(so_far + value for so_far, value in zip(total, values, strict=False)))
 
-        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=("group", *"c" * channels))
-        if scene.shapes():
-            ray, _ = camera.sample_ray(middle, mi.Float(0.5), film_position, mi.Point2f(0.5))
-            covered = scene.ray_test(ray)
-            total = [dr.select(covered, 0, channel) for channel in total]
-        image = dr.zeros(mi.Float, width * height * channels)
+        # State variables that share a label share a value.
+        labels = ("group", *(f"channel{channel}" for channel in range(channels)))
+        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=labels)
         for channel, value in enumerate(total):
-            dr.scatter(image, value / self.wavelength_groups, pixel * channels + channel)
-        return mi.TensorXf(image, (height, width, channels))
+            dr.scatter_add(image, value / self.wavelength_groups, pixel * channels + channel)
+        dr.eval(image)
 
     def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
         """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""
+        return [mi.Float(values[:, 0]) for values in np.moveaxis(self.electrons_by_band(camera, emitter, 1), 1, 0)]
+
+    def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
+        """As :meth:`star_electrons`, split into equal bands of the spectral range: (stars, channels, bands)."""
+        if (emitter.id(), bands) in self._electrons:
+            return self._electrons[emitter.id(), bands]
         film = camera.film()
         channels = film.create_block().channel_count() - 1
         star = dr.arange(mi.UInt32, emitter.count)
-        total = [dr.zeros(mi.Float, emitter.count) for _ in range(channels)]
+        total = [[dr.zeros(mi.Float, emitter.count) for _ in range(bands)] for _ in range(channels)]
         for group in range(self.wavelength_groups):
-            sample = (group + 0.5) / (4 * self.wavelength_groups)
-            wavelengths = stratified_wavelengths(sample)
+            wavelengths = stratified_wavelengths(dr.opaque(mi.Float, (group + 0.5) / (4 * self.wavelength_groups)))
             electrons = emitter.irradiance(star, wavelengths) * camera.star_weight(wavelengths)
-            values = film.prepare_sample(electrons, wavelengths, channels + 1)
-            total = [so_far + value for so_far, value in zip(total, values, strict=False)]
-        total = [channel / self.wavelength_groups for channel in total]
-        dr.eval(total)
-        return total
+            place = (wavelengths - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)
+            for band in range(bands):
+                part = dr.select((place >= band) & (place < band + 1), electrons, 0) if bands > 1 else electrons
+                values = film.prepare_sample(part, wavelengths, channels + 1)
+                for channel in range(channels):
+                    total[channel][band] += values[channel]
+            dr.eval(total)
+        host = np.array([[np.array(value, np.float64) for value in channel] for channel in total])
+        self._electrons[emitter.id(), bands] = np.moveaxis(host, 2, 0) / self.wavelength_groups
+        return self._electrons[emitter.id(), bands]
 
-    def moments(self, camera: NightSkyCamera, emitter: StarEmitter) -> int:
-        """How many moments of the exposure it takes so that no star steps further than ``largest_step_px``."""
-        star = dr.arange(mi.UInt32, emitter.count)
-        checks = max(2, camera.keyframes)
-        longest = 0.0
-        for check in range(checks - 1):
-            start, stop = check / (checks - 1), (check + 1) / (checks - 1)
-            u0, v0, _, valid0 = camera.project(*emitter.direction(star, start), FLOAT64(start))
-            u1, v1, _, valid1 = camera.project(*emitter.direction(star, stop), FLOAT64(stop))
-            near = valid0 & valid1 & self._in_reach(camera, u0, v0)
-            step = dr.select(near, dr.sqrt(dr.square(u1 - u0) + dr.square(v1 - v0)), 0)
-            longest += float(np.max(step.numpy(), initial=0.0))
-        return max(1, math.ceil(longest / self.largest_step_px))
+    def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
+        """Where each star's light falls, and when."""
+        reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
+        # The steps of a faint star drown in its own photon noise long before they show.
+        electrons = self.electrons_by_band(camera, emitter, self.bands).sum(axis=2).max(axis=1)
+        step = np.where(electrons < FAINT_E, FAINT_STEP_FACTOR, 1.0) * self.largest_step_px
+        return follow_stars(scene, camera, emitter, reach, step)
 
-    def _in_reach(self, camera: NightSkyCamera, u: Any, v: Any) -> Any:
-        """Whether the point spread function around (u, v) can touch the frame."""
-        reach = self.radius_px + 1
-        return (u > -reach) & (u < camera.width + reach) & (v > -reach) & (v < camera.height + reach)
-
-    def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> Any:
-        """Expected electrons from stars, TensorXf (height, width, channels)."""
+    def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter, tracks: StarTracks | None = None) -> Any:
+        """Expected electrons from stars, TensorXf (height, width, channels); `tracks` are those of :meth:`follow`."""
+        tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
         width, height = camera.width, camera.height
-        electrons = self.star_electrons(camera, emitter)
-        channels = len(electrons)
-        moments = self.moments(camera, emitter)
+        electrons = self.electrons_by_band(camera, emitter, self.bands)
+        channels = electrons.shape[1]
         total = dr.zeros(UINT64, width * height * channels)
-        everyone = dr.arange(mi.UInt32, emitter.count)
-        side = 2 * self.radius_px + 1
-        shapes = scene.shapes()
-        for moment in range(moments):
-            time = FLOAT64((moment + 0.5) / moments)
-            direction = emitter.direction(everyone, time)
-            u, v, cosine, valid = camera.project(*direction, time)
-            valid &= self._in_reach(camera, u, v) & (direction[2] >= 0)
-            if shapes:
-                ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(*(mi.Float(component) for component in direction)))
-                valid &= ~scene.ray_test(ray)
-            star = dr.compress(valid)
-            if dr.width(star) == 0:
-                continue
-            lane = dr.arange(mi.UInt32, dr.width(star) * side * side)
-            owner = dr.gather(mi.UInt32, star, lane // (side * side))
-            offset = lane % (side * side)
-            u, v = dr.gather(FLOAT64, u, owner), dr.gather(FLOAT64, v, owner)
-            column = mi.Int32(dr.round(u)) + mi.Int32(offset % side) - self.radius_px
-            row = mi.Int32(dr.round(v)) + mi.Int32(offset // side) - self.radius_px
-            share = self._pixel_share(FLOAT64(column) - u) * self._pixel_share(FLOAT64(row) - v)
-            pupil = FLOAT64(camera.lens.pupil(mi.Float(dr.gather(FLOAT64, cosine, owner))))
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            target = mi.UInt32(row * width + column) * channels
-            for channel in range(channels):
-                amount = FLOAT64(dr.gather(mi.Float, electrons[channel], owner)) * share * pupil / moments
-                units = UINT64(amount * UNITS_PER_ELECTRON + 0.5)
-                dr.scatter_add(total, units, target + channel, inside)
+        if self.stamps is None:
+            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, self.radius_px)
+        else:
+            splat_atlas(total, camera, tracks, electrons, self.atlas(camera))
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
         return mi.TensorXf(image, (height, width, channels))
 
-    def _pixel_share(self, distance: Any) -> Any:
-        """Integral of the Gaussian over a pixel whose centre lies `distance` px from the star, along one axis."""
-        scale = 1 / (math.sqrt(2) * self.psf_sigma_px)
-        return 0.5 * (dr.erf((distance + 0.5) * scale) - dr.erf((distance - 0.5) * scale))
+    def atlas(self, camera: NightSkyCamera) -> PsfAtlas:
+        """The tabulated point spread function over a camera's frame."""
+        projection = camera.projection
+        corner = projection.corner_px(camera.width, camera.height)
+        return PsfAtlas(
+            self.stamps, self.band_shift, camera.width, camera.height, projection.cx_px, projection.cy_px, corner
+        )
 
     def to_string(self) -> str:
         """Return a short description."""
-        return f"NightSkyIntegrator[psf {self.psf_sigma_px} px, {4 * self.wavelength_groups} wavelengths]"
+        psf = f"{self.psf_sigma_px} px" if self.stamps is None else f"table of {self.stamps.shape}"
+        return f"NightSkyIntegrator[psf {psf}, {4 * self.wavelength_groups} wavelengths]"

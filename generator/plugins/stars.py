@@ -3,12 +3,13 @@
 =================  =======  =====================================================================================
 parameter          type     meaning
 =================  =======  =====================================================================================
-``directions``     tensor   (n, 2, 3): apparent unit vectors (ENU) at exposure start and end
+``directions``     tensor   (n, k, 3): apparent unit vectors (ENU), evenly spaced over the shutter's time, k >= 2
 ``v_mag``          tensor   (n,): Johnson V above the atmosphere
 ``colour_row``     tensor   (n,): fractional row of ``colour_table`` (from B-V)
 ``airmass``        tensor   (n,): relative airmass
 ``colour_table``   tensor   (m, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
 ``optical_depth``  tensor   (1, k): vertical optical depth of the atmosphere
+``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
 =================  =======  =====================================================================================
 
 Stars are points: camera rays never hit them, so the integrator asks for their positions and irradiances and splats them.
@@ -37,26 +38,30 @@ class StarEmitter(mi.Emitter):
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.DeltaDirection)
         directions = np.array(props["directions"], dtype=np.float64)
-        if directions.ndim != 3 or directions.shape[1:] != (2, 3):
-            raise ValueError(f"skybench_stars: directions must have shape (n, 2, 3), not {directions.shape}")
-        self.count = len(directions)
-        self.first = [FLOAT64(directions[:, 0, axis]) for axis in range(3)]
-        self.last = [FLOAT64(directions[:, 1, axis]) for axis in range(3)]
-        self.travel_rad = float(np.max(np.linalg.norm(directions[:, 1] - directions[:, 0], axis=-1), initial=0.0))
+        if directions.ndim != 3 or directions.shape[1] < 2 or directions.shape[2] != 3:
+            raise ValueError(f"skybench_stars: directions must have shape (n, k >= 2, 3), not {directions.shape}")
+        self.count, self.keyframes = directions.shape[:2]
+        self.components = [FLOAT64(np.ascontiguousarray(directions[:, :, axis]).ravel()) for axis in range(3)]
         v_mag = np.array(props["v_mag"], dtype=np.float64)
         self.brightness = mi.Float(10 ** (-0.4 * v_mag))
         self.colour_row = mi.Float(props["colour_row"].array)
         self.airmass = mi.Float(props["airmass"].array)
         self.colour_table = SpectralTable(props["colour_table"])
         self.optical_depth = SpectralTable(props["optical_depth"])
+        self.light_curve = np.array(props["light_curve"], dtype=np.float64) if "light_curve" in props else None
+        if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
+            raise ValueError(f"skybench_stars: light_curve must have shape (n, m), not {self.light_curve.shape}")
         self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None
 
     def direction(self, star: Any, time: Any) -> tuple[Any, Any, Any]:
         """Components (Float64) of the apparent unit vectors of stars (UInt32 indices) at `time` (0 to 1)."""
-        time = FLOAT64(time)
+        position = dr.clip(FLOAT64(time), 0, 1) * (self.keyframes - 1)
+        lower = dr.minimum(mi.UInt32(position), self.keyframes - 2)
+        weight = position - FLOAT64(lower)
+        index = star * self.keyframes + lower
         east, north, up = (
-            dr.lerp(dr.gather(FLOAT64, first, star), dr.gather(FLOAT64, last, star), time)
-            for first, last in zip(self.first, self.last, strict=True)
+            dr.lerp(dr.gather(FLOAT64, component, index), dr.gather(FLOAT64, component, index + 1), weight)
+            for component in self.components
         )
         norm = dr.rsqrt(east * east + north * north + up * up)
         return east * norm, north * norm, up * norm

@@ -1,0 +1,140 @@
+"""Cameras by name: ``camera: {preset: imx477-6mm}`` fills the camera's and the sensor's values that are not given.
+
+Sources. ``thesis-720p``: the projection that the thesis on DDR star identification assumes (1080 x 720, 120 deg across, one
+rectilinear lens); its sensor is skybench's generic one. ``imx477-6mm``: Raspberry Pi High Quality Camera product brief
+(4056 x 3040, 1.55 um) and its official 6 mm f/1.2 CS-mount lens, stopped down to f/2.8; full well 8180 e-, read noise 3.0 e-
+at gain 1 and 0.47 DN/e- as measured by strollswithmydog.com for this camera. ``imx290-8mm`` and ``imx462-fisheye``: 1936 x
+1096 pixels of 2.9 um, full well and read noise from ZWO's published curves for the ASI290MM (14.6 ke-, 3.2 e- at gain 0) and
+ASI462MC (11.2 ke-, 2.65 e-); lenses 8 mm f/1.6 and a 1.8 mm equidistant fisheye f/2. ``machine-vision-mono``: a generic EMVA
+1288 data sheet of a global-shutter 5 Mpx camera with Sony's IMX250 (2448 x 2048, 3.45 um, full well 10.5 ke-, read noise
+2.4 e-, DSNU 1 e-, PRNU 0.5 %) behind 12 mm f/2. Dark currents, line times and quantum efficiencies are skybench's own
+generic values: the makers publish none under a free licence.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {
+    "thesis-720p": {
+        "camera": {"model": "pinhole", "width": 1080, "height": 720, "hfov_deg": 120.0, "aperture_mm": 4.0},
+        "sensor": {},
+    },
+    "imx477-6mm": {
+        "camera": {
+            "model": "brown_conrady",
+            "width": 4056,
+            "height": 3040,
+            "focal_length_mm": 6.0,
+            "pixel_pitch_um": 1.55,
+            "k": [-0.12, 0.02],
+            "aperture_mm": 2.14,
+            "vignetting": [-0.25],
+            "psf": {
+                "diffraction": {"f_number": 2.8, "coma_waves": 0.15, "astigmatism_waves": 0.1},
+                "gaussian_sigma_px": 0.5,
+            },
+        },
+        "sensor": {
+            "colour": {"pattern": "BGGR"},
+            "rolling_shutter": {"line_time_us": 18.0},
+            "full_well_e": 8180.0,
+            "read_noise_e": 3.0,
+            "gain_e_per_dn": 2.13,
+            "black_level_dn": 256,
+            "bits": 12,
+            "dark_current_e_s": 0.3,
+            "prnu": 0.01,
+            "dsnu_e": 0.5,
+        },
+    },
+    "imx290-8mm": {
+        "camera": {
+            "width": 1936,
+            "height": 1096,
+            "focal_length_mm": 8.0,
+            "pixel_pitch_um": 2.9,
+            "aperture_mm": 5.0,
+        },
+        "sensor": {
+            "rolling_shutter": {"line_time_us": 14.8},
+            "full_well_e": 14600.0,
+            "read_noise_e": 3.2,
+            "gain_e_per_dn": 3.6,
+            "black_level_dn": 60,
+            "bits": 12,
+            "dark_current_e_s": 0.3,
+            "prnu": 0.006,
+            "dsnu_e": 0.4,
+        },
+    },
+    "imx462-fisheye": {
+        "camera": {
+            "model": "equidistant",
+            "width": 1936,
+            "height": 1096,
+            "focal_length_mm": 1.8,
+            "pixel_pitch_um": 2.9,
+            "aperture_mm": 0.9,
+        },
+        "sensor": {
+            "colour": {"pattern": "RGGB"},
+            "rolling_shutter": {"line_time_us": 14.8},
+            "full_well_e": 11200.0,
+            "read_noise_e": 2.65,
+            "gain_e_per_dn": 2.7,
+            "black_level_dn": 60,
+            "bits": 12,
+            "dark_current_e_s": 0.3,
+            "prnu": 0.006,
+            "dsnu_e": 0.4,
+        },
+    },
+    "machine-vision-mono": {
+        "camera": {
+            "width": 2448,
+            "height": 2048,
+            "focal_length_mm": 12.0,
+            "pixel_pitch_um": 3.45,
+            "aperture_mm": 6.0,
+        },
+        "sensor": {
+            "full_well_e": 10500.0,
+            "read_noise_e": 2.4,
+            "gain_e_per_dn": 2.6,
+            "black_level_dn": 40,
+            "bits": 12,
+            "dark_current_e_s": 1.0,
+            "prnu": 0.005,
+            "dsnu_e": 1.0,
+        },
+    },
+}
+_INSTEAD = {"focal_length_mm", "hfov_deg", "f_px"}
+
+
+def with_preset(tree: object) -> object:
+    """Fill a frame's tree of values from the preset that its camera names; what the tree gives itself stands.
+
+    A focal length or field of view given in any form replaces the preset's.
+
+    Raises
+    ------
+    ValueError
+        There is no such preset.
+    """
+    if not isinstance(tree, dict) or not isinstance(tree.get("camera"), dict) or "preset" not in tree["camera"]:
+        return tree
+    name = tree["camera"]["preset"]
+    if not isinstance(name, str) or name not in PRESETS:
+        raise ValueError(f"camera.preset: found {name!r}, expected one of {', '.join(sorted(PRESETS))}")
+    filled = dict(tree)
+    for part in ("camera", "sensor"):
+        preset, given = copy.deepcopy(PRESETS[name][part]), tree.get(part, {})
+        if not isinstance(given, dict):
+            continue
+        if part == "camera" and _INSTEAD & set(given):
+            preset = {key: value for key, value in preset.items() if key not in _INSTEAD}
+        filled[part] = preset | given
+    return filled

@@ -1,0 +1,159 @@
+"""The numbers of a lens projection, and how far from the axis it can be trusted.
+
+Models: OpenCV's pinhole with rational and tangential distortion (Brown 1966, Photogrammetric Engineering 32, 444), Kannala &
+Brandt 2006 (IEEE TPAMI 28, 1335) as cv2.fisheye, and the ideal fisheye projections r = f g(theta) with g = theta,
+2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). The mapping itself is
+:mod:`generator.plugins.lens`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MODELS = (
+    "pinhole",
+    "brown_conrady",
+    "kannala_brandt",
+    "equidistant",
+    "equisolid",
+    "stereographic",
+    "orthographic",
+)
+COEFFICIENTS = {"brown_conrady": (6, 2), "kannala_brandt": (4, 0)}
+LARGEST_RADIUS = 1e3
+"""Tangent of the widest angle (89.94 deg) at which pinhole-like models are used."""
+LARGEST_THETA = {
+    "kannala_brandt": math.pi,
+    "equidistant": math.pi,
+    "equisolid": math.pi,
+    "stereographic": math.radians(178.0),
+    "orthographic": math.radians(89.9),
+}
+
+
+class ProjectionError(ValueError):
+    """The coefficients do not make a usable lens."""
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A projection: pixel centres at integers, u right, v down; camera frame x right, y down, z along the boresight.
+
+    Attributes
+    ----------
+    model : str
+        One of MODELS.
+    f_px, fy_px, cx_px, cy_px : float
+    k, p : tuple of float
+        brown_conrady: k1..k6 of OpenCV's rational model, p1, p2; kannala_brandt: k1..k4 of cv2.fisheye. Missing ones are 0.
+    """
+
+    model: str
+    f_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    k: tuple[float, ...] = ()
+    p: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        most_k, most_p = COEFFICIENTS.get(self.model, (0, 0))
+        for name, given, most in (("k", self.k, most_k), ("p", self.p, most_p)):
+            if len(given) > most:
+                raise ProjectionError(f"{name}: found {len(given)} numbers, expected at most {most} for {self.model}")
+
+    @property
+    def full_k(self) -> tuple[float, ...]:
+        """All radial coefficients of the model, zeros filled in."""
+        return self.k + (0.0,) * (COEFFICIENTS.get(self.model, (0, 0))[0] - len(self.k))
+
+    @property
+    def full_p(self) -> tuple[float, ...]:
+        """All tangential coefficients of the model, zeros filled in."""
+        return self.p + (0.0,) * (COEFFICIENTS.get(self.model, (0, 0))[1] - len(self.p))
+
+    @property
+    def limit(self) -> float:
+        """Largest argument for which the radial mapping increases: tan(theta) for brown_conrady, theta (rad) else."""
+        if self.model == "pinhole":
+            return LARGEST_RADIUS
+        if self.model == "brown_conrady":
+            return _monotonic_limit(self._rational_slope, np.tan(np.linspace(0, math.atan(LARGEST_RADIUS), 40001)))
+        if self.model == "kannala_brandt":
+            return _monotonic_limit(self._polynomial_slope, np.linspace(0, LARGEST_THETA["kannala_brandt"], 40001))
+        return LARGEST_THETA[self.model]
+
+    def _rational_slope(self, r: NDArray[np.float64]) -> NDArray[np.float64]:
+        k1, k2, k3, k4, k5, k6 = self.full_k
+        q = r * r
+        above, below = 1 + q * (k1 + q * (k2 + q * k3)), 1 + q * (k4 + q * (k5 + q * k6))
+        above_slope, below_slope = k1 + q * (2 * k2 + q * 3 * k3), k4 + q * (2 * k5 + q * 3 * k6)
+        slope = above / below + 2 * q * (above_slope * below - above * below_slope) / below**2
+        return np.where(np.minimum.accumulate(below) > 1e-6, slope, -1.0)
+
+    def _polynomial_slope(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        k1, k2, k3, k4 = self.full_k
+        q = theta * theta
+        return 1 + q * (3 * k1 + q * (5 * k2 + q * (7 * k3 + q * 9 * k4)))
+
+    def radius(self, argument: float) -> float:
+        """Distance from the principal point over the focal length, at tan(theta) (pinhole-like) or theta (rad)."""
+        if self.model == "pinhole":
+            return argument
+        if self.model == "brown_conrady":
+            k1, k2, k3, k4, k5, k6 = self.full_k
+            q = argument**2
+            return argument * (1 + q * (k1 + q * (k2 + q * k3))) / (1 + q * (k4 + q * (k5 + q * k6)))
+        if self.model == "kannala_brandt":
+            k1, k2, k3, k4 = self.full_k
+            q = argument**2
+            return argument * (1 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
+        half = argument / 2
+        ideal = {
+            "equidistant": argument,
+            "equisolid": 2 * math.sin(half),
+            "stereographic": 2 * math.tan(half),
+            "orthographic": math.sin(argument),
+        }
+        return ideal[self.model]
+
+    @property
+    def largest_radius(self) -> float:
+        """Distance from the principal point over the focal length at the end of the valid range."""
+        return self.radius(self.limit)
+
+    def corner_px(self, width: int, height: int) -> float:
+        """Distance of the frame's furthest corner from the principal point, px."""
+        across = max(self.cx_px + 0.5, width - 0.5 - self.cx_px)
+        down = max(self.cy_px + 0.5, height - 0.5 - self.cy_px)
+        return math.hypot(across, down)
+
+    def check_frame(self, width: int, height: int, image_circle_px: float | None) -> None:
+        """Refuse distortion that stops increasing inside the frame (or inside the image circle, when there is one).
+
+        Ideal fisheyes end where their sky ends; outside of it the frame is black. Raises ProjectionError.
+        """
+        if self.model not in COEFFICIENTS:
+            return
+        across = max(self.cx_px + 0.5, width - 0.5 - self.cx_px) / self.f_px
+        down = max(self.cy_px + 0.5, height - 0.5 - self.cy_px) / self.fy_px
+        needed = math.hypot(across, down)
+        if image_circle_px is not None:
+            needed = min(needed, image_circle_px / min(self.f_px, self.fy_px))
+        full_turn = self.model == "kannala_brandt" and self.limit >= LARGEST_THETA["kannala_brandt"] - 1e-9
+        reach = self.largest_radius
+        if reach < needed and not full_turn:
+            raise ProjectionError(
+                f"k: the distortion stops increasing at {reach * self.f_px:.1f} px from the principal point, "
+                f"inside the frame, which reaches {needed * self.f_px:.1f} px; correct k, or set image_circle_px below it"
+            )
+
+
+def _monotonic_limit(slope: object, grid: NDArray[np.float64]) -> float:
+    """Last point of the grid up to which the slope stays positive."""
+    positive = slope(grid) > 1e-6  # type: ignore[operator]
+    return float(grid[-1] if positive.all() else grid[max(int(np.argmin(positive)) - 1, 0)])

@@ -1,0 +1,123 @@
+"""What happens to charge in the pixels: response, photon noise, dark current, cosmic rays, full well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from generator.sensor.effect import Exposure, Floats
+
+
+@dataclass(frozen=True)
+class PhotoResponse:
+    """Fixed spread of the pixels' response (EMVA 1288's PRNU, normal) and dead pixels; acts on the expectation."""
+
+    prnu: float
+    dead_fraction: float
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Scale each pixel's expected electrons."""
+        if self.prnu:
+            signal = signal * np.maximum(1 + self.prnu * exposure.unit("prnu").standard_normal(signal.shape), 0)
+        if self.dead_fraction:
+            signal = np.where(exposure.unit("dead").random(signal.shape) < self.dead_fraction, 0, signal)
+        return signal
+
+
+@dataclass(frozen=True)
+class PhotonNoise:
+    """Poisson statistics of light (EMVA 1288 release 4.0, section 2.2)."""
+
+    noise: bool
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Draw electrons from their expectation."""
+        return exposure.frame("shot").poisson(signal).astype(np.float64) if self.noise else signal
+
+
+@dataclass(frozen=True)
+class DarkCurrent:
+    """Thermal electrons: Poisson, a mean that doubles every few degrees, and hot pixels with an exponential excess.
+
+    EMVA 1288 release 4.0, section 2.7 (doubling temperature). The hot pixels' excess has the exponential tail that dark
+    current distributions of CMOS sensors show (Hirakawa & Meng 2008 and the makers' histograms alike).
+    """
+
+    mean_e_s: float
+    hot_fraction: float
+    hot_e_s: float
+    noise: bool
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add dark electrons."""
+        expected: Floats | float = self.mean_e_s * exposure.exposure_s
+        if self.hot_fraction:
+            random = exposure.unit("hot")
+            hot = random.random(signal.shape) < self.hot_fraction
+            excess = random.standard_exponential(signal.shape)
+            expected = expected + hot * excess * self.hot_e_s * exposure.exposure_s
+        if not self.noise:
+            return signal + expected
+        return signal + exposure.frame("dark").poisson(expected, signal.shape)
+
+
+@dataclass(frozen=True)
+class CosmicRays:
+    """Straight tracks at random places and angles, with exponential lengths and charges per pixel.
+
+    The mean charge is the user's: a minimum-ionising particle leaves about 80 electrons per micrometre of silicon (Particle
+    Data Group, Review of Particle Physics, section Silicon detectors). Arrivals are Poisson.
+    """
+
+    rate_s: float
+    charge_e_px: float
+    length_px: float
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add the tracks' charge."""
+        random = exposure.frame("cosmic_rays")
+        height, width = signal.shape[-2:]
+        signal = signal.copy()
+        for _ in range(random.poisson(self.rate_s * exposure.exposure_s)):
+            u, v, angle = random.uniform(0, width), random.uniform(0, height), random.uniform(0, 2 * np.pi)
+            length, charge = random.exponential(self.length_px), random.exponential(self.charge_e_px)
+            steps = max(1, int(np.ceil(4 * length)))
+            along = (np.arange(steps) + 0.5) / steps * length
+            column = np.floor(u + along * np.cos(angle)).astype(int)
+            row = np.floor(v + along * np.sin(angle)).astype(int)
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            # Several steps may fall into one pixel, so they add up one by one.
+            for here in zip(row[inside], column[inside], strict=True):
+                signal[..., here[0], here[1]] += charge * max(length, 1) / steps
+        return signal
+
+
+@dataclass(frozen=True)
+class FullWell:
+    """Saturation of the pixel; with blooming the excess runs to both neighbours in the column, and on from there."""
+
+    full_well_e: float
+    blooming: bool
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Limit the charge."""
+        del exposure
+        if self.blooming:
+            signal = signal.copy()
+            _spill(signal, self.full_well_e)
+        return np.minimum(signal, self.full_well_e)
+
+
+def _spill(signal: Floats, full_well_e: float) -> None:
+    """Pass half of each pixel's excess down and half up its column; charge leaves at the array's ends."""
+    height = signal.shape[-2]
+    excess = np.maximum(signal - full_well_e, 0) / 2
+    signal -= 2 * excess
+    for rows in (range(height), range(height - 1, -1, -1)):
+        carried = np.zeros_like(signal[..., 0, :])
+        for row in rows:
+            room = np.maximum(full_well_e - signal[..., row, :], 0)
+            taken = np.minimum(carried, room)
+            signal[..., row, :] += taken
+            carried = carried - taken + excess[..., row, :]

@@ -1,0 +1,29 @@
+"""A colour sensor's filter array: which channel each pixel sees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.sensor_spec import COLOURS, SensorSpec
+
+LETTERS = {"B": COLOURS.index("blue"), "G": COLOURS.index("green"), "R": COLOURS.index("red")}
+
+
+def filter_array(pattern: str, height: int, width: int) -> NDArray[np.intp]:
+    """Channel (index into COLOURS) of every pixel, (height, width); `pattern` names the first 2 x 2 row by row."""
+    tile = np.array([LETTERS[letter] for letter in pattern], dtype=np.intp).reshape(2, 2)
+    return np.tile(tile, ((height + 1) // 2, (width + 1) // 2))[:height, :width]
+
+
+def mosaic(image: NDArray[np.float32], sensor: SensorSpec) -> NDArray[np.float32]:
+    """What each pixel sees, (height, width), of an image (height, width, channels)."""
+    if sensor.colour is None:
+        return np.ascontiguousarray(image[:, :, 0])
+    chosen = filter_array(sensor.colour.pattern, *image.shape[:2])
+    return np.take_along_axis(image, chosen[:, :, None], axis=2)[:, :, 0]
+
+
+def channel_weights(sensor: SensorSpec) -> NDArray[np.float64]:
+    """Part of the pixels that each channel has, (channels,)."""
+    return np.array([1.0]) if sensor.colour is None else np.array([0.25, 0.5, 0.25])

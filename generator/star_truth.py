@@ -1,0 +1,103 @@
+"""What is true of the stars in a frame, from where the integrator followed them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from generator.frame_plan import FramePlan
+from generator.psf import FINE_PER_PX, psf_table
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StarTruth:
+    """Truth of n stars; the attributes are those of :class:`generator.scene.ExpectedFrame`."""
+
+    u_px: Floats
+    v_px: Floats
+    start_px: Floats
+    end_px: Floats
+    centroid_px: Floats
+    electrons: Floats
+    fraction_in_frame: Floats
+    occluded: NDArray[np.bool_]
+
+
+def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
+    """Truth of stars.
+
+    Parameters
+    ----------
+    plan : FramePlan
+    tracks : generator.plugins.star_splats.StarTracks
+    on_axis_e : (n, bands) array
+        Each star's electrons on the axis, in the point spread function's wavelength bands.
+    """
+    camera = plan.spec.camera
+    if camera.psf is None:
+        sigma = camera.psf_sigma_px
+        share = share_within(tracks.u, camera.width, sigma) * share_within(tracks.v, camera.height, sigma)
+    else:
+        share = np.zeros(len(tracks.star))
+        by_band = np.divide(on_axis_e, on_axis_e.sum(axis=1, keepdims=True), where=on_axis_e > 0, out=0 * on_axis_e)
+        for band in range(on_axis_e.shape[1]):
+            share += by_band[tracks.star, band] * _table_share(plan, tracks, band)
+    count = len(on_axis_e)
+    in_frame = np.bincount(tracks.star, tracks.weight * share, count)
+    fraction = np.divide(in_frame, tracks.light, out=np.zeros(count), where=tracks.light > 0)
+    return StarTruth(
+        tracks.u_px,
+        tracks.v_px,
+        tracks.start,
+        tracks.end,
+        tracks.centroid,
+        on_axis_e.sum(axis=1) * tracks.light,
+        fraction,
+        tracks.visible_share < 0.5,
+    )
+
+
+def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
+    """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
+    scale = math.sqrt(2) * sigma_px
+    return 0.5 * (erf((size - 0.5 - position_px) / scale) - erf((-0.5 - position_px) / scale))
+
+
+def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
+    """Part of the tabulated point spread function that falls on the sensor, at each of the tracks' moments.
+
+    That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
+    """
+    camera = plan.spec.camera
+    stamps = psf_table(camera).stamps[band].astype(np.float64)
+    rows, columns, size = stamps.shape[:3]
+    # Sums over whole pixels: fine samples integrate to the light, each for 1/FINE_PER_PX^2 of it.
+    fine = stamps / FINE_PER_PX**2
+    fine[..., [0, -1]] *= 0.5
+    fine[..., [0, -1], :] *= 0.5
+    cumulated = np.zeros((rows, columns, size + 1, size + 1))
+    cumulated[..., 1:, 1:] = fine.cumsum(axis=-1).cumsum(axis=-2)
+    half = (size - 1) / 2
+
+    def edges(position: Floats, extent: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        near = np.clip(np.rint((-0.5 - position) * FINE_PER_PX + half), 0, size)
+        far = np.clip(np.rint((extent - 0.5 - position) * FINE_PER_PX + half) + 1, 0, size)
+        return near.astype(np.intp), far.astype(np.intp)
+
+    left, right = edges(tracks.u, camera.width)
+    top, bottom = edges(tracks.v, camera.height)
+    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1)).astype(np.intp)
+    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1)).astype(np.intp)
+    return (
+        cumulated[row, column, bottom, right]
+        - cumulated[row, column, top, right]
+        - cumulated[row, column, bottom, left]
+        + cumulated[row, column, top, left]
+    )
