@@ -56,7 +56,7 @@ class MoonGrid:
 
     aerosol_tau_550: Numbers = (0.03, 0.1, 0.3)
     wavelength_nm: Numbers = WAVELENGTHS_NM
-    moon_altitude_deg: Numbers = (2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    moon_altitude_deg: Numbers = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
     view_altitude_deg: Numbers = (2.0, 4.0, 7.0, 11.0, 16.0, 23.0, 32.0, 45.0, 60.0, 75.0, 90.0)
     relative_azimuth_deg: Numbers = (0.0, 15.0, 30.0, 50.0, 75.0, 105.0, 140.0, 180.0)
     paths: int = 2048

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
+from generator.bake.directions import view_directions
 from generator.bake.grids import BakedAir, CityGrid, MoonGrid
 
 Floats = NDArray[np.float64]
@@ -213,12 +214,6 @@ def multiply_scattered(
     samples = _trace(scene, mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(came.T.astype(np.float32)), h.size, seed)
     samples = samples.reshape(-1, *h.shape) * passed_on
     return samples.mean(axis=-1).T, samples.std(axis=-1, ddof=1).T / math.sqrt(paths)
-
-
-def view_directions(altitude_deg: Any, azimuth_deg: Any) -> Floats:
-    """Unit vectors, y towards azimuth 0, for all altitudes x azimuths: (m, 3) array, azimuth varying fastest."""
-    altitude, azimuth = np.radians(np.meshgrid(altitude_deg, azimuth_deg, indexing="ij")).reshape(2, -1)
-    return np.stack([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)], axis=-1)
 
 
 def bake_moon(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
