@@ -47,10 +47,13 @@ class RenderedFrame:
     stars: pa.Table
 
 
-def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
-    """Render frame `index` of a scenario. The result depends on the scenario and the index alone."""
+def render_frame(scenario: Scenario, index: int, layers: bool = False) -> RenderedFrame:
+    """Render frame `index` of a scenario, with `layers` each component by itself too.
+
+    The result depends on the scenario and the index alone.
+    """
     plan = plan_frame(scenario, index)
-    expected = render_expected(plan)
+    expected = render_expected(plan, layers)
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
@@ -79,6 +82,12 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
     }
     with atomic_path(path) as temporary, OpenEXR.File(header, {"Y": frame.expected.electrons}) as file:
         file.write(str(temporary))
+    for name, electrons in frame.expected.layers.items():
+        with (
+            atomic_path(path.with_name(f"{path.stem}.{name}.exr")) as temporary,
+            OpenEXR.File(header | {"skybench:layer": name}, {"Y": electrons}) as file,
+        ):
+            file.write(str(temporary))
 
 
 def write_frame(folder: Path, frame: RenderedFrame) -> None:
@@ -86,7 +95,7 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     stem = frame.plan.frame_id
     write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
     write_exr(folder / f"{stem}.exr", frame)
-    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.stars.num_rows)))
+    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
 
 
 def write_stars(folder: Path, tables: Sequence[pa.Table]) -> None:
@@ -123,9 +132,14 @@ def prepare_folder(folder: Path) -> None:
 
 
 def render_dataset(
-    scenario: Scenario, folder: Path, progress: Callable[[RenderedFrame], None] = lambda frame: None
+    scenario: Scenario,
+    folder: Path,
+    progress: Callable[[RenderedFrame], None] = lambda frame: None,
+    layers: bool = False,
 ) -> None:
     """Render all frames of a scenario into a folder; `progress` is called with each frame once it is written.
+
+    With `layers`, the expected electrons of each component of the sky, and of the stars, are written beside the sum.
 
     Raises
     ------
@@ -136,7 +150,7 @@ def render_dataset(
     tables = []
     try:
         for index in range(scenario.frame_count):
-            frame = render_frame(scenario, index)
+            frame = render_frame(scenario, index, layers)
             write_frame(folder, frame)
             tables.append(frame.stars)
             progress(frame)

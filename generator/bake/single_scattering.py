@@ -36,10 +36,10 @@ def lamp_patterns(cosine: Floats) -> Floats:
     return np.where(up, np.stack([cosine / np.pi, GARSTANG_NORMALISATION * angle**4 / (2 * np.pi)]), 0.0)
 
 
-def disk_points(radius_km: float, rings: int = 4) -> Floats:
-    """Points of equal weight over a disk, (rings * 8, 2) array: Gauss-Legendre in the square of the radius, 8 azimuths."""
+def disk_points(radius_km: float, rings: int = 4, spokes: int = 8) -> Floats:
+    """Points of equal weight over a disk, (rings * spokes, 2) array: midpoints in the square of the radius and in azimuth."""
     square = (np.arange(rings) + 0.5) / rings
-    angle = (np.arange(8) + 0.5 * (np.arange(rings)[:, None] % 2)) * np.pi / 4
+    angle = (np.arange(spokes) + 0.5 * (np.arange(rings)[:, None] % 2)) * 2 * np.pi / spokes
     radius = radius_km * np.sqrt(square)[:, None]
     return np.stack([radius * np.sin(angle), radius * np.cos(angle)], axis=-1).reshape(-1, 2)
 

@@ -40,9 +40,10 @@ def polynomial_terms(coordinates: list[Floats], degrees: list[int], total_degree
 def smooth(
     values: Floats, relative_error: Floats, coordinates: list[Floats], degrees: list[int], total_degree: int
 ) -> tuple[Floats, Floats, float]:
-    """Smooth positive values.
+    """Smooth positive values by a generalised linear model: logarithmic link, standard deviation proportional to the mean.
 
-    Three rounds of reweighting (Huber's, at 2.5 sigma) keep cells with a lucky path from pulling the fit.
+    Its estimating equation balances values over fit, not logarithms, so that the fit keeps the mean of samples whose errors
+    have long tails (McCullagh & Nelder 1989, "Generalized Linear Models", chapter 8).
 
     Returns
     -------
@@ -53,16 +54,14 @@ def smooth(
         Robust scatter of the residuals in units of the samples' errors: 1 where noise is all there is.
     """
     terms = polynomial_terms(coordinates, degrees, total_degree)
-    log_values = np.log(values).ravel()
-    # A heavy tail makes an unlucky cell look precise: no cell counts as better than a third of the median error.
-    sigma = np.maximum(relative_error.ravel(), np.median(relative_error) / 3)
-    robust = np.ones_like(sigma)
-    for _ in range(4):
-        weight = np.sqrt(robust) / sigma
-        solution, *_ = np.linalg.lstsq(terms * weight[:, None], log_values * weight, rcond=None)
-        residual = (log_values - terms @ solution) / sigma
-        robust = np.minimum(1, 2.5 / np.maximum(np.abs(residual), 1e-9))
-    scatter = float(1.4826 * np.median(np.abs(residual)))
-    covariance = np.linalg.inv((terms * weight[:, None]).T @ (terms * weight[:, None]))
-    error = np.sqrt(np.einsum("ij,jk,ik->i", terms, covariance, terms)) * max(1.0, scatter)
-    return np.exp(terms @ solution).reshape(values.shape), error.reshape(values.shape), scatter
+    observed = values.ravel()
+    solution, *_ = np.linalg.lstsq(terms, np.log(np.maximum(observed, observed[observed > 0].min())), rcond=None)
+    inverse = np.linalg.inv(terms.T @ terms)
+    for _ in range(30):
+        deviation = observed / np.exp(terms @ solution) - 1
+        solution = solution + np.clip(inverse @ (terms.T @ deviation), -1, 1)
+    fitted = np.exp(terms @ solution)
+    residual = observed / fitted - 1
+    scatter = float(1.4826 * np.median(np.abs(residual) / np.maximum(relative_error.ravel(), 1e-9)))
+    error = np.sqrt(np.einsum("ij,jk,ik->i", terms, inverse, terms)) * float(np.std(residual))
+    return fitted.reshape(values.shape), error.reshape(values.shape), scatter

@@ -96,9 +96,7 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
     scattered_by_aerosol = air.aerosol_albedo * aerosol
     scattered = rayleigh + scattered_by_aerosol
     width = air.half_width_km
-    to_world = (
-        mi.ScalarTransform4f().translate([-width, -width, 0]).scale([2 * width, 2 * width, air.top_km])
-    )
+    to_world = mi.ScalarTransform4f().translate([-width, -width, 0]).scale([2 * width, 2 * width, air.top_km])
 
     def volume(values: Floats) -> dict[str, Any]:
         data = np.tile(values.astype(np.float32)[:, None, None, None], (1, 2, 2, 1))
@@ -211,7 +209,9 @@ def multiply_scattered(
         + (sine * np.sin(turn))[..., None] * second[:, None]
     ).reshape(-1, 3)
     start = (directions[:, None] * (h / rise)[..., None]).reshape(-1, 3)
-    samples = _trace(scene, mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(came.T.astype(np.float32)), h.size, seed)
+    samples = _trace(
+        scene, mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(came.T.astype(np.float32)), h.size, seed
+    )
     samples = samples.reshape(-1, *h.shape) * passed_on
     return samples.mean(axis=-1).T, samples.std(axis=-1, ddof=1).T / math.sqrt(paths)
 

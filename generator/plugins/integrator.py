@@ -86,31 +86,40 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
         middle = mi.Float(0.5)
-        group = mi.UInt32(0)
-        total = [dr.zeros(mi.Float, width * height) for _ in range(channels)]
-
-        def in_range(group: Any, *total: Any) -> Any:
-            del total
-            return group < self.wavelength_groups
-
-        def add_group(group: Any, *total: Any) -> tuple[Any, ...]:
-            sample = (mi.Float(group) + 0.5) / (4 * self.wavelength_groups)
-            ray, weight = camera.sample_ray(middle, sample, film_position, mi.Point2f(0.5))
-            si = dr.zeros(mi.SurfaceInteraction3f, width * height)
-            si.wi = -ray.d
-            si.wavelengths = ray.wavelengths
-            values = film.prepare_sample(environment.eval(si) * weight, ray.wavelengths, channels + 1)
-            return (group + 1, *(so_far + value for so_far, value in zip(total, values, strict=False)))
-
-        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=("group", *"c" * channels))
+        ray, weight = camera.sample_ray(middle, mi.Float(0.5), film_position, mi.Point2f(0.5))
+        # The weight is one number per pixel times the spectral response; that number times the sum over the sky's terms of
+        # (value here) x (spectrum integrated over the response) is the pixel's light.
+        per_pixel = weight[0] / camera.spectral_weight(ray.wavelengths)[0]
+        terms = self.term_electrons(camera, environment, channels)
+        values = environment.coefficients(ray.d)
+        total = []
+        for channel in range(channels):
+            light = dr.zeros(mi.Float, width * height)
+            for term, value in enumerate(values):
+                light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
+            total.append(dr.maximum(light, 0) * per_pixel)
         if scene.shapes():
             ray, _ = camera.sample_ray(middle, mi.Float(0.5), film_position, mi.Point2f(0.5))
             covered = scene.ray_test(ray)
             total = [dr.select(covered, 0, channel) for channel in total]
         image = dr.zeros(mi.Float, width * height * channels)
         for channel, value in enumerate(total):
-            dr.scatter(image, value / self.wavelength_groups, pixel * channels + channel)
+            dr.scatter(image, value, pixel * channels + channel)
         return mi.TensorXf(image, (height, width, channels))
+
+    def term_electrons(self, camera: NightSkyCamera, environment: Any, channels: int) -> list[Any]:
+        """Spectrum of each term of the sky integrated over the film's response, a Float (terms) per channel."""
+        film = camera.film()
+        term = mi.Float(dr.arange(mi.UInt32, environment.count))
+        total = [dr.zeros(mi.Float, environment.count) for _ in range(channels)]
+        for group in range(self.wavelength_groups):
+            wavelengths = stratified_wavelengths(dr.full(mi.Float, (group + 0.5) / (4 * self.wavelength_groups), 1))
+            spectrum = environment.spectra.eval(term, wavelengths) * camera.spectral_weight(wavelengths)
+            values = film.prepare_sample(spectrum, wavelengths, channels + 1)
+            total = [so_far + value for so_far, value in zip(total, values, strict=False)]
+        total = [channel / self.wavelength_groups for channel in total]
+        dr.eval(total)
+        return total
 
     def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
         """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""

@@ -74,10 +74,13 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
     phases = (rayleigh_phase(cosine), henyey_greenstein_phase(cosine, air.aerosol_asymmetry))
     # moon_single is linear in the two phase functions: without them it gives the path factor of each wavelength and row.
     isotropic = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
-    path = isotropic / (
-        at_node[0] * rayleigh_phase(0.0)
-        + at_node[1] * air.aerosol_albedo * henyey_greenstein_phase(0.0, air.aerosol_asymmetry)
-    )[:, None]
+    path = (
+        isotropic
+        / (
+            at_node[0] * rayleigh_phase(0.0)
+            + at_node[1] * air.aerosol_albedo * henyey_greenstein_phase(0.0, air.aerosol_asymmetry)
+        )[:, None]
+    )
     maps = np.empty((len(NODES_NM), *grid.shape), np.float32)
     for node in range(len(NODES_NM)):
         phase = at_node[0][node] * phases[0] + air.aerosol_albedo * at_node[1][node] * phases[1]

@@ -47,7 +47,7 @@ def test_image_is_16_bit_dn(folder) -> None:
         dn = np.array(image)
     assert dn.dtype == np.uint16
     assert dn.shape == (140, 200)
-    assert 64 < dn.min()
+    assert dn.min() > 64
     assert dn.max() <= 4095
 
 

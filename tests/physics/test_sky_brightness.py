@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from generator.sky_brightness import BORTLE_ZENITH_MAG, airglow_shape, diffuse_sky, van_rhijn
 from small_scenes import V_BAND_QE, small_scenario
 
 from generator.atmosphere import Atmosphere
 from generator.frame_plan import plan_frame
 from generator.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.scene import quantum_efficiency, render_expected
-from generator.sky_brightness import BORTLE_ZENITH_MAG, airglow_shape, diffuse_sky, van_rhijn
 
 ATMOSPHERE = Atmosphere(1010.0, 0.1, 1.3, 300.0)
 
@@ -25,7 +25,7 @@ def test_zenith_brightness_measured_back_from_the_frame(bortle) -> None:
         camera__transmission=1.0,
         sensor={"quantum_efficiency": V_BAND_QE},
         sky={"bortle": bortle},
-        stars={"limiting_mag": -2.0},
+        stars={"limiting_magnitude": -2.0},
     )
     plan = plan_frame(scenario, 0)
     electrons = float(render_expected(plan).electrons[30, 30])
@@ -64,7 +64,7 @@ def test_rendered_sky_is_the_reference_formula() -> None:
         camera__width=90,
         camera__height=60,
         attitude={"azimuth_deg": 30, "altitude_deg": 35},
-        stars={"limiting_mag": -2.0},
+        stars={"limiting_magnitude": -2.0},
     )
     plan = plan_frame(scenario, 0)
     rendered = render_expected(plan).sky_electrons
@@ -96,5 +96,5 @@ def test_darker_than_natural_scales_airglow_alone() -> None:
 
 
 def test_black_sky_gives_no_electrons() -> None:
-    plan = plan_frame(small_scenario(sky=None, stars={"limiting_mag": -2.0}), 0)
+    plan = plan_frame(small_scenario(sky=None, stars={"limiting_magnitude": -2.0}), 0)
     assert render_expected(plan).electrons.max() == 0
