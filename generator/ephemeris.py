@@ -32,14 +32,8 @@ PLANET_IDS = {"mercury": 199, "venus": 299, "mars": 499, "jupiter": 599, "saturn
 """NAIF numbers; a planet's id in the truth tables is PLANET_ID_BASE plus this."""
 PLANET_ID_BASE = 900_000_000
 PLANET_BV_MAG = {
-    "mercury": 0.97,
-    "venus": 0.81,
-    "mars": 1.43,
-    "jupiter": 0.87,
-    "saturn": 1.09,
-    "uranus": 0.50,
-    "neptune": 0.39,
-}
+    "mercury": 0.97, "venus": 0.81, "mars": 1.43, "jupiter": 0.87, "saturn": 1.09, "uranus": 0.50, "neptune": 0.39,
+}  # fmt: skip
 """B-V. Source: Mallama, Krobusek & Pavlov 2017, Icarus 282, 19."""
 MOON_RADIUS_KM = 1737.4
 

@@ -199,7 +199,7 @@ class CitySpec(Strict):
     radius_km: Annotated[float, Field(gt=0, le=20)]
     """Of the disk, km."""
     upward_mlm: Annotated[float, Field(gt=0, le=1e7)] = 100.0
-    """Light that leaves the city upwards, megalumen; relative to the other cities where bortle or zenith_mag_arcsec2 is given."""
+    """Light that leaves the city upwards, megalumen; relative where bortle or zenith_mag_arcsec2 is given."""
     horizon_share: Fraction = GARSTANG_HORIZON_SHARE
     """Part of the upward light in Garstang's pattern near the horizon; the rest is Lambert."""
     lamps: Annotated[dict[str, Annotated[float, Field(ge=0)]], AfterValidator(_check_lamps)] = dict(LAMP_MIX)
@@ -234,7 +234,7 @@ class SkySpec(Strict):
     """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; nothing for a black sky."""
 
     bortle: Annotated[int, Field(ge=1, le=9)] | None = None
-    """Bortle class: a place whose lamps bring the zenith to the table of docs/physics.md when the natural sky is at its 22.0."""
+    """Bortle class: a place whose lamps bring a natural zenith of V 22.0 to the table of docs/physics.md."""
     zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
     """Total brightness of the zenith of this very frame without Moon, twilight and cloud, V mag/arcsec^2."""
     cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None

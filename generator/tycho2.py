@@ -118,7 +118,7 @@ def add_missing(base: StarCatalogue, more: StarCatalogue) -> StarCatalogue:
     distance, row = cKDTree(xyz(base)).query(xyz(more), k=2, distance_upper_bound=reach)
     found = np.isfinite(distance)
     v_mag = np.append(base.v_mag, np.inf)
-    known = (found & (np.abs(v_mag[row] - more.v_mag[:, None]) < SAME_STAR_MAG)).any(axis=1)
+    known = np.asarray((found & (np.abs(v_mag[row] - more.v_mag[:, None]) < SAME_STAR_MAG)).any(axis=1), dtype=bool)
     joined = base.joined(more[~known])
     return joined[np.argsort(joined.v_mag, kind="stable")]
 

@@ -90,7 +90,7 @@ def city_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
                 air,
                 np.array(grid.wavelength_nm),
                 grid.aerosol_tau_550,
-                disk_points(grid.disk_radius_km) + [0.0, distance],
+                disk_points(grid.disk_radius_km) + np.array([0.0, distance]),
                 views,
             )
             for distance in grid.distance_km

@@ -47,8 +47,8 @@ class LampDisk(mi.Emitter):
         ds.d = ds.p - it.p
         ds.dist = dr.norm(ds.d)
         ds.d = ds.d / ds.dist
-        ds.pdf = mi.Float(1)
-        ds.delta = mi.Bool(True)
+        ds.pdf = mi.Float(1)  # type: ignore[assignment]
+        ds.delta = mi.Bool(True)  # type: ignore[assignment]
         ds.time = it.time
         ds.emitter = mi.EmitterPtr(self)
         cosine = dr.maximum(-ds.d.z, 0)
@@ -224,7 +224,7 @@ def bake_moon(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
     mean, error : (aerosol, wavelength, moon altitude, view altitude, azimuth) arrays
     """
     views = view_directions(grid.view_altitude_deg, grid.relative_azimuth_deg)
-    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.moon_altitude_deg))
+    shape: tuple[int, ...] = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.moon_altitude_deg))
     shape += (len(grid.view_altitude_deg), len(grid.relative_azimuth_deg))
     mean, error = np.zeros(shape), np.zeros(shape)
     for index in np.ndindex(shape[:3]):
@@ -252,7 +252,7 @@ def bake_city(air: BakedAir, grid: CityGrid) -> tuple[Floats, Floats]:
         Patterns: Lambert, near the horizon.
     """
     views = view_directions(grid.view_altitude_deg, grid.relative_azimuth_deg)
-    shape = (2, len(grid.wavelength_nm), len(grid.distance_km), len(grid.view_altitude_deg))
+    shape: tuple[int, ...] = (2, len(grid.wavelength_nm), len(grid.distance_km), len(grid.view_altitude_deg))
     shape += (len(grid.relative_azimuth_deg),)
     mean, error = np.zeros(shape), np.zeros(shape)
     for w, wavelength in enumerate(grid.wavelength_nm):

@@ -1,1 +1,1 @@
-"""The diffuse night sky: components, each a sum of (direction map) x (spectrum), as pure functions on a grid of directions."""
+"""The diffuse night sky: components as sums of (direction map) x (spectrum), all pure functions."""

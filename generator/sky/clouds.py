@@ -1,4 +1,4 @@
-"""Thin cloud: a field of optical depth on one layer, which dims what lies above and shines by light from below and the Moon."""
+"""Thin cloud: optical depth on one layer, which dims what lies above and shines by light from below and the Moon."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def s10_map() -> NDArray[np.float32]:
     return np.interp(panorama_luminance(), _LUMINANCE, _S10_V).astype(np.float32)
 
 
-def s10(icrs: Floats) -> Floats:
+def s10(icrs: Floats | NDArray[np.float32]) -> Floats:
     """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light.
 
     The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.

@@ -7,13 +7,15 @@ import numpy as np
 from generator.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
 from generator.bake.grids import BakedAir
 from generator.photometry import ARCSEC2_PER_SR, GRID_NM
-from generator.sky.component import SkyTable, black_sky
+from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
 from generator.sky.milky_way import BV_MAG, S10_MAG_ARCSEC2
 from generator.stellar_spectra import star_spectra
 
 AEROSOL_FROM_ABOVE = 0.8
 """Part of the light an aerosol scatters downwards that came from above (Henyey-Greenstein, g = 0.7)."""
+
+RANK = 4
 
 
 def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> SkyTable:
@@ -41,6 +43,5 @@ def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> S
     spectrum = sky_mean_s10 * star_spectra([S10_MAG_ARCSEC2], [BV_MAG])[0] * ARCSEC2_PER_SR
     path = airmass(sky_grid().altitude_deg)
     table = -np.expm1(-path[:, None] * depth) * share * spectrum
-    left, size, right = np.linalg.svd(table, full_matrices=False)
-    maps = (left[:, :4] * size[:4]).T[:, :, None].astype(np.float32)
-    return SkyTable(np.broadcast_to(maps, (4, *sky_grid().shape)), right[:4])
+    a, b = low_rank(table, RANK)
+    return SkyTable(np.broadcast_to(a[:, :, None].astype(np.float32), (RANK, *sky_grid().shape)), b)
