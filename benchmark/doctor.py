@@ -18,7 +18,6 @@ from rich.table import Table
 from generator import catalogue, mitsuba_runtime
 from generator.errors import GeneratorError
 from generator.sky.city_light import LAMPS_PATH
-from generator.sky.city_light import LAMPS_PATH
 from generator.times import Instant, earth_orientation
 
 MINIMUM_MEMORY_GIB = 2.0

@@ -6,6 +6,7 @@ Positions come from the kernel that the package ``skyfield-data`` carries (Folkn
 
 from __future__ import annotations
 
+import atexit
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +70,9 @@ class Body:
 
 @functools.cache
 def _kernel() -> SPK:
-    return SPK.open(str(KERNEL_PATH))
+    kernel = SPK.open(str(KERNEL_PATH))
+    atexit.register(kernel.close)
+    return kernel
 
 
 def _barycentric(target: int, tdb1: float, tdb2: float) -> Floats:

@@ -20,7 +20,7 @@ DIFFUSE_EXTINCTION_FACTOR = 0.75
 for by light scattered in. Source: Kwon et al. 2004, New Astronomy 10, 91; published values run from 0.5 to 0.9."""
 
 EXTINCTION_RANK = 6
-COMPRESSION_ERROR = 1e-5
+COMPRESSION_ERROR = 3e-5
 
 
 @dataclass(frozen=True)

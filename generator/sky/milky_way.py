@@ -22,10 +22,11 @@ PANORAMA_PATH = Path(__file__).parents[1] / "data" / "milky_way" / "milkyway.png
 S10_MAG_ARCSEC2 = 27.7815
 """One star of V 10 per square degree, V mag/arcsec^2."""
 
-# Luminance of the panorama (linear sRGB) to S10(V), through the medians of an all-sky star map in bins of luminance; at
-# zero luminance, the galactic poles' 20 S10 less extragalactic light. Bright stars are in neither (see docs/physics.md).
-_LUMINANCE = [0.0, 0.001, 0.0035, 0.0075, 0.015, 0.03, 0.06, 0.115, 0.22, 1.0]
-_S10_V = [17.0, 30.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
+# Luminance of the panorama (linear sRGB) to S10(V): medians of an all-sky star map in bins of luminance; below 0.002, where
+# the panorama fades to black, its medians at galactic latitudes 30 (44 S10) and beyond 60 deg (22 S10). Stars brighter
+# than about V 11 are in neither (docs/physics.md).
+_LUMINANCE = [0.0, 0.0007, 0.0015, 0.0035, 0.0075, 0.015, 0.03, 0.06, 0.115, 0.22, 1.0]
+_S10_V = [22.0, 42.0, 52.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
 BV_MAG = 0.75
 """Colour of integrated starlight. Source: Mattila 1980, A&AS 39, 53 (Pioneer 10 and galactic models: 0.7 to 0.8)."""
 
