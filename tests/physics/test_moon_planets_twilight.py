@@ -105,7 +105,8 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     scenario = small_scenario(**base, sky=sky, camera=camera, attitude=attitude, stars={"limiting_magnitude": 3.0})
     frame = render_expected(plan_frame(scenario, 0), layers=True)
     disk = frame.layers["stars"]
-    assert 0.9 * np.pi * 13**2 < (disk > 0.2 * disk.max()).sum() < 1.1 * np.pi * 13**2
+    radius = np.arcsin(1737.4 / plan.sky.moon.distance_km) * plan_frame(scenario, 0).spec.camera.f_px
+    assert (disk > 0.5 * disk[disk > 0.1 * disk.max()].mean()).sum() == pytest.approx(np.pi * radius**2, rel=0.06)
     from generator.atmosphere import airmass, optical_depth
     from generator.frame_plan import dimming_atmosphere
     from generator.scene import quantum_efficiency
