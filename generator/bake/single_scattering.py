@@ -51,6 +51,7 @@ def city_single(
     spots_km: Floats,
     directions: Floats,
     steps: int = 96,
+    spot_radius_km: float = 0.0,
 ) -> Floats:
     """Radiance scattered once from lamps on the ground, mean over the lamps' places.
 
@@ -65,6 +66,9 @@ def city_single(
         Where the observer at the origin looks (z up).
     steps : int
         Points of the quadrature, on a logarithmic scale of height.
+    spot_radius_km : float
+        What area each lamp stands for: its light is softened to 1 / (distance^2 + radius^2), so that a lamp close to the
+        line of sight is a patch of the city and not a point.
 
     Returns
     -------
@@ -95,7 +99,7 @@ def city_single(
         dimmed = np.exp(-depth[:, :, None] / np.maximum(cosine, 1e-4)) * np.exp(-depth / direction[2])[:, :, None]
         phase = scatter_r[:, :, None] * rayleigh_phase(turn)
         phase = phase + scatter_a[:, :, None] * henyey_greenstein_phase(turn, air.aerosol_asymmetry)
-        source = lamp_patterns(cosine) / distance2
+        source = lamp_patterns(cosine) / (distance2 + spot_radius_km**2)
         result[:, :, m] = np.einsum("ksp,wsp,s->kw", source, dimmed * phase, path) / len(spots_km)
     return result
 

@@ -44,7 +44,7 @@ def natural_sky(plt: Any) -> Any:
     longitude = np.linspace(20, 180, 200)
     axis.plot(longitude, zodiacal.brightness(longitude, np.zeros_like(longitude)), label="skybench")
     axis.plot(list(ZODIACAL_ECLIPTIC), list(ZODIACAL_ECLIPTIC.values()), "o", label="Leinert 1998")
-    axis.set(yscale="log", xlabel="longitude from the Sun, deg", ylabel="10⁻⁸ W m⁻² sr⁻¹ µm⁻¹", title="Zodiacal light, ecliptic")
+    axis.set(yscale="log", xlabel="longitude from the Sun, deg", ylabel="10⁻⁸ W m⁻² sr⁻¹ µm⁻¹", title="Zodiacal light")
     axis.legend()
     axis = axes[1, 0]
     depression = np.linspace(0, 16, 100)
@@ -79,7 +79,8 @@ def artificial_and_moon(plt: Any) -> Any:
     axis.legend()
     axis = axes[0, 1]
     distance = np.array([15.0, 20, 26, 33, 42, 52, 60])
-    zenith = np.array([city_radiance(d, 3.0, City(0, 0, 1).horizon_share)[WAVELENGTHS_NM.index(530.0), -1, 0] for d in distance])
+    share, at_530 = City(0, 0, 1).horizon_share, WAVELENGTHS_NM.index(530.0)
+    zenith = np.array([city_radiance(d, 3.0, share)[at_530, -1, 0] for d in distance])
     axis.loglog(distance, zenith / zenith[0], "o-", label="skybench")
     axis.loglog(distance, (distance / distance[0]) ** -2.5, "--", label="Walker: d^-2.5")
     axis.set(xlabel="distance, km", title="Zenith brightness by distance")
@@ -97,7 +98,9 @@ def artificial_and_moon(plt: Any) -> Any:
     air = Atmosphere(pressure, tau, 1.3, 300.0)
     moon = np.array([0.0, math.sin(math.radians(60)), 0.5])
     table = moonlight(moon, float(moon_v_mag(0.0)), air)
-    ours = 34.08 * np.exp(20.7233 - 0.92104 * table.v_mag_arcsec2(30 + rho, np.zeros_like(rho)))
+    beyond = 30 + rho > 90
+    altitude, azimuth = np.where(beyond, 150 - rho, 30 + rho), np.where(beyond, 180.0, 0.0)
+    ours = 34.08 * np.exp(20.7233 - 0.92104 * table.v_mag_arcsec2(altitude, azimuth))
     axis.semilogy(rho, ours, label="skybench")
     axis.semilogy(rho, [krisciunas_schaefer(r, 60.0, abs(60.0 - r), k) for r in rho], "o", label="Krisciunas & Schaefer 1991")
     axis.set(xlabel="degrees from the full Moon (30 deg up), towards the zenith", ylabel="nL", title="Moonlight, k = 0.172")

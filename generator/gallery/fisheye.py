@@ -8,8 +8,8 @@ import colour
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame_plan import FramePlan, dimming_atmosphere, plan_frame
 from generator.atmosphere import optical_depth
+from generator.frame_plan import FramePlan, dimming_atmosphere, plan_frame
 from generator.photometry import GRID_NM
 from generator.scenario_file import parse_scenario
 from generator.scene import frame_layers, point_lights
@@ -76,7 +76,7 @@ def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) 
     xyz = np.zeros((size, size, 3))
     xyz[inside] = maps.T @ (table.spectra @ weights.T)
     points = point_lights(plan)
-    depth = 0.0
+    depth = np.zeros((len(points.v_mag), 1))
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)
     if atmosphere is not None:
         depth = optical_depth(GRID_NM, atmosphere) * points.airmass[:, None]

@@ -72,7 +72,7 @@ def bortle_city(bortle: int) -> City:
 
 @functools.cache
 def lamp_spectra() -> dict[str, Floats]:
-    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero beyond the tables' 780 nm."""
+    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero outside the tables' 380 to 780 nm."""
     try:
         with LAMPS_PATH.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
@@ -80,7 +80,7 @@ def lamp_spectra() -> dict[str, Floats]:
         power = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "wavelength_nm"}
     except (OSError, KeyError, ValueError, IndexError) as error:
         raise DataFileError(f"{LAMPS_PATH}: not a table of lamp spectra ({error}); reinstall skybench") from error
-    photons = {name: np.interp(GRID_NM, wavelength, watts * wavelength, right=0) for name, watts in power.items()}
+    photons = {name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()}
     return {name: spectrum / BESSELL_V.mean(GRID_NM, spectrum) for name, spectrum in photons.items()}
 
 
@@ -108,7 +108,8 @@ def city_radiance(distance_km: float, radius_km: float, horizon_share: float) ->
     a, b = np.radians(altitude.ravel()), np.radians(relative.ravel())
     views = np.stack([np.sin(b) * np.cos(a), np.cos(b) * np.cos(a), np.sin(a)], axis=-1)
     air, grid = BakedAir(), CityGrid()
-    kernel = city_single(air, wavelength, grid.aerosol_tau_550, spots, views)
+    patch = radius_km / float(np.sqrt(len(spots)))
+    kernel = city_single(air, wavelength, grid.aerosol_tau_550, spots, views, spot_radius_km=patch)
     for x, y in spots:
         bearing = np.degrees(np.arctan2(x, y))
         shape = np.full(altitude.size, np.hypot(x, y))

@@ -1,5 +1,7 @@
 """Cloud and scintillation: what they do to stars and sky, and by how much."""
 
+import itertools
+
 import numpy as np
 import pytest
 from small_scenes import small_scenario
@@ -10,8 +12,8 @@ from generator.scintillation import SATURATION_SIGMA, scintillation_factors, sci
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
 from generator.sky.clouds import cloud_field, diffuse_transmission
-from generator.vision import naked_eye_limit
 from generator.sky.zenith import BORTLE_ZENITH_MAG
+from generator.vision import naked_eye_limit
 
 CLOUD = {"mean_optical_depth": 0.8, "coverage": 0.6}
 
@@ -24,7 +26,7 @@ def test_field_has_its_mean_coverage_and_spectrum() -> None:
     power = np.abs(np.fft.rfft2(whole)) ** 2
     k = np.hypot(np.fft.fftfreq(512, 0.25)[:, None], np.fft.rfftfreq(512, 0.25)[None, :])
     edges = np.geomspace(0.15, 1.5, 12)
-    mean = [power[(k >= low) & (k < high)].mean() for low, high in zip(edges, edges[1:], strict=False)]
+    mean = [power[(k >= low) & (k < high)].mean() for low, high in itertools.pairwise(edges)]
     slope, _ = np.polyfit(np.log((edges[1:] * edges[:-1]) ** 0.5), np.log(mean), 1)
     assert slope == pytest.approx(-8 / 3, abs=0.15)
 

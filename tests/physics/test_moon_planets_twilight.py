@@ -11,9 +11,9 @@ from generator.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, o
 from generator.errors import GeneratorError
 from generator.frame_plan import plan_frame
 from generator.moon_disk import moon_points
+from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.scene import render_expected
 from generator.sky.twilight import twilight, zenith_magnitude, zenith_spectrum
-from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.times import Instant, earth_orientation
 
 TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")

@@ -9,7 +9,13 @@ from generator.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, 
 from generator.sky import milky_way as mw
 from generator.sky import zodiacal
 from generator.sky.airglow import (
-    LOWER_LINES, UPPER_LINES, airglow, lower_spectrum, solar_activity_scale, upper_spectrum, van_rhijn,
+    LOWER_LINES,
+    UPPER_LINES,
+    airglow,
+    lower_spectrum,
+    solar_activity_scale,
+    upper_spectrum,
+    van_rhijn,
 )  # fmt: skip
 from generator.sky.assembly import _star_light
 from generator.sky.component import total
@@ -79,7 +85,7 @@ def test_lines_carry_their_rayleighs(first, last, rayleigh) -> None:
     lines = np.array([nm for nm, _ in LOWER_LINES + UPPER_LINES])
     touched = (np.abs(GRID_NM[:, None] - lines) < 5).any(axis=1)
     continuum = np.exp(np.interp(GRID_NM, GRID_NM[~touched], np.log(spectrum[~touched])))
-    near = (GRID_NM > first - 5) & (GRID_NM < last + 5)
+    near = (first - 5 < GRID_NM) & (last + 5 > GRID_NM)
     photons = np.sum((spectrum - continuum)[near]) * (GRID_NM[1] - GRID_NM[0])
     assert photons * 4 * np.pi / 1e10 == pytest.approx(rayleigh, rel=0.15)
 
