@@ -46,7 +46,9 @@ def frame_progress() -> Progress:
 def render(
     scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")],
     out: Annotated[Path, typer.Option("--out", help="Folder to write; made if missing.")],
-    layers: Annotated[bool, typer.Option("--layers", help="Write each component of the light as its own EXR too.")] = False,
+    layers: Annotated[
+        bool, typer.Option("--layers", help="Write each component of the light as its own EXR too.")
+    ] = False,
 ) -> None:
     """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars."""
     from generator.errors import GeneratorError

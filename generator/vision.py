@@ -11,7 +11,8 @@ TYPICAL_FIELD_FACTOR = 2.0
 def naked_eye_limit(mag_arcsec2: float, field_factor: float = TYPICAL_FIELD_FACTOR) -> float:
     """Faintest star seen by the naked eye on a sky of given brightness, V.
 
-    Source: Crumey 2014, MNRAS 442, 2600: the threshold for a point on a background of 10^-5 to 3 x 10^4 cd/m^2.
+    Source: Crumey 2014, MNRAS 442, 2600: threshold F (r1 B^1/4 + r2 B^1/2)^2 lux on a background of B cd/m^2, one pair of
+    coefficients for night vision and one above 0.0708 cd/m^2.
 
     Parameters
     ----------
@@ -19,9 +20,7 @@ def naked_eye_limit(mag_arcsec2: float, field_factor: float = TYPICAL_FIELD_FACT
         V mag/arcsec^2.
     field_factor : float
     """
-    b = 10 ** ((12.58 - mag_arcsec2) / 2.5)
-    a = (5.949e-8, -2.389e-7, 2.459e-7, 4.120e-4, -4.225e-4)
-    threshold = (
-        math.sqrt(a[0] * b**0.5 + a[1] * b**0.75 + a[2] * b) + a[3] * b**0.25 + a[4] * b**0.5
-    ) ** 2 * field_factor
+    background = 10 ** ((12.58 - mag_arcsec2) / 2.5)
+    r1, r2 = (6.505e-4, -8.461e-4) if background < 7.08e-2 else (1.772e-4, 7.167e-5)
+    threshold = field_factor * (r1 * background**0.25 + r2 * background**0.5) ** 2
     return -2.5 * math.log10(threshold) - 13.99

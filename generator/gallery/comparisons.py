@@ -23,7 +23,10 @@ Floats = NDArray[np.float64]
 
 VAN_RHIJN_87 = {30: 1.150, 45: 1.396, 60: 1.924, 70: 2.667, 75: 3.298, 80: 4.223, 85: 5.413}
 KOOMEN_DEPRESSION = [0, 3, 6, 9, 12, 15]
-KOOMEN = {"Sacramento Peak": [7.74, 10.00, 14.14, 17.81, 20.30, 21.75], "Maryland": [7.06, 9.25, 13.05, 17.06, 19.80, 20.99]}
+KOOMEN = {
+    "Sacramento Peak": [7.74, 10.00, 14.14, 17.81, 20.30, 21.75],
+    "Maryland": [7.06, 9.25, 13.05, 17.06, 19.80, 20.99],
+}
 ZODIACAL_ECLIPTIC = {30: 2480, 45: 910, 60: 505, 75: 338, 90: 259, 120: 188, 150: 179, 180: 230}
 CRUMEY = {1: 6.25, 2: 6.17, 3: 6.05, 4: 5.87, 5: 5.63, 6: 5.33, 7: 5.04, 8: 4.83, 9: 4.78}
 
@@ -33,7 +36,9 @@ def natural_sky(plt: Any) -> Any:
     figure, axes = plt.subplots(2, 3, figsize=(12, 7))
     axis = axes[0, 0]
     axis.plot(GRID_NM, lower_spectrum() + upper_spectrum(), lw=1)
-    axis.set(yscale="log", xlabel="nm", ylabel="photons s⁻¹ m⁻² nm⁻¹ sr⁻¹", title="Airglow, zenith, 130 sfu (Noll 2012)")
+    axis.set(
+        yscale="log", xlabel="nm", ylabel="photons s⁻¹ m⁻² nm⁻¹ sr⁻¹", title="Airglow, zenith, 130 sfu (Noll 2012)"
+    )
     axis = axes[0, 1]
     z = np.linspace(0, 88, 100)
     axis.plot(z, van_rhijn(z), label="skybench, 87 km")
@@ -55,8 +60,12 @@ def natural_sky(plt: Any) -> Any:
     axis.invert_yaxis()
     axis.legend(fontsize=8)
     axis = axes[1, 1]
-    axis.plot(list(BORTLE_ZENITH_MAG), [naked_eye_limit(mu) for mu in BORTLE_ZENITH_MAG.values()], label="Crumey 2014, F = 2")
-    axis.plot(list(CRUMEY), list(CRUMEY.values()), "o", label="his two-piece formula")
+    axis.plot(
+        list(BORTLE_ZENITH_MAG),
+        [naked_eye_limit(mu) for mu in BORTLE_ZENITH_MAG.values()],
+        label="skybench (Crumey 2014, F = 2)",
+    )
+    axis.plot(list(CRUMEY), list(CRUMEY.values()), "o", label="tabulated")
     axis.set(xlabel="Bortle class", ylabel="naked-eye limit, V", title="Faintest star on the class table")
     axis.legend()
     axes[1, 2].axis("off")
@@ -102,8 +111,12 @@ def artificial_and_moon(plt: Any) -> Any:
     altitude, azimuth = np.where(beyond, 150 - rho, 30 + rho), np.where(beyond, 180.0, 0.0)
     ours = 34.08 * np.exp(20.7233 - 0.92104 * table.v_mag_arcsec2(altitude, azimuth))
     axis.semilogy(rho, ours, label="skybench")
-    axis.semilogy(rho, [krisciunas_schaefer(r, 60.0, abs(60.0 - r), k) for r in rho], "o", label="Krisciunas & Schaefer 1991")
-    axis.set(xlabel="degrees from the full Moon (30 deg up), towards the zenith", ylabel="nL", title="Moonlight, k = 0.172")
+    axis.semilogy(
+        rho, [krisciunas_schaefer(r, 60.0, abs(60.0 - r), k) for r in rho], "o", label="Krisciunas & Schaefer 1991"
+    )
+    axis.set(
+        xlabel="degrees from the full Moon (30 deg up), towards the zenith", ylabel="nL", title="Moonlight, k = 0.172"
+    )
     axis.legend()
     return figure
 

@@ -21,7 +21,9 @@ JPEG = {"quality": 88}
 def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: str) -> Path:
     """A sheet of all-sky views, each with its exposure."""
     rows = -(-len(views) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(3.1 * columns, 3.3 * rows + 0.4), facecolor="#1f1f1f", squeeze=False)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(3.1 * columns, 3.3 * rows + 0.4), facecolor="#1f1f1f", squeeze=False
+    )
     for axis in axes.flat:
         axis.axis("off")
     for axis, (name, view) in zip(axes.flat, views, strict=False):

@@ -80,7 +80,9 @@ def lamp_spectra() -> dict[str, Floats]:
         power = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "wavelength_nm"}
     except (OSError, KeyError, ValueError, IndexError) as error:
         raise DataFileError(f"{LAMPS_PATH}: not a table of lamp spectra ({error}); reinstall skybench") from error
-    photons = {name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()}
+    photons = {
+        name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()
+    }
     return {name: spectrum / BESSELL_V.mean(GRID_NM, spectrum) for name, spectrum in photons.items()}
 
 

@@ -32,7 +32,9 @@ NEAR_550 = WAVELENGTHS_NM.index(530.0)
 
 
 def v_light(table: SkyTable, altitude, azimuth):
-    return 10 ** (-0.4 * table.v_mag_arcsec2(np.atleast_1d(altitude).astype(float), np.atleast_1d(azimuth).astype(float)))
+    return 10 ** (
+        -0.4 * table.v_mag_arcsec2(np.atleast_1d(altitude).astype(float), np.atleast_1d(azimuth).astype(float))
+    )
 
 
 def colour(spectrum) -> float:
@@ -76,7 +78,9 @@ def test_skyglow_is_bluer_than_its_lamps_near_the_city_and_redder_far_away() -> 
     assert colour(far) > own
 
 
-def garstang_single(wavelength_nm: float, distance_km: float, zenith_deg: float, azimuth_deg: float, share: float) -> float:
+def garstang_single(
+    wavelength_nm: float, distance_km: float, zenith_deg: float, azimuth_deg: float, share: float
+) -> float:
     """Single scattering of a point city by adaptive quadrature, written from Garstang 1986, eqs. 4 to 9, for two layers."""
     from scipy.integrate import quad
 

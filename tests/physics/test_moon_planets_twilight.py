@@ -100,7 +100,10 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     plan = plan_frame(small_scenario(**base, sky=sky), 0)
     east, north, up = plan.sky.moon_enu
     assert up > 0.7
-    attitude = {"azimuth_deg": float(np.degrees(np.arctan2(east, north))), "altitude_deg": float(np.degrees(np.arcsin(up)))}
+    attitude = {
+        "azimuth_deg": float(np.degrees(np.arctan2(east, north))),
+        "altitude_deg": float(np.degrees(np.arcsin(up))),
+    }
     camera = {"width": 200, "height": 200, "hfov_deg": 4.0, "aperture_mm": 4}
     scenario = small_scenario(**base, sky=sky, camera=camera, attitude=attitude, stars={"limiting_magnitude": 3.0})
     frame = render_expected(plan_frame(scenario, 0), layers=True)
@@ -114,7 +117,9 @@ def test_moon_is_in_the_image_with_its_light() -> None:
 
     plan = plan_frame(scenario, 0)
     spectrum = star_spectra([plan.sky.moon_v_mag], [0.92])[0]
-    depth = optical_depth(GRID_NM, dimming_atmosphere(plan.spec.atmosphere)) * float(airmass(plan.sky.moon_altitude_deg))
+    depth = optical_depth(GRID_NM, dimming_atmosphere(plan.spec.atmosphere)) * float(
+        airmass(plan.sky.moon_altitude_deg)
+    )
     electrons = np.trapezoid(spectrum * np.exp(-depth) * quantum_efficiency(plan.spec), GRID_NM)
     assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.01)
 
@@ -139,7 +144,13 @@ def test_twilight_zenith_in_b(depression, published) -> None:
 
 @pytest.mark.parametrize(
     ("depression", "sacramento_peak", "maryland", "tolerance"),
-    [(6, 14.14, 13.05, 1.0), (9, 17.81, 17.06, 0.6), (12, 20.30, 19.80, 0.6), (3, 10.00, 9.25, 1.0), (0, 7.74, 7.06, 1.0)],
+    [
+        (6, 14.14, 13.05, 1.0),
+        (9, 17.81, 17.06, 0.6),
+        (12, 20.30, 19.80, 0.6),
+        (3, 10.00, 9.25, 1.0),
+        (0, 7.74, 7.06, 1.0),
+    ],
 )
 def test_twilight_against_koomen(depression, sacramento_peak, maryland, tolerance) -> None:
     """Koomen et al. 1952, mean of two sites: 1.0 mag at -6, 0.6 mag at -9 and -12."""

@@ -77,7 +77,9 @@ def test_airglow_alone_is_v_22() -> None:
     assert solar_activity_scale(130.0) == 1.0
 
 
-@pytest.mark.parametrize(("first", "last", "rayleigh"), [(557.7, 557.7, 218.0), (589.3, 589.3, 48.0), (630.0, 636.4, 209.0)])
+@pytest.mark.parametrize(
+    ("first", "last", "rayleigh"), [(557.7, 557.7, 218.0), (589.3, 589.3, 48.0), (630.0, 636.4, 209.0)]
+)
 def test_lines_carry_their_rayleighs(first, last, rayleigh) -> None:
     """Light above the continuum around a line, within 15 %: 557.7 nm 218 R, Na D 48 R, 630.0 and 636.4 nm (165 and 44 R,
     neighbours on the grid) 209 R (Noll et al. 2012)."""

@@ -31,7 +31,14 @@ def test_sky_agrees_with_mitsuba_s_path_integrator(mi) -> None:
     z-test with Sidak's correction over 96 pixels, false-alarm rate 1e-4 overall.
     """
     plan = plan_frame(
-        small_scenario(camera__width=12, camera__height=8, camera__hfov_deg=90, sky={"bortle": 4, "components": ["airglow", "zodiacal", "skyglow"]}, stars={"limiting_magnitude": -2.0}), 0
+        small_scenario(
+            camera__width=12,
+            camera__height=8,
+            camera__hfov_deg=90,
+            sky={"bortle": 4, "components": ["airglow", "zodiacal", "skyglow"]},
+            stars={"limiting_magnitude": -2.0},
+        ),
+        0,
     )
     scene = scene_dict(plan)
     ours = np.array(mi.load_dict(scene).integrator().render(mi.load_dict(scene)))[:, :, 0]
