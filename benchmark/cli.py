@@ -43,6 +43,9 @@ def frame_progress() -> Progress:
 def render(
     scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")],
     out: Annotated[Path, typer.Option("--out", help="Folder to write; made if missing.")],
+    layers: Annotated[
+        bool, typer.Option("--layers", help="Write each component of the light as its own EXR too.")
+    ] = False,
 ) -> None:
     """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars."""
     from generator.errors import GeneratorError
@@ -54,10 +57,51 @@ def render(
 
         with frame_progress() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
-            render_dataset(loaded, out, lambda frame: progress.advance(task))
+            render_dataset(loaded, out, lambda frame: progress.advance(task), layers)
     except GeneratorError as error:
         fail(error)
     typer.echo(f"{loaded.frame_count} {'frame' if loaded.frame_count == 1 else 'frames'} in {out}")
+
+
+@app.command()
+def bake(
+    what: Annotated[str, typer.Argument(help="moon, city or all.")] = "all",
+) -> None:
+    """Make the maps of moonlight and city light again, by radiative transfer with Mitsuba (about ten minutes)."""
+    from generator.bake import make_maps
+    from generator.errors import GeneratorError
+
+    tasks = {"moon": make_maps.bake_moon, "city": make_maps.bake_city}
+    if what not in (*tasks, "all"):
+        fail(ValueError(f"found {what!r}, expected one of all, {', '.join(tasks)}"))
+    try:
+        for name in tasks if what == "all" else [what]:
+            with Console(stderr=True).status(f"baking {name}"):
+                error = tasks[name]()
+            typer.echo(f"{name}: median Monte Carlo error {error:.2%}")
+    except GeneratorError as error_:
+        fail(error_)
+
+
+@app.command()
+def gallery(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("docs/gallery"),
+) -> None:
+    """Make the gallery: all-sky views in true colour, and plots beside published numbers (needs the extra `dev`)."""
+    from generator.gallery.make_gallery import make_gallery
+
+    for path in make_gallery(out):
+        typer.echo(path)
+
+
+@app.command()
+def speed(
+    pairs: Annotated[int, typer.Option("--pairs", help="Pairs of frames to time.")] = 7,
+) -> None:
+    """Time a frame with the full sky against one with a plain sky, in turns."""
+    from generator.sky_speed import time_skies
+
+    typer.echo(time_skies(pairs).summary())
 
 
 @app.command(epilog="Exit status: 0 when everything is ok, 1 otherwise.")

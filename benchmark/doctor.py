@@ -15,8 +15,9 @@ import psutil
 from packaging.version import Version
 from rich.table import Table
 
-from generator import catalogue, mitsuba_runtime, sky_brightness
+from generator import catalogue, mitsuba_runtime
 from generator.errors import GeneratorError
+from generator.sky.city_light import LAMPS_PATH
 from generator.times import Instant, earth_orientation
 
 MINIMUM_MEMORY_GIB = 2.0
@@ -101,7 +102,7 @@ def check_hipparcos() -> Check:
 
 def check_lamps() -> Check:
     """Spectra of street lamps."""
-    return _check_file("lamp spectra", sky_brightness.LAMPS_PATH, "reinstall skybench")
+    return _check_file("lamp spectra", LAMPS_PATH, "reinstall skybench")
 
 
 def check_earth_orientation() -> Check:

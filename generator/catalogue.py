@@ -84,6 +84,8 @@ class StarCatalogue:
         Johnson V and B-V.
     bv_assumed : bool
         True where no catalogue gives a colour, so that B-V is ASSUMED_BV_MAG.
+    other_id : int32
+        Id of an object that is in neither catalogue (a planet, a Tycho-2 star), else 0.
     """
 
     hip: NDArray[np.int32]
@@ -96,6 +98,7 @@ class StarCatalogue:
     v_mag: Floats
     bv_mag: Floats
     bv_assumed: NDArray[np.bool_]
+    other_id: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -105,8 +108,15 @@ class StarCatalogue:
 
     @property
     def star_id(self) -> NDArray[np.int32]:
-        """Hipparcos number, or minus the HR number where there is none."""
-        return np.where(self.hip > 0, self.hip, -self.hr).astype(np.int32)
+        """Hipparcos number, or minus the HR number where there is none, or the other id where there is neither."""
+        named = np.where(self.hip > 0, self.hip, -self.hr)
+        return np.where(named == 0, self.other_id, named).astype(np.int32)
+
+    def joined(self, other: StarCatalogue) -> StarCatalogue:
+        """Both catalogues' stars, this one's first."""
+        return StarCatalogue(
+            *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
+        )
 
 
 def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
@@ -266,6 +276,7 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
         v_mag=merged["v_mag"].to_numpy(float),
         bv_mag=merged["bv_mag"].fillna(ASSUMED_BV_MAG).to_numpy(float),
         bv_assumed=assumed,
+        other_id=np.zeros(len(merged), np.int32),
     )
 
 

@@ -61,10 +61,13 @@ class RenderedFrame:
     developed: NDArray[np.uint8] | None = None
 
 
-def render_frame(scenario: Scenario, index: int) -> RenderedFrame:
-    """Render frame `index` of a scenario. The result depends on the scenario and the index alone."""
+def render_frame(scenario: Scenario, index: int, layers: bool = False) -> RenderedFrame:
+    """Render frame `index` of a scenario, with `layers` each component by itself too.
+
+    The result depends on the scenario and the index alone.
+    """
     plan = plan_frame(scenario, index)
-    expected = render_expected(plan)
+    expected = render_expected(plan, layers)
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
@@ -114,6 +117,12 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
     }
     with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
         file.write(str(temporary))
+    for name, electrons in frame.expected.layers.items():
+        with (
+            atomic_path(path.with_name(f"{path.stem}.{name}.exr")) as temporary,
+            OpenEXR.File(header | {"skybench:layer": name}, {"Y": electrons}) as file,
+        ):
+            file.write(str(temporary))
 
 
 def write_frame(folder: Path, frame: RenderedFrame) -> None:
@@ -125,7 +134,7 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
         write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
     if frame.hud is not None:
         write_bytes(folder / f"{stem}-hud.png", png_bytes(np.where(frame.hud, 255, 0).astype(np.uint8)))
-    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.stars.num_rows)))
+    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
 
 
 def write_stars(folder: Path, tables: Sequence[pa.Table]) -> None:
@@ -163,9 +172,14 @@ def prepare_folder(folder: Path) -> None:
 
 
 def render_dataset(
-    scenario: Scenario, folder: Path, progress: Callable[[RenderedFrame], None] = lambda frame: None
+    scenario: Scenario,
+    folder: Path,
+    progress: Callable[[RenderedFrame], None] = lambda frame: None,
+    layers: bool = False,
 ) -> None:
     """Render all frames of a scenario into a folder; `progress` is called with each frame once it is written.
+
+    With `layers`, the expected electrons of each component of the sky, and of the stars, are written beside the sum.
 
     Raises
     ------
@@ -176,7 +190,7 @@ def render_dataset(
     tables, objects = [], []
     try:
         for index in range(scenario.frame_count):
-            frame = render_frame(scenario, index)
+            frame = render_frame(scenario, index, layers)
             write_frame(folder, frame)
             tables.append(frame.stars)
             if frame.objects.num_rows:

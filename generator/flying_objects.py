@@ -1,8 +1,8 @@
-"""Satellites, aircraft and meteors: where they are and how bright, during the exposure.
+"""Satellites, aircraft and meteors: where they are during the exposure, and how bright.
 
-A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006, AIAA
-2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite is drawn
-as bright as the scenario says whether or not it is in the Earth's shadow.
+A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006,
+AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite
+is drawn as bright as the scenario says whether or not it is in the Earth's shadow.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sgp4.api import Satrec
 
 from generator.astrometry import Air, Site
 from generator.errors import ScenarioError
-from generator.foreground_spec import DirectionSpec, ForegroundSpec, TleSpec, TrailSpec
+from generator.foreground_spec import ForegroundSpec, TleSpec, TrailSpec
 from generator.refraction import refraction_deg
 from generator.times import EarthOrientation, Instant
 
@@ -72,7 +72,7 @@ def plan_objects(
     for number, satellite in enumerate(spec.satellites):
         directions.append(_orbit_directions(satellite, number, start, time, site, orientation, air))
         curves.append(np.ones(parts))
-    everything = [*spec.trails, *spec.satellites]
+    everything: list[TrailSpec | TleSpec] = [*spec.trails, *spec.satellites]
     return FlyingObjects(
         number=np.arange(len(everything), dtype=np.int32),
         kind=tuple(item.kind if isinstance(item, TrailSpec) else "satellite" for item in everything),

@@ -8,13 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, places_of_date
-from generator.atmosphere import Atmosphere, airmass
+from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
 from generator.catalogue import StarCatalogue, load_catalogue
+from generator.ephemeris import planets
 from generator.flying_objects import FlyingObjects, plan_objects
 from generator.motion import Motion, plan_motion
 from generator.scenario import AtmosphereSpec, FrameSpec
 from generator.scenario_file import Scenario
+from generator.scintillation import scintillation_factors, scintillation_sigma
+from generator.seeds import random_stream
+from generator.sky.state import SkyState, sky_state
 from generator.times import EarthOrientation, Instant, earth_orientation
+from generator.tycho2 import load_with_tycho2
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +53,12 @@ class FramePlan:
         Satellites, aircraft and meteors.
     airmass : (n,) array
         At mid-exposure; 0 where extinction is off.
+    sky : SkyState
+        At mid-exposure.
+    cloud_optical_depth : (n,) array
+        Along the line of sight to each star; 0 without cloud.
+    scintillation : (n,) array
+        Factor on each star's light; 1 where scintillation is off.
     """
 
     scenario: Scenario
@@ -66,6 +77,14 @@ class FramePlan:
     motion: Motion
     objects: FlyingObjects
     airmass: Floats
+    sky: SkyState
+    cloud_optical_depth: Floats
+    scintillation: Floats
+
+    @property
+    def dimmed_v_mag(self) -> Floats:
+        """V of the stars with cloud and scintillation, (n,) array; extinction by clear air is not in it."""
+        return self.stars.v_mag + MAG_PER_OPTICAL_DEPTH * self.cloud_optical_depth - 2.5 * np.log10(self.scintillation)
 
     @property
     def frame_id(self) -> str:
@@ -87,8 +106,11 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     orientation = earth_orientation(utc_mid)
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
-    catalogue = load_catalogue()
-    stars = catalogue[catalogue.v_mag <= spec.stars.limiting_mag]
+    catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
+    if spec.stars.planets:
+        catalogue = catalogue.joined(planets(site, utc_mid, orientation))
+    stars = catalogue[catalogue.v_mag <= spec.stars.limiting_magnitude]
+    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
     middle = apparent_places(stars, site, utc_mid, orientation, air)
     up = middle.altitude_deg > 0
     stars = stars[up]
@@ -97,6 +119,13 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         apparent_places(stars, site, utc_start.plus(float(after)), orientation, air)
         for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
     ]
+    middle = ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up])
+    scintillation = np.ones(len(stars))
+    if spec.stars.scintillation:
+        sigma = scintillation_sigma(
+            spec.camera.aperture_mm, airmass(middle.altitude_deg), spec.time.exposure_s, spec.site.height_m
+        )
+        scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
     return FramePlan(
         scenario=scenario,
         index=index,
@@ -108,12 +137,15 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         start=path[0],
-        middle=ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up]),
+        middle=middle,
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
         motion=plan_motion(spec, scenario.seed, index),
         objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
-        airmass=airmass(middle.altitude_deg[up]) if spec.atmosphere.extinction else np.zeros(len(stars)),
+        airmass=airmass(middle.altitude_deg) if spec.atmosphere.extinction else np.zeros(len(stars)),
+        sky=sky,
+        cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(middle.enu),
+        scintillation=scintillation,
     )
 
 

@@ -12,6 +12,7 @@ import pyarrow as pa
 from generator import __version__
 from generator.camera_spec import CameraSpec
 from generator.detector import matched_filter_snr, saturation_e
+from generator.ephemeris import PLANET_ID_BASE
 from generator.frame_plan import FramePlan
 from generator.mitsuba_runtime import choose_variant
 from generator.motion import Motion
@@ -27,6 +28,7 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("star_id", pa.int32(), ""),
     ("hip", pa.int32(), ""),
     ("hr", pa.int32(), ""),
+    ("kind", pa.string(), ""),
     ("ra_deg", pa.float64(), "deg"),
     ("dec_deg", pa.float64(), "deg"),
     ("v_mag", pa.float32(), "mag"),
@@ -47,6 +49,8 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("snr", pa.float32(), "1"),
     ("saturated", pa.bool_(), ""),
     ("occluded", pa.bool_(), ""),
+    ("cloud_optical_depth", pa.float32(), "1"),
+    ("scintillation", pa.float32(), "1"),
 )
 STAR_SCHEMA = pa.schema(
     [pa.field(name, kind, nullable=False, metadata={"unit": unit}) for name, kind, unit in STAR_COLUMNS],
@@ -54,7 +58,7 @@ STAR_SCHEMA = pa.schema(
 )
 
 
-def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
+def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) -> dict[str, Any]:
     """Return the frame record as JSON-ready data; it holds nothing that depends on the machine or the clock."""
     spec = plan.spec
     camera, sensor, air = spec.camera, spec.sensor, spec.atmosphere
@@ -97,8 +101,19 @@ def frame_record(plan: FramePlan, stars_in_field: int) -> dict[str, Any]:
             "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
         },
         "atmosphere": air.model_dump(),
-        "sky": {"bortle": spec.sky.bortle, "zenith_mag_arcsec2": spec.sky.zenith_mag},
-        "stars": {"n_in_field": stars_in_field, "limiting_mag": spec.stars.limiting_mag},
+        "sky": {
+            "bortle": spec.sky.bortle,
+            "zenith_mag_arcsec2": expected.zenith_mag_arcsec2,
+            "components": list(spec.sky.active_components),
+            "sun_altitude_deg": plan.sky.sun_altitude_deg,
+            "moon_altitude_deg": plan.sky.moon_altitude_deg,
+            "moon_phase_angle_deg": plan.sky.moon.phase_angle_deg,
+        },
+        "stars": {
+            "n_in_field": stars_in_field,
+            "limiting_magnitude": spec.stars.limiting_magnitude,
+            "catalogue": spec.stars.catalogue,
+        },
         "provenance": {
             "skybench": __version__,
             "mitsuba": version("mitsuba"),
@@ -176,6 +191,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "star_id": star_id[rows],
         "hip": plan.stars.hip[rows],
         "hr": plan.stars.hr[rows],
+        "kind": np.where(star_id[rows] > PLANET_ID_BASE, "planet", "star"),
         "ra_deg": plan.ra_deg[rows],
         "dec_deg": plan.dec_deg[rows],
         "v_mag": plan.stars.v_mag[rows],
@@ -196,6 +212,8 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "snr": matched_filter_snr(electrons, sky, sigma, spec.time.exposure_s, sensor),
         "saturated": peak >= saturation_e(sensor),
         "occluded": expected.occluded[rows],
+        "cloud_optical_depth": plan.cloud_optical_depth[rows],
+        "scintillation": plan.scintillation[rows],
     }
     arrays = [pa.array(columns[field.name], type=field.type) for field in STAR_SCHEMA]
     return pa.Table.from_arrays(arrays, schema=STAR_SCHEMA)

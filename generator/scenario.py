@@ -19,7 +19,7 @@ from generator.foreground_spec import ForegroundSpec
 from generator.motion import check_motion
 from generator.motion_spec import MotionSpec
 from generator.sensor_spec import SensorSpec
-from generator.sky_brightness import BORTLE_ZENITH_MAG
+from generator.sky.city_light import GARSTANG_HORIZON_SHARE, LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
 from generator.strict import Fraction, Strict
 from generator.times import Instant
 
@@ -84,13 +84,87 @@ class AtmosphereSpec(Strict):
     """Dim the light."""
 
 
+COMPONENTS = ("airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight")
+"""Parts of the diffuse sky, in the order in which they are added."""
+
+
+def _check_lamps(lamps: dict[str, float]) -> dict[str, float]:
+    unknown = sorted(set(lamps) - set(lamp_spectra()))
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is not one of the lamps {sorted(lamp_spectra())}")
+    if not sum(lamps.values()) > 0:
+        raise ValueError("the lamps' shares must add up to more than 0")
+    return lamps
+
+
+def _as_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+class CitySpec(Strict):
+    """A disk of lamps."""
+
+    distance_km: Annotated[float, Field(ge=0, le=LARGEST_DISTANCE_KM)]
+    """From the observer to the middle of the city, km."""
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
+    """Of the middle, deg."""
+    radius_km: Annotated[float, Field(gt=0, le=20)]
+    """Of the disk, km."""
+    upward_mlm: Annotated[float, Field(gt=0, le=1e7)] = 100.0
+    """Light that leaves the city upwards, megalumen; relative where bortle or zenith_mag_arcsec2 is given."""
+    horizon_share: Fraction = GARSTANG_HORIZON_SHARE
+    """Part of the upward light in Garstang's pattern near the horizon; the rest is Lambert."""
+    lamps: Annotated[dict[str, Annotated[float, Field(ge=0)]], AfterValidator(_check_lamps)] = Field(
+        default_factory=lambda: dict(LAMP_MIX)
+    )
+    """Shares of the lamps' light in V."""
+
+    def city(self) -> City:
+        """The same as the sky model takes it."""
+        lamps = tuple(self.lamps.items())
+        return City(self.distance_km, self.azimuth_deg, self.radius_km, self.upward_mlm, self.horizon_share, lamps)
+
+
+class CloudSpec(Strict):
+    """A layer of thin cloud."""
+
+    altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
+    """Above the site, km."""
+    mean_optical_depth: Annotated[float, Field(ge=0, le=50)] = 0.5
+    """Of a vertical ray, mean over the layer."""
+    coverage: Annotated[float, Field(gt=0, le=1)] = 0.7
+    """Part of the layer that is cloud, 0-1."""
+    spectral_slope: Annotated[float, Field(ge=-5, le=-1)] = -8 / 3
+    """Exponent of the two-dimensional power spectrum."""
+    outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
+    """Size beyond which the field does not grow rougher, km."""
+    wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
+    """Speed of the layer, m/s."""
+    wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
+    """Where it moves to, deg."""
+
+
 class SkySpec(Strict):
-    """How bright the diffuse sky is: a Bortle class, or the zenith's brightness, or neither for a black sky."""
+    """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; nothing for a black sky."""
 
     bortle: Annotated[int, Field(ge=1, le=9)] | None = None
-    """Bortle class; its zenith brightness is the table of docs/physics.md."""
+    """Bortle class: a place whose lamps bring a natural zenith of V 22.0 to the table of docs/physics.md."""
     zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
-    """Total brightness of the zenith, V mag/arcsec^2."""
+    """Total brightness of the zenith of this very frame without Moon, twilight and cloud, V mag/arcsec^2."""
+    cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None
+    """Layout of cities instead of the default one."""
+    components: (
+        Annotated[
+            tuple[Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"], ...],
+            BeforeValidator(_as_tuple),
+        ]
+        | None
+    ) = None
+    """Parts of the sky that shine; all of them if nothing else is said."""
+    solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
+    """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
+    clouds: CloudSpec | None = None
+    """A layer of thin cloud."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> SkySpec:
@@ -99,18 +173,24 @@ class SkySpec(Strict):
         return self
 
     @property
-    def zenith_mag(self) -> float | None:
-        """Zenith brightness, V mag/arcsec^2, or None for a black sky."""
-        return self.zenith_mag_arcsec2 if self.bortle is None else BORTLE_ZENITH_MAG[self.bortle]
+    def active_components(self) -> tuple[str, ...]:
+        """Names of the components that shine."""
+        if self.components is not None:
+            return self.components
+        return COMPONENTS if self.bortle or self.zenith_mag_arcsec2 is not None or self.cities else ()
 
 
 class StarsSpec(Strict):
     """Which stars are drawn."""
 
-    limiting_mag: Annotated[float, Field(ge=-2, le=15)] = 9.0
-    """Faintest, Johnson V."""
-    catalogue: Literal["ybsc+hipparcos"] = "ybsc+hipparcos"
-    """Source."""
+    limiting_magnitude: Annotated[float, Field(ge=-2, le=15)] = 9.0
+    """Faintest star or planet that is drawn, Johnson V, whatever the sky. How bright the sky is: sky.bortle."""
+    catalogue: Literal["ybsc+hipparcos", "tycho2"] = "ybsc+hipparcos"
+    """Source; tycho2 needs Debian's kstars-data-extra-tycho2 and adds its stars to the default's."""
+    planets: bool = True
+    """Draw Mercury, Venus and Mars to Neptune."""
+    scintillation: bool = False
+    """Let each star's light vary as the air makes it in one exposure; off, so that electrons_e is the mean."""
 
 
 def _named_attitude(value: object) -> object:

@@ -12,15 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
-from generator.atmosphere import optical_depth
-from generator.foreground import shape_dicts
+from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
 from generator.flying_objects import FlyingObjects
+from generator.foreground import shape_dicts
 from generator.frame_plan import FramePlan, dimming_atmosphere
-from generator.photometry import GRID_NM
+from generator.moon_disk import moon_points
+from generator.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.psf import psf_table
 from generator.scenario import FrameSpec
 from generator.sensor.colour import channel_weights, mosaic
-from generator.sky_brightness import diffuse_sky
+from generator.sky.assembly import sky_layers, whole_sky
+from generator.sky.component import SkyTable, compressed
+from generator.sky.moonlight import MOON_BV_MAG
 from generator.star_truth import StarTruth, star_truth
 from generator.stellar_spectra import colour_row, colour_table
 
@@ -59,6 +62,10 @@ class ExpectedFrame:
         Whether something in front of the sky hides more than half of the star's light.
     objects : StarTruth
         The same of the plan's flying objects.
+    zenith_mag_arcsec2 : float or None
+        Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
+    layers : dict of (height, width) float32 arrays
+        Parts of `electrons` by name, where they were asked for; they add up to it.
     """
 
     electrons: NDArray[np.float32]
@@ -73,10 +80,60 @@ class ExpectedFrame:
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
     objects: StarTruth
+    zenith_mag_arcsec2: float | None
+    layers: dict[str, NDArray[np.float32]]
 
 
-def scene_dict(plan: FramePlan) -> dict[str, Any]:
-    """Mitsuba scene dictionary of a frame; needs a running Mitsuba (:func:`generator.mitsuba_runtime.start`)."""
+def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
+    """Components of a frame's diffuse sky, by name."""
+    return sky_layers(plan.spec.sky, dimming_atmosphere(plan.spec.atmosphere), plan.sky)
+
+
+@dataclass(frozen=True)
+class PointLights:
+    """All points of light of a frame: its stars and planets, then the points of the Moon's disk.
+
+    Attributes
+    ----------
+    directions : (n, k, 3) array
+        Apparent unit vectors, evenly spaced over the shutter's time.
+    v_mag, bv_mag, airmass : (n,) arrays
+    """
+
+    directions: Floats
+    v_mag: Floats
+    bv_mag: Floats
+    airmass: Floats
+
+
+def point_lights(plan: FramePlan) -> PointLights:
+    """Stars, planets and the Moon of a frame. The Moon stands still during the exposure at its middle place."""
+    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.airmass)
+    state, spec = plan.sky, plan.spec
+    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= 0:
+        return stars
+    enu, share = moon_points(
+        state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
+    )
+    cloud = np.zeros(len(enu)) if state.clouds is None else state.clouds.slant_depth(enu)
+    path = airmass(state.moon_altitude_deg) if spec.atmosphere.extinction else 0.0
+    return PointLights(
+        np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
+        np.concatenate([stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share) + MAG_PER_OPTICAL_DEPTH * cloud]),
+        np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
+        np.concatenate([stars.airmass, np.full(len(enu), path)]),
+    )
+
+
+def scene_dict(plan: FramePlan, sky: SkyTable | None = None) -> dict[str, Any]:
+    """Mitsuba scene dictionary of a frame; needs a running Mitsuba (:func:`generator.mitsuba_runtime.start`).
+
+    Parameters
+    ----------
+    plan : FramePlan
+    sky : SkyTable or None
+        The diffuse sky; None: the frame's own.
+    """
     mi = mitsuba_runtime.start()
     spec = plan.spec
 
@@ -84,23 +141,23 @@ def scene_dict(plan: FramePlan) -> dict[str, Any]:
         return mi.TensorXf(np.ascontiguousarray(values, dtype=np.float32))
 
     atmosphere = dimming_atmosphere(spec.atmosphere)
-    sky = diffuse_sky(spec.sky.zenith_mag, atmosphere)
+    sky = whole_sky(frame_layers(plan)) if sky is None else sky
+    points = point_lights(plan)
     depth = np.zeros_like(GRID_NM) if atmosphere is None else optical_depth(GRID_NM, atmosphere)
     return {
         "type": "scene",
         "integrator": integrator_dict(plan, tensor),
         "sky": {
             "type": "skybench_sky",
-            "airglow": tensor(sky.airglow[None]),
-            "artificial": tensor(sky.artificial[None]),
-            "optical_depth": tensor(sky.diffuse_optical_depth[None]),
+            "maps": tensor(sky.maps),
+            "spectra": tensor(sky.spectra),
         },
         "stars": {
             "type": "skybench_stars",
-            "directions": tensor(plan.directions),
-            "v_mag": tensor(plan.stars.v_mag),
-            "colour_row": tensor(colour_row(plan.stars.bv_mag)),
-            "airmass": tensor(plan.airmass),
+            "directions": tensor(points.directions),
+            "v_mag": tensor(points.v_mag),
+            "colour_row": tensor(colour_row(points.bv_mag)),
+            "airmass": tensor(points.airmass),
             "colour_table": tensor(colour_table()),
             "optical_depth": tensor(depth[None]),
         },
@@ -193,16 +250,22 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
     return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
 
-def render_expected(plan: FramePlan) -> ExpectedFrame:
-    """Render a frame's expected electrons, and what is true of its stars."""
+def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
+    """Render a frame's expected electrons, and what is true of its stars; with `layers`, each component by itself too."""
     mi = mitsuba_runtime.start()
-    scene = mi.load_dict(scene_dict(plan))
+    tables = frame_layers(plan)
+    table = whole_sky(tables)
+    scene = mi.load_dict(scene_dict(plan, table))
     integrator, camera = scene.integrator(), scene.sensors()[0]
     camera.film().prepare([])
     sensor = plan.spec.sensor
     names = list(sensor.channels)
     sky = np.array(integrator.diffuse(scene, camera))
+    zenith = table.zenith_v()
     image = sky
+    parts: dict[str, NDArray[np.float32]] = {}
+    if layers:
+        parts = {name: mosaic(_sky_electrons(plan, part), sensor) for name, part in tables.items()}
     nothing, pairs = np.zeros(0), np.zeros((0, 2))
     truths = dict.fromkeys(
         ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
@@ -211,10 +274,14 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        image = image + np.array(integrator.stars(scene, camera, emitter, tracks))
+        points = np.array(integrator.stars(scene, camera, emitter, tracks))
+        image = image + points
+        if layers:
+            parts[emitter.id()] = mosaic(points, sensor)
         on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
         truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
-    truth = truths["stars"]
+    # The emitter holds the Moon's disk behind the stars; the disk has no rows in the table of stars.
+    truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(
         electrons=mosaic(image, sensor),
         sky_electrons=mosaic(sky, sensor),
@@ -228,4 +295,15 @@ def render_expected(plan: FramePlan) -> ExpectedFrame:
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
         objects=truths["objects"],
+        zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,
+        layers=parts,
     )
+
+
+def _sky_electrons(plan: FramePlan, part: SkyTable) -> NDArray[np.float32]:
+    """Expected electrons (height, width, channels) of one part of the sky."""
+    mi = mitsuba_runtime.start()
+    scene = mi.load_dict(scene_dict(plan, compressed(part)))
+    camera = scene.sensors()[0]
+    camera.film().prepare([])
+    return np.array(scene.integrator().diffuse(scene, camera))

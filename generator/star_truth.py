@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,10 @@ class StarTruth:
     electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
+
+    def first(self, count: int) -> StarTruth:
+        """Truth of the first `count` stars."""
+        return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:

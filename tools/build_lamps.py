@@ -6,7 +6,7 @@ from pathlib import Path
 
 import colour
 
-LAMPS = {"HPS": "HPS", "LED": "Phosphor LED YAG"}
+LAMPS = {"HPS": "HPS", "LED": "Phosphor LED YAG", "LED3000": "PHOS-1", "MH": "Metal Halide", "mercury": "Mercury"}
 OUT = Path(__file__).parents[1] / "generator" / "data" / "lamps.csv"
 
 if __name__ == "__main__":

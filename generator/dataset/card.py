@@ -31,7 +31,7 @@ _HISTOGRAMS = (
     ("longitude_deg", "longitude, deg"),
     ("exposure_s", "exposure, s"),
     ("zenith_mag_arcsec2", "zenith, V mag/arcsec²"),
-    ("limiting_mag", "faintest star drawn, V"),
+    ("limiting_magnitude", "faintest star drawn, V"),
     ("n_in_field", "stars in the field"),
 )
 

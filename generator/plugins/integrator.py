@@ -118,19 +118,18 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         film_position = position / mi.ScalarVector2f(width, height)
         free = self._uncovered(scene, camera, film_position)
         image = dr.zeros(mi.Float, width * height * channels)
+        terms = self.term_electrons(camera, environment, channels)
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            dr.eval(ray, etendue)
-
-            def radiance(wavelengths: Any, ray: Any = ray) -> Any:
-                si = dr.zeros(mi.SurfaceInteraction3f, width * height)
-                si.wi = -ray.d
-                si.time = ray.time
-                si.wavelengths = wavelengths
-                return environment.eval(si)
-
-            self._collect(camera, image, etendue, radiance, pixel, channels)
+            # The sky is a sum of terms, each a value by direction times a spectrum; the spectra are integrated once.
+            values = environment.coefficients(ray.d)
+            for channel in range(channels):
+                light = dr.zeros(mi.Float, width * height)
+                for term, value in enumerate(values):
+                    light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
+                dr.scatter_add(image, dr.maximum(light, 0) * etendue, pixel * channels + channel)
+            dr.eval(image)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
@@ -174,6 +173,20 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         for channel, value in enumerate(total):
             dr.scatter_add(image, value / self.wavelength_groups, pixel * channels + channel)
         dr.eval(image)
+
+    def term_electrons(self, camera: NightSkyCamera, environment: Any, channels: int) -> list[Any]:
+        """Spectrum of each term of the sky integrated over the film's response, a Float (terms) per channel."""
+        film = camera.film()
+        term = mi.Float(dr.arange(mi.UInt32, environment.count))
+        total = [dr.zeros(mi.Float, environment.count) for _ in range(channels)]
+        for group in range(self.wavelength_groups):
+            wavelengths = stratified_wavelengths(dr.full(mi.Float, (group + 0.5) / (4 * self.wavelength_groups), 1))
+            spectrum = environment.spectra.eval(term, wavelengths) * camera.spectral_weight(wavelengths)
+            values = film.prepare_sample(spectrum, wavelengths, channels + 1)
+            total = [so_far + value for so_far, value in zip(total, values, strict=False)]
+        total = [channel / self.wavelength_groups for channel in total]
+        dr.eval(total)
+        return total
 
     def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
         """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""

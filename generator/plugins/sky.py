@@ -1,17 +1,16 @@
 """``skybench_sky``: the diffuse night sky as an environment emitter.
 
-Radiance is the sum over components of a function of direction times a spectrum: airglow (a thin layer, dimmed by the
-atmosphere) and artificial skyglow (a power of the airmass). The formulas are those of :mod:`generator.sky_brightness`.
+Radiance is a sum of (direction map) x (spectrum). What the maps and spectra mean is the business of :mod:`generator.sky`.
 
 ======================  =======  ==================================================================================
 parameter               type     meaning
 ======================  =======  ==================================================================================
-``airglow``             tensor   (1, n): zenith radiance above the atmosphere on the generator's wavelength grid
-``artificial``          tensor   (1, n): zenith radiance at the ground
-``optical_depth``       tensor   (1, n): vertical optical depth that acts on airglow
+``maps``                tensor   (k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
+``spectra``             tensor   (k, n): spectra on the generator's wavelength grid
 ======================  =======  ==================================================================================
 
-Radiance in photons s^-1 m^-2 nm^-1 sr^-1. The scene's z axis is up; the sky is black below the horizon.
+Map times spectrum is radiance in photons s^-1 m^-2 nm^-1 sr^-1 at the ground. The scene's z axis is up; the sky is black
+below the horizon.
 """
 
 from __future__ import annotations
@@ -21,24 +20,15 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
-from generator.sky_brightness import AIRGLOW_LAYER_KM, ARTIFICIAL_AIRMASS_EXPONENT, EARTH_RADIUS_KM
+from generator.sky.directions import ALTITUDE_POWER
 
 DISTANCE = 1e6
 """How far away, in scene units, the sky is put for shadow rays."""
 
 UNIFORM_HEMISPHERE_DENSITY = 0.5 / math.pi
-
-ZENITH_AIRMASS = 0.99971
-"""Kasten & Young's formula at the zenith."""
-
-
-def airmass(cosine: Any) -> Any:
-    """Kasten & Young's airmass (:func:`generator.atmosphere.airmass`) from the cosine of the zenith angle, Dr.Jit."""
-    cosine = dr.clip(cosine, 0, 1)
-    altitude_deg = dr.rad2deg(dr.asin(cosine))
-    return dr.rcp(cosine + 0.50572 * dr.power(altitude_deg + 6.07995, -1.6364))
 
 
 class DiffuseSkyEmitter(mi.Emitter):
@@ -47,9 +37,15 @@ class DiffuseSkyEmitter(mi.Emitter):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.SpatiallyVarying)
-        self.airglow = SpectralTable(props["airglow"])
-        self.artificial = SpectralTable(props["artificial"])
-        self.optical_depth = SpectralTable(props["optical_depth"])
+        self.spectra = SpectralTable(props["spectra"])
+        maps = np.array(props["maps"], dtype=np.float32)
+        if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
+            raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
+        self.count, self.rows, self.columns = maps.shape
+        # One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that
+        # a look-up reads neighbours in memory.
+        wrapped = np.concatenate([maps, maps[:, :, :1]], axis=2)
+        self.values = mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1)).ravel())
 
     def is_environment(self) -> bool:
         """Mitsuba's interface: rays that leave the scene end here."""
@@ -59,15 +55,34 @@ class DiffuseSkyEmitter(mi.Emitter):
         """Mitsuba's interface: the sky is infinitely far away, whatever the scene's size."""
         del scene
 
+    def coefficients(self, direction: Any) -> list[Any]:
+        """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon."""
+        up = direction.z >= 0
+        altitude = dr.asin(dr.clip(direction.z, 0, 1)) * (2 / math.pi)
+        row = dr.power(altitude, 1 / ALTITUDE_POWER) * (self.rows - 1)
+        turn = dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
+        column = (turn - dr.floor(turn)) * self.columns
+        r0 = dr.minimum(mi.UInt32(row), self.rows - 2)
+        c0 = dr.minimum(mi.UInt32(column), self.columns - 1)
+        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
+        first = (r0 * (self.columns + 1) + c0) * self.count
+        below = first + (self.columns + 1) * self.count
+        result = []
+        for k in range(self.count):
+            corners = [
+                dr.gather(mi.Float, self.values, index + k)
+                for index in (first, first + self.count, below, below + self.count)
+            ]
+            value = dr.lerp(dr.lerp(corners[0], corners[1], wc), dr.lerp(corners[2], corners[3], wc), wr)
+            result.append(dr.select(up, value, 0))
+        return result
+
     def radiance(self, direction: Any, wavelengths: Any) -> Any:
         """Radiance (Spectrum) that arrives from unit vectors `direction` (Vector3f, ENU)."""
-        path = airmass(direction.z)
-        sine = dr.safe_sqrt(1 - dr.square(direction.z)) * (EARTH_RADIUS_KM / (EARTH_RADIUS_KM + AIRGLOW_LAYER_KM))
-        van_rhijn = dr.rsqrt(1 - sine * sine)
-        dimmed = dr.exp(-self.optical_depth.spectrum(wavelengths) * path)
-        glow = self.airglow.spectrum(wavelengths) * dimmed * van_rhijn
-        gradient = dr.power(path / ZENITH_AIRMASS, ARTIFICIAL_AIRMASS_EXPONENT)
-        return dr.select(direction.z >= 0, glow + self.artificial.spectrum(wavelengths) * gradient, 0)
+        total = mi.Spectrum(0)
+        for k, coefficient in enumerate(self.coefficients(direction)):
+            total += coefficient * self.spectra.eval(mi.Float(k), wavelengths)
+        return dr.maximum(total, 0)
 
     def eval(self, si: Any, active: Any = True) -> Any:
         """Mitsuba's interface: radiance along the ray that ended in `si`."""
@@ -104,4 +119,4 @@ class DiffuseSkyEmitter(mi.Emitter):
 
     def to_string(self) -> str:
         """Return a short description."""
-        return "DiffuseSkyEmitter[airglow, artificial]"
+        return f"DiffuseSkyEmitter[{self.count} terms, {self.rows} x {self.columns}]"

@@ -42,7 +42,7 @@ TINY = BASE | {
     },
     "camera": BASE["camera"] | {"width": 96, "height": 64},
     "sky": {"bortle": {"sweep": [2, 5, 8]}},
-    "stars": {"limiting_mag": 6.0},
+    "stars": {"limiting_magnitude": 6.0},
 }
 SPEC = DatasetSpec(shard_size=5, exr=True)
 

@@ -21,7 +21,7 @@ SCENARIO = BASE | {
     "frames": 12,
     "site": {"latitude_deg": {"uniform": [-60, 60]}, "longitude_deg": {"uniform": [-180, 180]}},
     "camera": BASE["camera"] | {"width": 96, "height": 64},
-    "stars": {"limiting_mag": 5.0},
+    "stars": {"limiting_magnitude": 5.0},
 }
 CODE = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
 

@@ -28,7 +28,7 @@ def frames(folder: Path, name: str) -> list[tuple[Path, tuple[float, float]]]:
         "camera": BASE["camera"] | {"width": 1080, "height": 720},
         "sensor": {"noise": False},
         "sky": {"bortle": {"sweep": [1, 3]} if name == "images" else 1},
-        "stars": {"limiting_mag": 9.0 if name == "images" else 5.0},
+        "stars": {"limiting_magnitude": 9.0 if name == "images" else 5.0},
     }
     render_dataset(parse_scenario(yaml.safe_dump(scenario), "chain.yaml"), folder)
     return sorted(folder.glob("frame-*.json"))

@@ -86,7 +86,9 @@ def test_frame_record_is_as_documented(folder) -> None:
     record = json.loads((folder / "frame-00000.json").read_text())
     assert set(leaves(record)) == documented("json: the frame record\n")
     assert record["format"] == "skybench-frame/1"
-    assert record["sky"] == {"bortle": 3, "zenith_mag_arcsec2": 21.5}
+    assert record["sky"]["bortle"] == 3
+    assert 21.0 < record["sky"]["zenith_mag_arcsec2"] < 21.7  # the class' 21.5 with the Milky Way of that evening
+    assert record["sky"]["components"][0] == "airglow"
     assert record["time"]["utc_mid"] == "2020-01-15T20:00:00.250000Z"
 
 
@@ -101,7 +103,9 @@ def test_star_table_is_as_documented(folder) -> None:
         assert record["stars"]["n_in_field"] == len(rows)
         assert rows["v_mag"].is_monotonic_increasing
         assert rows["star_id"].is_unique
-    assert ((stars["hip"] == stars["star_id"]) | (-stars["hr"] == stars["star_id"])).all()
+    catalogued = stars["kind"] == "star"
+    assert ((stars["hip"] == stars["star_id"]) | (-stars["hr"] == stars["star_id"]))[catalogued].all()
+    assert (stars.loc[~catalogued, "star_id"] > 900_000_000).all()
 
 
 def digest(folder: Path) -> dict[str, str]:

@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 270, 180
 
 @pytest.fixture(scope="module")
 def sky():
-    plan = plan_frame(small_scenario(sky=None, stars={"limiting_mag": 4.5}), 0)
+    plan = plan_frame(small_scenario(sky=None, stars={"limiting_magnitude": 4.5}), 0)
     return plan, render_expected(plan)
 
 

@@ -47,8 +47,10 @@ def test_airmass_is_kasten_and_young(zenith_deg, value) -> None:
 
 def test_rendered_stars_are_dimmed_by_their_own_path() -> None:
     """Electrons with atmosphere over electrons without = band-integrated transmission, within 0.2 %."""
-    clear = small_scenario(atmosphere={"extinction": False}, sky=None, stars={"limiting_mag": 4.0})
-    hazy = small_scenario(atmosphere={"aerosol_tau_550": 0.3, "ozone_du": 400}, sky=None, stars={"limiting_mag": 4.0})
+    clear = small_scenario(atmosphere={"extinction": False}, sky=None, stars={"limiting_magnitude": 4.0})
+    hazy = small_scenario(
+        atmosphere={"aerosol_tau_550": 0.3, "ozone_du": 400}, sky=None, stars={"limiting_magnitude": 4.0}
+    )
     plan = plan_frame(hazy, 0)
     ratio = render_expected(plan).star_electrons / render_expected(plan_frame(clear, 0)).star_electrons
     response = quantum_efficiency(plan.spec)

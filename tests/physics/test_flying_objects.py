@@ -18,7 +18,7 @@ ISS = (
     "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9993",
     "2 25544  51.6452  30.5112 0005169 131.6131 359.4453 15.49166270208215",
 )
-DARK = {"sky": None, "stars": {"limiting_mag": -2.0}}
+DARK = {"sky": None, "stars": {"limiting_magnitude": -2.0}}
 TRAIL = {
     "kind": "satellite", "start": {"azimuth_deg": 100.0, "altitude_deg": 75.0},
     "end": {"azimuth_deg": 280.0, "altitude_deg": 80.0}, "v_mag": 2.0,

@@ -21,7 +21,7 @@ PROFILE = "azimuth_deg,elevation_deg\n0,10\n90,30\n180,5\n270,20\n"
 
 
 def scenario_in(folder, **overrides):
-    tree = BASE | {"camera": FISHEYE, "stars": {"limiting_mag": 4.5}} | overrides
+    tree = BASE | {"camera": FISHEYE, "stars": {"limiting_magnitude": 4.5}} | overrides
     return parse_scenario(yaml.safe_dump(tree), str(folder / "scene.yaml"))
 
 
@@ -69,11 +69,11 @@ def test_a_white_floor_sends_back_what_falls_on_it(tmp_path) -> None:
     shape = {"file": "floor.ply", "closed": False, "reflectance": 1.0}
     down = {"azimuth_deg": 0.0, "altitude_deg": -90.0}
     scenario = scenario_in(
-        tmp_path, attitude=down, foreground={"shapes": [shape], "lit_directions": 256}, stars={"limiting_mag": -2.0},
+        tmp_path, attitude=down, foreground={"shapes": [shape], "lit_directions": 256}, stars={"limiting_magnitude": -2.0},
         camera={"width": 32, "height": 32, "f_px": 200.0, "aperture_mm": 4.0},
     )  # fmt: skip
     floor = render_expected(plan_frame(scenario, 0)).electrons
-    sky = render_expected(plan_frame(scenario_in(tmp_path, stars={"limiting_mag": -2.0}), 0)).sky_electrons
+    sky = render_expected(plan_frame(scenario_in(tmp_path, stars={"limiting_magnitude": -2.0}), 0)).sky_electrons
     # Electrons per steradian from the all-sky fisheye, whose pixels cover sin(theta)/theta / f^2, integrated with the cosine.
     v, u = np.mgrid[0:240, 0:240]
     theta = np.hypot(u - 119.5, v - 119.5) / 75.0
@@ -111,7 +111,7 @@ def test_a_moving_camera_smears_the_horizon_s_edge(tmp_path) -> None:
     """A level wall under a camera that pitches: the edge becomes a ramp as long as rate x time x focal length."""
     (tmp_path / "flat.csv").write_text("azimuth_deg,elevation_deg\n0,10\n180,10\n")
     values = {
-        "attitude": {"azimuth_deg": 0.0, "altitude_deg": 10.0}, "stars": {"limiting_mag": -2.0},
+        "attitude": {"azimuth_deg": 0.0, "altitude_deg": 10.0}, "stars": {"limiting_magnitude": -2.0},
         "motion": {"rate_deg_s": [8.0, 0.0, 0.0]}, "camera": {"width": 64, "height": 180, "f_px": 300.0, "aperture_mm": 4.0},
     }  # fmt: skip
     wall = {"horizon": {"file": "flat.csv"}, "lit_directions": 0}

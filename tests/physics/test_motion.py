@@ -18,7 +18,7 @@ from generator.seeds import random_stream
 RATE_DEG_S = 2.0
 EXPOSURE_S = 0.5
 NARROW = {
-    "camera__hfov_deg": 40, "camera__width": 540, "camera__height": 360, "sky": None, "stars": {"limiting_mag": 5.0},
+    "camera__hfov_deg": 40, "camera__width": 540, "camera__height": 360, "sky": None, "stars": {"limiting_magnitude": 5.0},
     "time__exposure_s": EXPOSURE_S,
 }  # fmt: skip
 
@@ -45,7 +45,7 @@ def alone(frame, reach: float, inside: float):
 def test_streaks_have_the_length_and_light_of_rate_times_time(samples) -> None:
     """From the image: second moment along the streak gives the length within 0.05 px; its sum the flux within 0.5 %."""
     motion = {"rate_deg_s": [0.0, RATE_DEG_S, 0.0], "samples": samples}
-    plan, frame = rendered(motion=motion, stars={"limiting_mag": 4.5})
+    plan, frame = rendered(motion=motion, stars={"limiting_magnitude": 4.5})
     focal = plan.spec.camera.f_px
     sigma2 = plan.spec.camera.psf_sigma_px**2 + 1 / 12
     checked = 0

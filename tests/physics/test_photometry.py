@@ -85,7 +85,7 @@ def test_electrons_of_a_star_at_the_zenith_without_atmosphere() -> None:
         sensor={"quantum_efficiency": V_BAND_QE},
         atmosphere={"extinction": False, "refraction": False},
         sky=None,
-        stars={"limiting_mag": 6.0},
+        stars={"limiting_magnitude": 6.0},
     )
     plan = plan_frame(scenario, 0)
     expected = render_expected(plan)

@@ -31,7 +31,14 @@ def test_sky_agrees_with_mitsuba_s_path_integrator(mi) -> None:
     z-test with Sidak's correction over 96 pixels, false-alarm rate 1e-4 overall.
     """
     plan = plan_frame(
-        small_scenario(camera__width=12, camera__height=8, camera__hfov_deg=90, stars={"limiting_mag": -2.0}), 0
+        small_scenario(
+            camera__width=12,
+            camera__height=8,
+            camera__hfov_deg=90,
+            sky={"bortle": 4, "components": ["airglow", "zodiacal", "skyglow"]},
+            stars={"limiting_magnitude": -2.0},
+        ),
+        0,
     )
     scene = scene_dict(plan)
     ours = np.array(mi.load_dict(scene).integrator().render(mi.load_dict(scene)))[:, :, 0]
@@ -48,7 +55,7 @@ def test_sky_agrees_with_mitsuba_s_path_integrator(mi) -> None:
 
 def test_geometry_hides_sky_and_stars(mi) -> None:
     """A wall over the image's left half (the east): black there, untouched elsewhere."""
-    plan = plan_frame(small_scenario(stars={"limiting_mag": 4.0}), 0)
+    plan = plan_frame(small_scenario(stars={"limiting_magnitude": 4.0}), 0)
     open_sky = scene_dict(plan)
     half = mi.ScalarTransform4f().translate([50, 0, 10]).rotate([1, 0, 0], 180).scale([50, 500, 1])
     walled = open_sky | {"wall": {"type": "rectangle", "to_world": half}}
@@ -61,7 +68,7 @@ def test_geometry_hides_sky_and_stars(mi) -> None:
 def test_wavelength_sampling_is_converged() -> None:
     """Four times the wavelengths change no pixel's sky by more than 0.1 % and no star's light by more than 0.2 %."""
     mi = mitsuba_runtime.start()
-    plan = plan_frame(small_scenario(stars={"limiting_mag": 5.0}), 0)
+    plan = plan_frame(small_scenario(stars={"limiting_magnitude": 5.0}), 0)
     coarse = render_expected(plan)
     description = scene_dict(plan)
     description["integrator"]["wavelength_groups"] = 132
@@ -80,7 +87,9 @@ def test_wavelength_sampling_is_converged() -> None:
 
 def test_attitude_may_change_during_the_exposure(mi) -> None:
     """A camera that rolls by 20 deg: stars sweep arcs, whose flux-weighted middle is the mid-exposure position."""
-    plan = plan_frame(small_scenario(camera__width=540, camera__height=360, sky=None, stars={"limiting_mag": 2.0}), 0)
+    plan = plan_frame(
+        small_scenario(camera__width=540, camera__height=360, sky=None, stars={"limiting_magnitude": 2.0}), 0
+    )
     description = scene_dict(plan)
     angles = np.radians(np.linspace(-10, 10, 21))
     turned = [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] @ plan.spec.R_cam for a in angles]
@@ -101,6 +110,6 @@ def test_bad_parameters_are_refused(mi) -> None:
     with pytest.raises(RuntimeError, match="mirror"):
         mi.load_dict(description)
     description = scene_dict(plan_frame(small_scenario(), 0))
-    description["sky"]["airglow"] = mi.TensorXf(np.ones((1, 5), np.float32))
+    description["sky"]["spectra"] = mi.TensorXf(np.ones((1, 5), np.float32))
     with pytest.raises(RuntimeError, match="spectral table"):
         mi.load_dict(description)

@@ -152,7 +152,7 @@ FISHEYE = {
 
 def test_all_sky_fisheye_draws_a_disk_and_all_stars() -> None:
     """180 deg equidistant, looking up: black beyond the horizon's circle, and every star of the sky in the frame."""
-    plan = plan_frame(small_scenario(**FISHEYE, stars={"limiting_mag": 4.0}), 0)
+    plan = plan_frame(small_scenario(**FISHEYE, stars={"limiting_magnitude": 4.0}), 0)
     expected = render_expected(plan)
     v, u = np.mgrid[0:240, 0:240]
     radius = np.hypot(u - 119.5, v - 119.5)
@@ -167,9 +167,9 @@ def test_all_sky_fisheye_draws_a_disk_and_all_stars() -> None:
 
 def test_image_circle_and_vignetting_act_on_sky_and_stars_alike() -> None:
     """Ratio to the same frame without them: 0 outside the circle, 1 - 0.4 q inside, for both."""
-    plain = render_expected(plan_frame(small_scenario(stars={"limiting_mag": 4.0}), 0))
+    plain = render_expected(plan_frame(small_scenario(stars={"limiting_magnitude": 4.0}), 0))
     dimmed = render_expected(plan_frame(
-        small_scenario(stars={"limiting_mag": 4.0}, camera__image_circle_px=100.0, camera__vignetting=[-0.4]), 0
+        small_scenario(stars={"limiting_magnitude": 4.0}, camera__image_circle_px=100.0, camera__vignetting=[-0.4]), 0
     ))  # fmt: skip
     v, u = np.mgrid[0:180, 0:270]
     q = (np.square(u - 134.5) + np.square(v - 89.5)) / (135**2 + 90**2)

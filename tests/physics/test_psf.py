@@ -118,7 +118,7 @@ FIELD = {
     "camera__width": 540,
     "camera__height": 360,
     "sky": None,
-    "stars": {"limiting_mag": 3.0},
+    "stars": {"limiting_magnitude": 3.0},
 }
 
 
@@ -144,7 +144,7 @@ def test_every_phase_of_the_table_carries_the_same_light() -> None:
 
 def test_tabulated_gaussian_draws_what_the_analytic_one_draws() -> None:
     """The same stars by the table and by the error function: within 0.5 % of each star's peak."""
-    base = {"camera__width": 540, "camera__height": 360, "sky": None, "stars": {"limiting_mag": 3.0}}
+    base = {"camera__width": 540, "camera__height": 360, "sky": None, "stars": {"limiting_magnitude": 3.0}}
     table = render_expected(plan_frame(small_scenario(**base, camera__psf={"gaussian_sigma_px": 0.8}), 0))
     exact = render_expected(plan_frame(small_scenario(**base, camera__psf_sigma_px=0.8), 0))
     scale = exact.electrons.max()

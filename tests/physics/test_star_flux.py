@@ -29,7 +29,7 @@ def sum_around(image, u, v, reach):
 
 def test_electrons_over_a_star_s_pixels_are_its_flux() -> None:
     """Within 1 % anywhere in the field, and by the expected fraction across the frame's edge."""
-    scenario = small_scenario(camera__width=540, camera__height=360, sky=None, stars={"limiting_mag": 3.5})
+    scenario = small_scenario(camera__width=540, camera__height=360, sky=None, stars={"limiting_magnitude": 3.5})
     plan = plan_frame(scenario, 0)
     expected = render_expected(plan)
     sigma = plan.spec.camera.psf_sigma_px
@@ -52,7 +52,7 @@ def test_electrons_over_a_star_s_pixels_are_its_flux() -> None:
 
 def test_star_half_across_the_edge_leaves_its_expected_fraction() -> None:
     """The camera is turned until a bright star's centre lies on the frame's edge: half of its light remains, within 1 %."""
-    base = small_scenario(sky=None, camera__hfov_deg=20, stars={"limiting_mag": 1.0})
+    base = small_scenario(sky=None, camera__hfov_deg=20, stars={"limiting_magnitude": 1.0})
     places = plan_frame(base, 0).middle
     brightest = int(np.argmax(places.altitude_deg))
     half_field = 10.0
@@ -64,7 +64,7 @@ def test_star_half_across_the_edge_leaves_its_expected_fraction() -> None:
         centred = small_scenario(
             sky=None,
             camera__hfov_deg=2 * half_field,
-            stars={"limiting_mag": 1.0},
+            stars={"limiting_magnitude": 1.0},
             attitude=attitude | {"roll_deg": roll},
         )
         plan = plan_frame(centred, 0)
@@ -86,7 +86,7 @@ def test_star_half_across_the_edge_leaves_its_expected_fraction() -> None:
         edge = small_scenario(
             sky=None,
             camera__hfov_deg=2 * half_field,
-            stars={"limiting_mag": 1.0},
+            stars={"limiting_magnitude": 1.0},
             attitude={"azimuth_deg": float(azimuth), "altitude_deg": float(altitude), "roll_deg": float(new_roll)},
         )
         half = render_expected(plan_frame(edge, 0))
@@ -98,7 +98,7 @@ def test_star_half_across_the_edge_leaves_its_expected_fraction() -> None:
 
 def test_psf_is_the_gaussian_that_galsim_users_expect() -> None:
     """Second moments of a rendered star: sigma^2 plus the pixel's 1/12, within 0.5 %."""
-    scenario = small_scenario(sky=None, camera__width=540, camera__height=360, stars={"limiting_mag": 2.5},
+    scenario = small_scenario(sky=None, camera__width=540, camera__height=360, stars={"limiting_magnitude": 2.5},
                               camera__psf_sigma_px=1.3)  # fmt: skip
     expected = render_expected(plan_frame(scenario, 0))
     rows = isolated(expected, 25)
@@ -122,7 +122,7 @@ def test_trailed_star_keeps_its_flux_and_fills_its_path() -> None:
         camera__width=540,
         camera__height=360,
         sky=None,
-        stars={"limiting_mag": 4.0},
+        stars={"limiting_magnitude": 4.0},
     )
     plan = plan_frame(scenario, 0)
     expected = render_expected(plan)
@@ -149,7 +149,7 @@ def test_trailed_star_keeps_its_flux_and_fills_its_path() -> None:
 def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
     """A white floor under the stars alone: radiance = sum of irradiance x cosine / pi, within 1 % (direct lighting)."""
     mi = mitsuba_runtime.start()
-    plan = plan_frame(small_scenario(stars={"limiting_mag": 3.0}, atmosphere={"extinction": False}), 0)
+    plan = plan_frame(small_scenario(stars={"limiting_magnitude": 3.0}, atmosphere={"extinction": False}), 0)
     stars = scene_dict(plan)["stars"]
     scene = mi.load_dict(
         {

@@ -36,7 +36,7 @@ def scenario_at(latitude, longitude, utc, **more):
         camera__width=1080,
         camera__height=720,
         sky=None,
-        stars={"limiting_mag": 5.0},
+        stars={"limiting_magnitude": 5.0},
         **more,
     )
 
@@ -120,7 +120,10 @@ def test_apparent_places_against_skyfield() -> None:
 def test_stars_move_with_the_sky_during_the_exposure() -> None:
     """A star on the equator at the zenith drifts 15.04 arcsec a second westwards: to the image's right."""
     scenario = small_scenario(
-        site={"latitude_deg": 0.0, "longitude_deg": 0.0}, time__exposure_s=100.0, sky=None, stars={"limiting_mag": 7.0}
+        site={"latitude_deg": 0.0, "longitude_deg": 0.0},
+        time__exposure_s=100.0,
+        sky=None,
+        stars={"limiting_magnitude": 7.0},
     )
     plan = plan_frame(scenario, 0)
     start, end = plan.start.enu, plan.end.enu

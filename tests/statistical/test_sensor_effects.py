@@ -131,12 +131,12 @@ def test_filter_array_is_the_named_one(pattern) -> None:
 def test_bayer_mosaic_is_made_of_its_planes() -> None:
     """Each plane is what a monochrome sensor with that filter's curve sees, and the mosaic takes each pixel from its own."""
     colour = {"pattern": "GRBG"}
-    plan = plan_frame(small_scenario(sensor={"colour": colour}, stars={"limiting_mag": 4.0}), 0)
+    plan = plan_frame(small_scenario(sensor={"colour": colour}, stars={"limiting_magnitude": 4.0}), 0)
     frame = render_expected(plan)
     assert list(frame.channels) == ["blue", "green", "red"]
     for name in frame.channels:
         mono = render_expected(plan_frame(
-            small_scenario(sensor={"quantum_efficiency": f"cmos-{name}"}, stars={"limiting_mag": 4.0}), 0
+            small_scenario(sensor={"quantum_efficiency": f"cmos-{name}"}, stars={"limiting_magnitude": 4.0}), 0
         ))  # fmt: skip
         np.testing.assert_allclose(frame.channels[name], mono.electrons, rtol=2e-5)
     np.testing.assert_array_equal(frame.electrons[0::2, 0::2], frame.channels["green"][0::2, 0::2])

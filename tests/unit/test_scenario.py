@@ -43,8 +43,8 @@ REFUSED = {
     "empty sweep": ("bortle: 5", "bortle: {sweep: []}", ["sky.bortle.sweep", "list"]),
     "zip of unequal length": (
         "bortle: 5",
-        "bortle: {sweep: [1, 2], zip: a}\nstars: {limiting_mag: {sweep: [5.0], zip: a}}",
-        ["zipped as 'a'", "sky.bortle (2)", "stars.limiting_mag (1)"],
+        "bortle: {sweep: [1, 2], zip: a}\nstars: {limiting_magnitude: {sweep: [5.0], zip: a}}",
+        ["zipped as 'a'", "sky.bortle (2)", "stars.limiting_magnitude (1)"],
     ),
     "unknown curve": ("bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: magic}", ["sensor.quantum_efficiency", "magic"]),
     "falling wavelengths": (

@@ -104,7 +104,7 @@ def frame_record(
         },
         "attitude": {"R_cam": R_ZENITH},
         "sky": {"bortle": bortle, "zenith_mag_arcsec2": None if bortle is None else 22.0 - 0.5 * bortle},
-        "stars": {"n_in_field": n_stars, "limiting_mag": 6.0},
+        "stars": {"n_in_field": n_stars, "limiting_magnitude": 6.0},
         "provenance": {"skybench": "0.0", "mitsuba": "0.0"},
     }
 

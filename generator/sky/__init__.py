@@ -1,0 +1,1 @@
+"""The diffuse night sky: components as sums of (direction map) x (spectrum), all pure functions."""

@@ -1,0 +1,77 @@
+"""Airglow: the spectrum of ESO's sky model by published figures, from two thin layers."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generator.atmosphere import Atmosphere
+from generator.photometry import GRID_NM
+from generator.sky.component import SkyTable, above_the_air, total
+from generator.sky.directions import sky_grid
+
+Floats = NDArray[np.float64]
+
+EARTH_RADIUS_KM = 6378.0
+LOWER_LAYER_KM, UPPER_LAYER_KM = 87.0, 250.0
+"""Heights of the layers: OH, Na, O2 and 557.7 nm come from the lower one, the red lines of oxygen from the upper one."""
+
+REFERENCE_SOLAR_FLUX_SFU = 130.0
+ARCSEC2_IN_SR = np.radians(1 / 3600) ** 2
+PHOTONS_CM2_SR_PER_RAYLEIGH = 1e6 / (4 * np.pi)
+
+# Airglow at the zenith and 130 solar flux units: continuum as (nm, photons s^-1 cm^-2 A^-1 arcsec^-2) through the
+# broad-band brightness of ESO's sky model (B 23.06, V 22.01, R 21.10, I 19.55 less the lines). Source: Noll et al. 2012,
+# A&A 543, A92. The hydroxyl bands are part of the continuum; their rotational lines are far narrower than the grid.
+_CONTINUUM = [(350, 7.0e-7), (440, 8.3e-7), (550, 1.10e-6), (641, 2.2e-6), (798, 6.85e-6), (1000, 8.5e-6)]
+LOWER_LINES = [(557.7, 218.0), (589.3, 48.0)]
+UPPER_LINES = [(630.0, 165.0), (636.4, 44.0)]
+"""Lines (nm, rayleigh) at the zenith and 130 sfu: [O I] green and red, sodium. Source: Noll et al. 2012."""
+
+
+def van_rhijn(zenith_angle_deg: ArrayLike, layer_km: float = LOWER_LAYER_KM) -> Floats:
+    """Brightening of a thin glowing layer away from the zenith. Source: van Rhijn 1921, Publ. Astr. Lab. Groningen 31."""
+    sine = np.sin(np.radians(np.asarray(zenith_angle_deg, float))) * EARTH_RADIUS_KM / (EARTH_RADIUS_KM + layer_km)
+    return 1 / np.sqrt(1 - sine**2)
+
+
+def line_spectrum(lines: list[tuple[float, float]]) -> Floats:
+    """Lines (nm, rayleigh) as photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM, each spread over its two neighbours."""
+    spectrum = np.zeros_like(GRID_NM)
+    spacing = GRID_NM[1] - GRID_NM[0]
+    for wavelength, rayleigh in lines:
+        position = (wavelength - GRID_NM[0]) / spacing
+        lower = int(position)
+        photons = rayleigh * PHOTONS_CM2_SR_PER_RAYLEIGH * 1e4 / spacing
+        spectrum[lower] += photons * (1 - position + lower)
+        spectrum[lower + 1] += photons * (position - lower)
+    return spectrum
+
+
+@functools.cache
+def lower_spectrum() -> Floats:
+    """Zenith radiance above the air of the layer at 87 km, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
+    nodes = np.array(_CONTINUUM)
+    continuum = np.exp(np.interp(GRID_NM, nodes[:, 0], np.log(nodes[:, 1]))) * 1e5 / ARCSEC2_IN_SR
+    return continuum + line_spectrum(LOWER_LINES)
+
+
+@functools.cache
+def upper_spectrum() -> Floats:
+    """Zenith radiance above the air of the layer at 250 km, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
+    return line_spectrum(UPPER_LINES)
+
+
+def solar_activity_scale(solar_flux_sfu: float) -> float:
+    """Airglow over its value at 130 solar flux units (10.7 cm): 0.2 + 0.00614 F. Source: Noll et al. 2012, section 4.3."""
+    return (0.2 + 0.00614 * solar_flux_sfu) / (0.2 + 0.00614 * REFERENCE_SOLAR_FLUX_SFU)
+
+
+def airglow(solar_flux_sfu: float, atmosphere: Atmosphere | None) -> SkyTable:
+    """Airglow at the ground."""
+    scale = solar_activity_scale(solar_flux_sfu)
+    zenith_angle = 90 - sky_grid().altitude_deg[:, None]
+    layers = ((lower_spectrum(), LOWER_LAYER_KM), (upper_spectrum(), UPPER_LAYER_KM))
+    return total([above_the_air(scale * van_rhijn(zenith_angle, km), spectrum, atmosphere) for spectrum, km in layers])

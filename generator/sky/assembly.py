@@ -1,0 +1,135 @@
+"""The whole diffuse sky of a frame: its components, one by one and together."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.atmosphere import Atmosphere, airmass, optical_depth
+from generator.bake.grids import BakedAir
+from generator.catalogue import load_catalogue
+from generator.photometry import GRID_NM, radiance_from_surface_brightness
+from generator.scenario import SkySpec
+from generator.sky import milky_way as mw
+from generator.sky.airglow import airglow
+from generator.sky.city_light import City, bortle_city, skyglow
+from generator.sky.clouds import cloud_light, diffuse_transmission
+from generator.sky.component import SkyTable, black_sky, compressed, total
+from generator.sky.directions import sky_grid
+from generator.sky.moonlight import MOON_BV_MAG, moonlight
+from generator.sky.starlight import scattered_starlight
+from generator.sky.state import SkyState
+from generator.sky.twilight import twilight
+from generator.sky.zenith import BORTLE_ZENITH_MAG, NATURAL_ZENITH_MAG
+from generator.sky.zodiacal import zodiacal
+from generator.stellar_spectra import star_spectra
+
+Floats = NDArray[np.float64]
+NATURAL = ("airglow", "zodiacal", "milky_way", "starlight")
+
+
+@functools.cache
+def _star_light() -> tuple[float, float]:
+    """Factor of the Milky Way's map for the default catalogue, and mean S10(V) of all stars over the sky."""
+    v_mag = load_catalogue().v_mag
+    factor = mw.gap_factor(v_mag)
+    return factor, mw.points_s10(v_mag[v_mag <= mw.FAINT_LIMIT_V_MAG]) + factor * mw.sky_mean_s10()
+
+
+def layout(spec: SkySpec) -> tuple[City, ...]:
+    """The cities of a scenario, their output not yet scaled."""
+    if spec.cities is not None:
+        return tuple(city.city() for city in spec.cities)
+    if spec.bortle is not None:
+        return (bortle_city(spec.bortle),)
+    if spec.zenith_mag_arcsec2 is not None:
+        wanted = spec.zenith_mag_arcsec2
+        return (bortle_city(min(BORTLE_ZENITH_MAG, key=lambda bortle: abs(BORTLE_ZENITH_MAG[bortle] - wanted))),)
+    return ()
+
+
+def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) -> dict[str, SkyTable]:
+    """Components of a frame's sky at the ground, by name; their sum is the sky.
+
+    Raises
+    ------
+    GeneratorError
+        Twilight is asked for and the Sun is up.
+    DataFileError
+        A map is missing or damaged.
+    """
+    active = spec.active_components
+    layers: dict[str, SkyTable] = {}
+    if "airglow" in active:
+        layers["airglow"] = airglow(spec.solar_flux_sfu, atmosphere)
+    if "zodiacal" in active:
+        layers["zodiacal"] = zodiacal(state.icrs_from_enu, state.sun_icrs, atmosphere)
+    if "milky_way" in active:
+        layers["milky_way"] = mw.milky_way(state.icrs_from_enu, _star_light()[0], atmosphere)
+    if "starlight" in active:
+        layers["starlight"] = scattered_starlight(_star_light()[1], atmosphere)
+    natural = sum(layer.zenith_v() for layer in layers.values())
+    cities = layout(spec) if "skyglow" in active else ()
+    if spec.bortle is not None:
+        asked, reference = BORTLE_ZENITH_MAG[spec.bortle], float(radiance_from_surface_brightness(NATURAL_ZENITH_MAG))
+        artificial = float(radiance_from_surface_brightness(asked)) - reference
+    elif spec.zenith_mag_arcsec2 is not None:
+        wanted = float(radiance_from_surface_brightness(spec.zenith_mag_arcsec2))
+        artificial = wanted - natural
+        if artificial < 0:
+            # Darker than this night's natural sky: its components keep their proportions.
+            layers = {name: layer.scaled(wanted / natural) for name, layer in layers.items()}
+            artificial = 0.0
+    else:
+        artificial = np.nan
+    if cities:
+        glow = skyglow(cities)
+        factor = 1.0 if np.isnan(artificial) else artificial / glow.zenith_v()
+        layers["skyglow"] = glow.scaled(factor)
+        cities = tuple(dataclasses.replace(city, upward_mlm=city.upward_mlm * factor) for city in cities if factor > 0)
+    if "moonlight" in active:
+        layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere)
+    if "twilight" in active:
+        layers["twilight"] = twilight(state.sun_enu)
+    if state.clouds is not None and layers:
+        layers = _under_cloud(layers, cities, atmosphere, state)
+    return layers
+
+
+def _under_cloud(
+    layers: dict[str, SkyTable], cities: tuple[City, ...], atmosphere: Atmosphere | None, state: SkyState
+) -> dict[str, SkyTable]:
+    """Layers as seen through the frame's cloud, and the cloud's own light."""
+    assert state.clouds is not None
+    grid = sky_grid()
+    depth = state.clouds.slant_depth(grid.enu)
+    passed = diffuse_transmission(depth).astype(np.float32)
+    moon_sine = max(0.0, float(state.moon_enu[2])) if "moonlight" in layers else 0.0
+    moon = np.zeros_like(GRID_NM)
+    if moon_sine > 0:
+        loss = 0.0 if atmosphere is None else optical_depth(GRID_NM, atmosphere) * airmass(state.moon_altitude_deg)
+        moon = star_spectra([state.moon_v_mag], [MOON_BV_MAG])[0]
+        moon_on_ground = moon * np.exp(-loss) * moon_sine
+    else:
+        moon_on_ground = moon
+    above = [layer for name, layer in layers.items() if name != "skyglow"]
+    sky_on_ground = sum((np.pi * _hemisphere_mean(layer) for layer in above), np.zeros_like(GRID_NM))
+    ground = BakedAir().ground_albedo * (sky_on_ground + moon_on_ground)
+    seen = {name: layer if name == "skyglow" else layer.scaled(passed) for name, layer in layers.items()}
+    glow = cloud_light(depth, state.clouds.altitude_km, cities, ground, moon, moon_sine, atmosphere)
+    return seen | {"clouds": glow}
+
+
+def _hemisphere_mean(layer: SkyTable) -> Floats:
+    """Mean radiance over the hemisphere, weighted by the cosine of the zenith angle, (n,) array."""
+    altitude = np.radians(sky_grid().altitude_deg)
+    weight = np.sin(altitude) * np.cos(altitude) * np.gradient(altitude)
+    return (layer.maps.mean(axis=2) @ (weight / weight.sum())) @ layer.spectra
+
+
+def whole_sky(layers: dict[str, SkyTable]) -> SkyTable:
+    """The sum of the layers, in few terms."""
+    return compressed(total(list(layers.values()))) if layers else black_sky()

@@ -1,0 +1,142 @@
+"""Artificial skyglow: cities of lamps through the baked radiative transfer."""
+
+from __future__ import annotations
+
+import csv
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from generator.bake.grids import WAVELENGTHS_NM, BakedAir, CityGrid
+from generator.bake.single_scattering import city_single, disk_points
+from generator.errors import DataFileError
+from generator.photometry import BESSELL_V, GRID_NM
+from generator.sky.baked_maps import city_multiple
+from generator.sky.component import SkyTable, black_sky, total
+from generator.sky.directions import sky_grid
+from generator.sky.zodiacal import upsampled
+
+Floats = NDArray[np.float64]
+
+LAMPS_PATH = Path(__file__).parents[1] / "data" / "lamps.csv"
+
+LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
+"""Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""
+GARSTANG_HORIZON_SHARE = 0.15 / (0.15 + 0.15 * (1 - 0.15))
+"""Part of the upward light that leaves in Garstang's pattern near the horizon: F / (F + G (1 - F)) for his F = G = 0.15.
+Source: Garstang 1986, PASP 98, 364."""
+LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
+"""Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
+LARGEST_DISTANCE_KM = 60.0
+"""The bake's flat ground is good to here: the Earth falls away by 0.28 km at 60 km, a fifth of the aerosol's height."""
+
+
+@dataclass(frozen=True)
+class City:
+    """A disk of lamps.
+
+    Attributes
+    ----------
+    distance_km, azimuth_deg : float
+        Of its middle, from the observer.
+    radius_km : float
+    upward_mlm : float
+        Light that leaves it upwards, megalumen.
+    horizon_share : float
+        Part of that in Garstang's pattern near the horizon; the rest is Lambert.
+    lamps : tuple of (name, share)
+        Names of :func:`lamp_spectra`, shares in V-band photons.
+    """
+
+    distance_km: float
+    azimuth_deg: float
+    radius_km: float
+    upward_mlm: float = 100.0
+    horizon_share: float = GARSTANG_HORIZON_SHARE
+    lamps: tuple[tuple[str, float], ...] = LAMP_MIX
+
+
+BORTLE_DISTANCE_KM = {1: 60.0, 2: 50.0, 3: 40.0, 4: 30.0, 5: 20.0, 6: 14.0, 7: 8.0, 8: 4.0, 9: 0.0}
+BORTLE_CITY_RADIUS_KM = 10.0
+BORTLE_CITY_AZIMUTH_DEG = 225.0
+
+
+def bortle_city(bortle: int) -> City:
+    """The default place of a Bortle class: so far from a city of 10 km radius in the south-west. skybench's convention."""
+    return City(BORTLE_DISTANCE_KM[bortle], BORTLE_CITY_AZIMUTH_DEG, BORTLE_CITY_RADIUS_KM)
+
+
+@functools.cache
+def lamp_spectra() -> dict[str, Floats]:
+    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero outside the tables' 380 to 780 nm."""
+    try:
+        with LAMPS_PATH.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+        wavelength = np.array([float(row["wavelength_nm"]) for row in rows])
+        power = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "wavelength_nm"}
+    except (OSError, KeyError, ValueError, IndexError) as error:
+        raise DataFileError(f"{LAMPS_PATH}: not a table of lamp spectra ({error}); reinstall skybench") from error
+    photons = {
+        name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()
+    }
+    return {name: spectrum / BESSELL_V.mean(GRID_NM, spectrum) for name, spectrum in photons.items()}
+
+
+def mixed_lamps(lamps: tuple[tuple[str, float], ...]) -> Floats:
+    """Photon spectrum of a mix of lamps at GRID_NM with a V-band mean of 1."""
+    whole = sum(share for _, share in lamps)
+    return np.sum([share / whole * lamp_spectra()[name] for name, share in lamps], axis=0)
+
+
+_VIEW_DEG: Floats = np.array([2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0])
+_RELATIVE_DEG: Floats = np.array([0.0, 5.0, 10.0, 17.0, 25.0, 35.0, 50.0, 70.0, 90.0, 115.0, 145.0, 180.0])
+
+
+@functools.lru_cache(maxsize=256)
+def city_radiance(distance_km: float, radius_km: float, horizon_share: float) -> Floats:
+    """Transfer from a city to the sky: radiance per unit output, m^-2 sr^-1, (wavelength, altitude, azimuth) array.
+
+    Axes: WAVELENGTHS_NM, the module's view altitudes, and azimuths relative to the city's. Single scattering is integrated
+    here for the disk, the rest is the baked kernel summed over it.
+    """
+    near = distance_km < 2 * radius_km
+    spots = disk_points(radius_km, *((12, 16) if near else (4, 8))) + np.array([0.0, distance_km])
+    wavelength = np.array(WAVELENGTHS_NM)
+    altitude, relative = np.meshgrid(_VIEW_DEG, _RELATIVE_DEG, indexing="ij")
+    a, b = np.radians(altitude.ravel()), np.radians(relative.ravel())
+    views = np.stack([np.sin(b) * np.cos(a), np.cos(b) * np.cos(a), np.sin(a)], axis=-1)
+    air, grid = BakedAir(), CityGrid()
+    patch = radius_km / float(np.sqrt(len(spots)))
+    kernel = city_single(air, wavelength, grid.aerosol_tau_550, spots, views, spot_radius_km=patch)
+    for x, y in spots:
+        bearing = np.degrees(np.arctan2(x, y))
+        shape = np.full(altitude.size, np.hypot(x, y))
+        kernel += city_multiple(shape, altitude.ravel(), relative.ravel() - bearing) / len(spots)
+    mixed = (1 - horizon_share) * kernel[0] + horizon_share * kernel[1]
+    return mixed.reshape(len(wavelength), *altitude.shape) * 1e-6
+
+
+def city_table(city: City) -> SkyTable:
+    """Skyglow of one city at the ground."""
+    grid = sky_grid()
+    transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share)
+    interpolator = RegularGridInterpolator((np.log(_VIEW_DEG), _RELATIVE_DEG), np.moveaxis(np.log(transfer), 0, -1))
+    rows = np.unique(np.append(np.arange(0, grid.shape[0], 4), grid.shape[0] - 1))
+    columns = np.arange(0, grid.shape[1], 4)
+    view = np.log(np.maximum(grid.altitude_deg[rows], _VIEW_DEG[0]))
+    relative = np.abs((grid.azimuth_deg[columns] - city.azimuth_deg + 180) % 360 - 180)
+    coarse = np.exp(interpolator(np.stack(np.meshgrid(view, relative, indexing="ij"), axis=-1)))
+    maps = np.stack([upsampled(coarse[..., k], rows, columns, grid.shape) for k in range(len(WAVELENGTHS_NM))])
+    output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON
+    hats = np.array([np.interp(GRID_NM, WAVELENGTHS_NM, row) for row in np.eye(len(WAVELENGTHS_NM))])
+    return SkyTable(maps.astype(np.float32), hats * mixed_lamps(city.lamps) * output)
+
+
+@functools.lru_cache(maxsize=16)
+def skyglow(cities: tuple[City, ...]) -> SkyTable:
+    """Skyglow of a layout of cities at the ground."""
+    return total([city_table(city) for city in cities]) if cities else black_sky()

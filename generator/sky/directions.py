@@ -1,0 +1,76 @@
+"""The grid of directions on which the sky is tabulated for one frame."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+ALTITUDE_POWER = 1.5
+"""Rows are finer near the horizon: altitude = 90 deg x (row / last row) to this power."""
+ROWS, COLUMNS = 241, 720
+
+
+@dataclass(frozen=True)
+class SkyGrid:
+    """Directions above the horizon: rows of equal altitude, columns of equal azimuth.
+
+    Attributes
+    ----------
+    altitude_deg : (ny,) array
+        Apparent, 0 to 90.
+    azimuth_deg : (nx,) array
+        From 0 in equal steps; the column after the last is the first.
+    """
+
+    altitude_deg: Floats
+    azimuth_deg: Floats
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.altitude_deg), len(self.azimuth_deg)
+
+    @functools.cached_property
+    def enu(self) -> Floats:
+        """Unit vectors, (ny, nx, 3)."""
+        altitude, azimuth = np.radians(self.altitude_deg)[:, None], np.radians(self.azimuth_deg)[None, :]
+        return np.stack(
+            [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude),
+             np.broadcast_to(np.sin(altitude), self.shape)], axis=-1,
+        )  # fmt: skip
+
+
+@functools.cache
+def sky_grid(rows: int = ROWS, columns: int = COLUMNS) -> SkyGrid:
+    """The grid of the emitter, about half a degree fine."""
+    return SkyGrid(90 * np.linspace(0, 1, rows) ** ALTITUDE_POWER, np.arange(columns) * 360 / columns)
+
+
+def interpolate(maps: NDArray[np.float32], altitude_deg: ArrayLike, azimuth_deg: ArrayLike) -> Floats:
+    """Bilinear interpolation of maps on :func:`sky_grid`'s layout, as the emitter does it.
+
+    Parameters
+    ----------
+    maps : (k, ny, nx) array
+    altitude_deg, azimuth_deg : (m,) array_like
+        Altitudes below 0 take the horizon's value.
+
+    Returns
+    -------
+    (k, m) array
+    """
+    _, ny, nx = maps.shape
+    row = (np.clip(np.asarray(altitude_deg, float), 0, 90) / 90) ** (1 / ALTITUDE_POWER) * (ny - 1)
+    column = (np.asarray(azimuth_deg, float) % 360) / 360 * nx
+    r0 = np.minimum(row.astype(np.intp), ny - 2)
+    c0 = column.astype(np.intp)
+    wr, wc = row - r0, column - c0
+    c0, c1 = c0 % nx, (c0 + 1) % nx
+    upper = maps[:, r0, c0] * (1 - wc) + maps[:, r0, c1] * wc
+    lower = maps[:, r0 + 1, c0] * (1 - wc) + maps[:, r0 + 1, c1] * wc
+    return upper * (1 - wr) + lower * wr

@@ -1,0 +1,126 @@
+"""The diffuse Milky Way: Mellinger's panorama (stars removed), calibrated to S10(V)."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from generator.atmosphere import Atmosphere
+from generator.errors import DataFileError
+from generator.photometry import ARCSEC2_PER_SR
+from generator.sky.component import SkyTable, above_the_air
+from generator.sky.directions import sky_grid
+from generator.stellar_spectra import star_spectra
+
+Floats = NDArray[np.float64]
+
+PANORAMA_PATH = Path(__file__).parents[1] / "data" / "milky_way" / "milkyway.png"
+S10_MAG_ARCSEC2 = 27.7815
+"""One star of V 10 per square degree, V mag/arcsec^2."""
+
+# Luminance of the panorama (linear sRGB) to S10(V): medians of an all-sky star map in bins of luminance; below 0.002, where
+# the panorama fades to black, its medians at galactic latitudes 30 (44 S10) and beyond 60 deg (22 S10). Stars brighter
+# than about V 11 are in neither (docs/physics.md).
+_LUMINANCE = [0.0, 0.0007, 0.0015, 0.0035, 0.0075, 0.015, 0.03, 0.06, 0.115, 0.22, 1.0]
+_S10_V = [22.0, 42.0, 52.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
+BV_MAG = 0.75
+"""Colour of integrated starlight. Source: Mattila 1980, A&AS 39, 53 (Pioneer 10 and galactic models: 0.7 to 0.8)."""
+
+FAINT_LIMIT_V_MAG = 11.0
+"""The calibration's medians over a degree leave out stars brighter than about this."""
+CATALOGUE_COUNTS = ((8.5, 77_673), (9.0, 126_000), (10.0, 360_000), (10.5, 565_000), (11.0, 880_000))
+"""Stars over the whole sky brighter than V. Sources: Tycho-2 (Hog et al. 2000) as V; log N grows by 0.43 per magnitude."""
+
+
+@functools.cache
+def panorama_luminance() -> Floats:
+    """Linear luminance of the panorama, (1024, 2048) array; rows from the north celestial pole, columns see below."""
+    try:
+        with Image.open(PANORAMA_PATH) as image:
+            srgb = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
+    except OSError as error:
+        raise DataFileError(f"{PANORAMA_PATH}: cannot be read ({error}); reinstall skybench") from error
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return linear @ np.array([0.2126, 0.7152, 0.0722])
+
+
+@functools.cache
+def s10_map() -> NDArray[np.float32]:
+    """S10(V) of stars too faint for the catalogue, and diffuse galactic light; layout as :func:`panorama_luminance`."""
+    return np.interp(panorama_luminance(), _LUMINANCE, _S10_V).astype(np.float32)
+
+
+def s10(icrs: Floats | NDArray[np.float32]) -> Floats:
+    """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light.
+
+    The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.
+    """
+    table = s10_map()
+    ny, nx = table.shape
+    x, y, z = np.moveaxis(icrs.astype(np.float32), -1, 0)
+    column = (np.arctan2(x, y) * np.float32(nx / (2 * np.pi))) % nx - np.float32(0.5)
+    row = np.clip(np.arccos(np.clip(z, -1, 1)) * np.float32(ny / np.pi) - np.float32(0.5), 0, ny - 1.001)
+    r0, c0 = row.astype(np.intp), np.floor(column).astype(np.intp)
+    wr, wc = row - r0, column - c0
+    c0, c1 = c0 % nx, (c0 + 1) % nx
+    upper = table[r0, c0] * (1 - wc) + table[r0, c1] * wc
+    lower = table[r0 + 1, c0] * (1 - wc) + table[r0 + 1, c1] * wc
+    return upper * (1 - wr) + lower * wr
+
+
+def sky_mean_s10() -> float:
+    """Mean of :func:`s10_map` over the sphere."""
+    table = s10_map()
+    weight = np.sin((np.arange(len(table)) + 0.5) * np.pi / len(table))
+    return float(np.average(table.mean(axis=1), weights=weight))
+
+
+def counted_s10(faint_limit_v_mag: float = FAINT_LIMIT_V_MAG) -> float:
+    """Mean S10(V) over the sky of all stars from V 8.5 to a limit, by published counts."""
+    magnitude, count = np.array(CATALOGUE_COUNTS).T
+    fine = np.linspace(magnitude[0], faint_limit_v_mag, 200)
+    cumulative = np.exp(np.interp(fine, magnitude, np.log(count)))
+    middle = (fine[1:] + fine[:-1]) / 2
+    return float(np.sum(np.diff(cumulative) * 10 ** (-0.4 * (middle - 10))) / SQUARE_DEGREES)
+
+
+SQUARE_DEGREES = 4 * np.pi * (180 / np.pi) ** 2
+
+
+def points_s10(v_mag: Floats) -> float:
+    """Mean S10(V) over the sky of stars drawn as points."""
+    return float(np.sum(10 ** (-0.4 * (v_mag - 10))) / SQUARE_DEGREES)
+
+
+def gap_factor(catalogue_v_mag: Floats) -> float:
+    """What to multiply the map by so that stars between the catalogue and the map are neither lost nor counted twice.
+
+    The map holds stars fainter than V 11; the catalogue holds some of those from 8.5 to 11. The light of the rest, by
+    published counts, is spread like the map's.
+
+    Parameters
+    ----------
+    catalogue_v_mag : (n,) array
+        V of the whole catalogue, before any cut by the scenario.
+    """
+    drawn = points_s10(catalogue_v_mag[catalogue_v_mag > CATALOGUE_COUNTS[0][0]])
+    return 1 + max(0.0, counted_s10() - drawn) / sky_mean_s10()
+
+
+def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | None) -> SkyTable:
+    """The diffuse Milky Way at the ground.
+
+    Parameters
+    ----------
+    icrs_from_enu : (3, 3) array
+    factor : float
+        :func:`gap_factor` of the catalogue in use.
+    atmosphere : Atmosphere or None
+    """
+    one_s10 = star_spectra([S10_MAG_ARCSEC2], [BV_MAG])[0] * ARCSEC2_PER_SR
+    direction_map = s10(sky_grid().enu.astype(np.float32) @ icrs_from_enu.T.astype(np.float32))
+    return above_the_air(factor * direction_map, one_s10, atmosphere)

@@ -1,0 +1,94 @@
+"""Scattered moonlight: single scattering in closed form times the baked ratio of all light to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.atmosphere import (
+    Atmosphere,
+    aerosol_optical_depth,
+    airmass,
+    ozone_optical_depth,
+    rayleigh_optical_depth,
+)
+from generator.bake.grids import WAVELENGTHS_NM, BakedAir
+from generator.bake.single_scattering import henyey_greenstein_phase, moon_single, rayleigh_phase
+from generator.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
+from generator.sky.baked_maps import moon_ratio
+from generator.sky.component import SkyTable, black_sky
+from generator.sky.directions import sky_grid
+from generator.sky.zodiacal import upsampled
+from generator.stellar_spectra import star_spectra
+
+Floats = NDArray[np.float64]
+
+MOON_BV_MAG = 0.92
+"""Source: Allen's Astrophysical Quantities, 4th ed., 12.4 (B-V of the full Moon)."""
+MEAN_DISTANCE_KM = 384_400.0
+NODES_NM: Floats = np.array([GRID_START_NM, *WAVELENGTHS_NM, GRID_STOP_NM])
+
+
+def moon_v_mag(phase_angle_deg: float, distance_km: float = MEAN_DISTANCE_KM) -> float:
+    """V of the Moon at a phase angle (0 full, 180 new), above the atmosphere.
+
+    -12.73 + 0.026 |a| + 4e-9 a^4. Source: Krisciunas & Schaefer 1991, PASP 103, 1033, eq. 9 (after Allen).
+    """
+    a = abs(phase_angle_deg)
+    return -12.73 + 0.026 * a + 4e-9 * a**4 + 5 * np.log10(distance_km / MEAN_DISTANCE_KM)
+
+
+def node_weights() -> Floats:
+    """Hat functions of NODES_NM on GRID_NM, (nodes, n) array."""
+    return np.array([np.interp(GRID_NM, NODES_NM, row) for row in np.eye(len(NODES_NM))])
+
+
+def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> SkyTable:
+    """Scattered moonlight at the ground; black when the Moon is below the horizon or there is no air.
+
+    Parameters
+    ----------
+    moon_enu : (3,) array
+        Apparent direction.
+    v_mag : float
+        Above the atmosphere.
+    atmosphere : Atmosphere or None
+    """
+    altitude = float(np.degrees(np.arcsin(moon_enu[2])))
+    if atmosphere is None or altitude <= 0:
+        return black_sky()
+    grid, air = sky_grid(), BakedAir()
+    rows = np.unique(np.append(np.arange(0, grid.shape[0], 6), grid.shape[0] - 1))
+    columns = np.arange(0, grid.shape[1], 6)
+    azimuth = float(np.degrees(np.arctan2(moon_enu[0], moon_enu[1])))
+    ratio = moon_ratio(
+        atmosphere.aerosol_tau_550, altitude, grid.altitude_deg[rows], grid.azimuth_deg[columns] - azimuth
+    )
+    baked = np.clip(np.arange(len(NODES_NM)) - 1, 0, len(WAVELENGTHS_NM) - 1)
+    rayleigh = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa)
+    aerosol = aerosol_optical_depth(GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
+    at_node = [np.interp(NODES_NM, GRID_NM, depth) for depth in (rayleigh, aerosol)]
+    view = airmass(grid.altitude_deg)[None, :]
+    moon = float(airmass(altitude))
+    cosine = (grid.enu @ moon_enu).astype(np.float32)
+    phases = (rayleigh_phase(cosine), henyey_greenstein_phase(cosine, air.aerosol_asymmetry))
+    # moon_single is linear in the two phase functions: without them it gives the path factor of each wavelength and row.
+    isotropic = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
+    path = (
+        isotropic
+        / (
+            at_node[0] * rayleigh_phase(0.0)
+            + at_node[1] * air.aerosol_albedo * henyey_greenstein_phase(0.0, air.aerosol_asymmetry)
+        )[:, None]
+    )
+    maps = np.empty((len(NODES_NM), *grid.shape), np.float32)
+    for node in range(len(NODES_NM)):
+        phase = at_node[0][node] * phases[0] + air.aerosol_albedo * at_node[1][node] * phases[1]
+        fine = upsampled(ratio[baked[node]], rows, columns, grid.shape)
+        maps[node] = phase * fine * path[node][:, None]
+    # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
+    depth = rayleigh + aerosol
+    irradiance = star_spectra([v_mag], [MOON_BV_MAG])[0]
+    irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
+    node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
+    return SkyTable(maps, node_weights() * (depth / node_depth[:, None]) * irradiance)

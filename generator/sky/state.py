@@ -1,0 +1,83 @@
+"""Where Sun and Moon stand, how the sphere is turned, and what cloud there is, in the middle of one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.astrometry import Air, Site
+from generator.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
+from generator.scenario import CloudSpec
+from generator.seeds import random_stream
+from generator.sky.clouds import CloudField, cloud_field
+from generator.sky.moonlight import moon_v_mag
+from generator.times import SECONDS_PER_DAY, EarthOrientation, Instant
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SkyState:
+    """What the sky of a frame depends on beyond the scenario.
+
+    Attributes
+    ----------
+    icrs_from_enu : (3, 3) array
+    sun_icrs : (3,) array
+    sun_enu, moon_enu : (3,) arrays
+        Apparent.
+    moon : Body
+    moon_v_mag : float
+        Above the atmosphere.
+    clouds : CloudField or None
+    """
+
+    icrs_from_enu: Floats
+    sun_icrs: Floats
+    sun_enu: Floats
+    moon_enu: Floats
+    moon: Body
+    moon_v_mag: float
+    clouds: CloudField | None
+
+    @property
+    def sun_altitude_deg(self) -> float:
+        """Apparent, deg."""
+        return float(np.degrees(np.arcsin(self.sun_enu[2])))
+
+    @property
+    def moon_altitude_deg(self) -> float:
+        """Apparent, deg."""
+        return float(np.degrees(np.arcsin(self.moon_enu[2])))
+
+
+def sky_state(
+    site: Site, instant: Instant, orientation: EarthOrientation, air: Air, clouds: CloudSpec | None, seed: int
+) -> SkyState:
+    """State of the sky at an instant."""
+    sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
+    return SkyState(
+        icrs_from_enu=icrs_from_enu(site, instant, orientation),
+        sun_icrs=sun.icrs,
+        sun_enu=apparent_enu(sun, site, instant, orientation, air),
+        moon_enu=apparent_enu(moon, site, instant, orientation, air),
+        moon=moon,
+        moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),
+        clouds=None if clouds is None else drifted_clouds(clouds, instant, seed),
+    )
+
+
+def drifted_clouds(spec: CloudSpec, instant: Instant, seed: int) -> CloudField:
+    """The scenario's cloud where the wind has carried it; all frames of a scenario share one field (stream ``clouds``)."""
+    depth = cloud_field(
+        spec.mean_optical_depth,
+        spec.coverage,
+        spec.spectral_slope,
+        spec.outer_scale_km,
+        random_stream(seed, "clouds", 0),
+    )
+    carried_km = spec.wind_m_s * (instant.mjd % 1.0) * SECONDS_PER_DAY / 1000
+    turn = np.radians(spec.wind_azimuth_deg)
+    return CloudField(spec.altitude_km, depth, carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn)))

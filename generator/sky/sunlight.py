@@ -1,0 +1,23 @@
+"""The Sun's spectrum, which zodiacal light, moonlight and planets borrow."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.photometry import GRID_NM
+from generator.stellar_spectra import star_spectra
+
+Floats = NDArray[np.float64]
+
+SUN_BV_MAG = 0.653
+"""Source: Ramirez et al. 2012, ApJ 752, 5."""
+
+
+@functools.cache
+def solar_shape() -> Floats:
+    """The Sun's photon spectrum at GRID_NM over its value at 500 nm: a star of B-V 0.653 (see stellar_spectra)."""
+    spectrum: Floats = star_spectra([0.0], [SUN_BV_MAG])[0]
+    return spectrum / np.interp(500.0, GRID_NM, spectrum)

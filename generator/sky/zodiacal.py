@@ -1,0 +1,108 @@
+"""Zodiacal light: Leinert's table of brightness over the sky, with a reddened solar spectrum."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from generator.atmosphere import Atmosphere
+from generator.photometry import GRID_NM
+from generator.sky.component import SkyTable, above_the_air
+from generator.sky.directions import sky_grid
+from generator.sky.sunlight import solar_shape
+
+Floats = NDArray[np.float64]
+
+# Brightness at 500 nm, 1e-8 W m^-2 sr^-1 um^-1, by |ecliptic longitude - Sun's| (rows) and |ecliptic latitude| (columns).
+# Source: Levasseur-Regourd & Dumont 1980 as given by Leinert et al. 1998, A&AS 127, 1, table 17. Where the table is empty
+# (closer to the Sun than 15 deg) the nearest value towards the pole stands; the pole itself is 77.
+_LATITUDE_DEG = [0, 5, 10, 15, 20, 25, 30, 45, 60, 75, 90]
+_LONGITUDE_DEG = [0, 15, 20, 25, 30, 35, 40, 45, 60, 75, 90, 105, 120, 135, 150, 165, 180]
+_BRIGHTNESS = [
+    [11500, 6780, 3440, 3140, 1610, 985, 640, 275, 150, 100, 77],
+    [11500, 6780, 3440, 1860, 1110, 755, 525, 251, 146, 100, 77],
+    [6400, 4480, 2410, 1410, 910, 635, 454, 237, 141, 99, 77],
+    [3840, 2830, 1730, 1100, 749, 545, 410, 223, 136, 97, 77],
+    [2480, 1870, 1220, 845, 615, 467, 365, 207, 131, 95, 77],
+    [1650, 1270, 910, 680, 510, 397, 320, 193, 125, 93, 77],
+    [1180, 940, 700, 530, 416, 338, 282, 179, 120, 92, 77],
+    [910, 730, 555, 442, 356, 292, 250, 166, 116, 90, 77],
+    [505, 442, 352, 292, 243, 209, 183, 134, 104, 86, 77],
+    [338, 317, 269, 227, 196, 172, 151, 116, 93, 82, 77],
+    [259, 251, 225, 193, 166, 147, 132, 104, 86, 79, 77],
+    [212, 210, 197, 170, 150, 133, 119, 96, 82, 77, 77],
+    [188, 186, 177, 154, 138, 125, 113, 90, 77, 74, 77],
+    [179, 178, 166, 147, 134, 122, 110, 90, 77, 73, 77],
+    [179, 178, 165, 148, 137, 127, 116, 96, 79, 72, 77],
+    [196, 192, 179, 165, 151, 141, 131, 104, 82, 72, 77],
+    [230, 212, 195, 178, 163, 148, 134, 105, 83, 72, 77],
+]
+PHOTONS_PER_UNIT_AT_500_NM = 1e-11 * 500e-9 / (6.62607015e-34 * 299792458.0)
+"""Photons s^-1 m^-2 nm^-1 sr^-1 in 1e-8 W m^-2 sr^-1 um^-1 at 500 nm."""
+OBLIQUITY_DEG = 23.43928
+
+
+@functools.cache
+def _interpolator() -> RegularGridInterpolator:
+    # Linear in the logarithm: the table falls by a third from step to step near the Sun.
+    table = np.log(np.array(_BRIGHTNESS, float))
+    return RegularGridInterpolator((np.array(_LONGITUDE_DEG, float), np.array(_LATITUDE_DEG, float)), table)
+
+
+def brightness(longitude_from_sun_deg: ArrayLike, latitude_deg: ArrayLike) -> Floats:
+    """Brightness at 500 nm, 1e-8 W m^-2 sr^-1 um^-1, by ecliptic longitude from the Sun and ecliptic latitude."""
+    longitude = np.abs((np.asarray(longitude_from_sun_deg, float) + 180) % 360 - 180)
+    return np.exp(_interpolator()((longitude, np.abs(np.asarray(latitude_deg, float)))))
+
+
+@functools.cache
+def spectrum() -> Floats:
+    """Photon spectrum per unit of :func:`brightness`, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM.
+
+    Sunlight, redder by 1 + 0.9 log10(l/500 nm) below and 1 + 0.6 log10(l/500 nm) above 500 nm (elongation 90 deg).
+    Source: Leinert et al. 1998, eq. 22.
+    """
+    reddening = 1 + np.where(GRID_NM < 500, 0.9, 0.6) * np.log10(GRID_NM / 500)
+    return PHOTONS_PER_UNIT_AT_500_NM * solar_shape() * reddening
+
+
+def ecliptic_from_icrs() -> Floats:
+    """Rotation ICRS to the mean ecliptic of J2000 (3, 3)."""
+    sine, cosine = np.sin(np.radians(OBLIQUITY_DEG)), np.cos(np.radians(OBLIQUITY_DEG))
+    return np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+
+
+def zodiacal(icrs_from_enu: Floats, sun_icrs: Floats, atmosphere: Atmosphere | None) -> SkyTable:
+    """Zodiacal light at the ground.
+
+    Parameters
+    ----------
+    icrs_from_enu : (3, 3) array
+    sun_icrs : (3,) array
+        Unit vector to the Sun.
+    atmosphere : Atmosphere or None
+    """
+    rotation = ecliptic_from_icrs()
+    sun = rotation @ sun_icrs
+    # The table is smooth: every third direction, and linear in between, is as good as all.
+    grid = sky_grid()
+    rows = np.unique(np.append(np.arange(0, grid.shape[0], 3), grid.shape[0] - 1))
+    columns = np.arange(0, grid.shape[1], 3)
+    x, y, z = np.moveaxis(grid.enu[rows][:, columns] @ (rotation @ icrs_from_enu).T, -1, 0)
+    longitude = np.degrees(np.arctan2(y, x) - np.arctan2(sun[1], sun[0]))
+    coarse = brightness(longitude, np.degrees(np.arcsin(np.clip(z, -1, 1))))
+    return above_the_air(upsampled(coarse, rows, columns, grid.shape), spectrum(), atmosphere)
+
+
+def upsampled(coarse: Floats, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]) -> Floats:
+    """Linear interpolation from some of the grid's rows and (periodic) columns to all of them, (ny, nx) array."""
+    row = np.interp(np.arange(shape[0]), rows, np.arange(len(rows)))
+    column = np.interp(np.arange(shape[1]), np.append(columns, shape[1]), np.arange(len(columns) + 1))
+    r0 = np.minimum(row.astype(np.intp), len(rows) - 2)
+    c0 = np.minimum(column.astype(np.intp), len(columns) - 1)
+    wr, wc = (row - r0)[:, None], column - c0
+    along = coarse[:, c0] * (1 - wc) + coarse[:, (c0 + 1) % len(columns)] * wc
+    return along[r0] * (1 - wr) + along[r0 + 1] * wr

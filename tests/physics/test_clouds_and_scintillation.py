@@ -1,0 +1,106 @@
+"""Cloud and scintillation: what they do to stars and sky, and by how much."""
+
+import itertools
+
+import numpy as np
+import pytest
+from small_scenes import small_scenario
+
+from generator.frame_plan import plan_frame
+from generator.scene import frame_layers, render_expected
+from generator.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
+from generator.seeds import random_stream
+from generator.sky.assembly import whole_sky
+from generator.sky.clouds import cloud_field, diffuse_transmission
+from generator.sky.zenith import BORTLE_ZENITH_MAG
+from generator.vision import naked_eye_limit
+
+CLOUD = {"mean_optical_depth": 0.8, "coverage": 0.6}
+
+
+def test_field_has_its_mean_coverage_and_spectrum() -> None:
+    field = cloud_field(0.8, 0.6, -8 / 3, 20.0, np.random.default_rng(3)).astype(float)
+    assert field.mean() == pytest.approx(0.8, rel=1e-3)
+    assert (field > 0).mean() == pytest.approx(0.6, abs=0.08)
+    whole = cloud_field(0.8, 1.0, -8 / 3, 20.0, np.random.default_rng(3)).astype(float)
+    power = np.abs(np.fft.rfft2(whole)) ** 2
+    k = np.hypot(np.fft.fftfreq(512, 0.25)[:, None], np.fft.rfftfreq(512, 0.25)[None, :])
+    edges = np.geomspace(0.15, 1.5, 12)
+    mean = [power[(k >= low) & (k < high)].mean() for low, high in itertools.pairwise(edges)]
+    slope, _ = np.polyfit(np.log((edges[1:] * edges[:-1]) ** 0.5), np.log(mean), 1)
+    assert slope == pytest.approx(-8 / 3, abs=0.15)
+
+
+def test_stars_are_dimmed_by_the_depth_in_their_truth_row() -> None:
+    scenario = small_scenario(sky={"bortle": 4, "clouds": CLOUD}, stars={"limiting_magnitude": 4.0})
+    clear = small_scenario(sky={"bortle": 4}, stars={"limiting_magnitude": 4.0})
+    plan = plan_frame(scenario, 0)
+    behind, free = render_expected(plan), render_expected(plan_frame(clear, 0))
+    assert plan.cloud_optical_depth.max() > 0.5
+    ratio = behind.star_electrons / free.star_electrons
+    np.testing.assert_allclose(ratio, np.exp(-plan.cloud_optical_depth), rtol=2e-4)
+
+
+def test_cloud_brightens_a_city_and_darkens_the_wild() -> None:
+    """The mean sky above 30 deg under overcast cloud: brighter in class 8, darker in class 1."""
+    altitude, azimuth = np.repeat([35.0, 60.0, 85.0], 12), np.tile(np.arange(0, 360, 30.0), 3)
+    change = {}
+    for bortle in (1, 8):
+        light = []
+        for clouds in (None, {"mean_optical_depth": 6.0, "coverage": 1.0, "altitude_km": 2.0}):
+            table = whole_sky(frame_layers(plan_frame(small_scenario(sky={"bortle": bortle, "clouds": clouds}), 0)))
+            light.append(float(np.mean(10 ** (-0.4 * table.v_mag_arcsec2(altitude, azimuth)))))
+        change[bortle] = light[1] / light[0]
+    assert change[8] > 1.3
+    assert change[1] < 0.8
+
+
+def test_wind_carries_the_cloud() -> None:
+    """12.5 s at 20 m/s are one cell of 250 m: the field of the later frame is the earlier one's, moved to the east."""
+    moved = {"bortle": 4, "clouds": CLOUD | {"wind_m_s": 20.0, "wind_azimuth_deg": 90.0}}
+    first = plan_frame(small_scenario(sky=moved), 0).sky.clouds
+    later = plan_frame(small_scenario(sky=moved, time__utc_start="2020-01-15T20:00:12.5Z"), 0).sky.clouds
+    np.testing.assert_array_equal(first.vertical_depth, later.vertical_depth)
+    assert later.east_km - first.east_km == pytest.approx(0.25, abs=1e-6)
+    assert later.north_km == pytest.approx(first.north_km, abs=1e-6)
+
+
+def test_diffuse_transmission_is_bohren_s() -> None:
+    """Optical depth 10 with g 0.85 passes about half (Bohren 1987: 0.47 for 3/4 (1 - g) tau = 1.125)."""
+    assert float(diffuse_transmission(10.0)) == pytest.approx(0.47, abs=0.01)
+    assert float(diffuse_transmission(0.0)) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("aperture_mm", "height_m", "exposure_s", "young"),
+    [(20, 0, 0.1, 0.127), (50, 2500, 0.1, 0.050), (25, 0, 1.0, 0.035)],
+)
+def test_scintillation_of_young_1967(aperture_mm, height_m, exposure_s, young) -> None:
+    sigma = float(scintillation_sigma(aperture_mm, 1.0, exposure_s, height_m))
+    assert sigma == pytest.approx(young / np.sqrt(1 + (young / SATURATION_SIGMA) ** 2), rel=0.03)
+
+
+def test_scintillation_saturates_and_keeps_the_mean() -> None:
+    assert 0.2 < float(scintillation_sigma(4.0, 10.0, 0.01, 0.0)) < 0.4
+    factors = scintillation_factors(np.full(200_000, 0.3), random_stream(1, "scintillation", 0))
+    assert factors.mean() == pytest.approx(1.0, abs=4 * 0.3 / np.sqrt(200_000))
+    assert factors.std() == pytest.approx(0.3, rel=0.02)
+
+
+def test_scintillation_is_off_unless_asked_for_and_in_the_truth() -> None:
+    still = plan_frame(small_scenario(stars={"limiting_magnitude": 4.0}), 0)
+    assert (still.scintillation == 1).all()
+    scenario = small_scenario(stars={"limiting_magnitude": 4.0, "scintillation": True})
+    lively = plan_frame(scenario, 0)
+    assert lively.scintillation.std() > 0.05
+    np.testing.assert_array_equal(lively.scintillation, plan_frame(scenario, 0).scintillation)
+    ratio = render_expected(lively).star_electrons / render_expected(still).star_electrons
+    np.testing.assert_allclose(ratio, lively.scintillation, rtol=2e-4)
+
+
+def test_crumey_naked_eye_limit_of_the_bortle_table() -> None:
+    """Crumey 2014, F = 2: V 6.18 at 21.83 mag/arcsec^2; the classes' limits within 0.02 mag."""
+    published = {1: 6.25, 2: 6.17, 3: 6.05, 4: 5.87, 5: 5.63, 6: 5.33, 7: 5.04, 8: 4.83, 9: 4.78}
+    assert naked_eye_limit(21.83) == pytest.approx(6.18, abs=0.02)
+    for bortle, limit in published.items():
+        assert naked_eye_limit(BORTLE_ZENITH_MAG[bortle]) == pytest.approx(limit, abs=0.02), bortle

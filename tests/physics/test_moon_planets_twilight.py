@@ -1,0 +1,170 @@
+"""Sun, Moon and planets against Skyfield; twilight against measurements; the Moon's disk."""
+
+import numpy as np
+import pytest
+from skyfield.api import Loader, load_file, wgs84
+from skyfield.magnitudelib import planetary_magnitude
+from small_scenes import small_scenario
+
+from generator.astrometry import Air, Site, apparent_places
+from generator.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
+from generator.errors import GeneratorError
+from generator.frame_plan import plan_frame
+from generator.moon_disk import moon_points
+from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.scene import render_expected
+from generator.sky.twilight import twilight, zenith_magnitude, zenith_spectrum
+from generator.times import Instant, earth_orientation
+
+TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")
+SITE = Site(52.0, 4.36, 10.0)
+NO_AIR = Air(0.0, 10.0, 0.5)
+NAMES = {"mercury": "mercury", "venus": "venus", "mars": "mars", "jupiter": "jupiter barycenter",
+         "saturn": "saturn barycenter", "uranus": "uranus barycenter", "neptune": "neptune barycenter"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sky(tmp_path_factory):
+    kernel = load_file(str(KERNEL_PATH))
+    yield kernel, Loader(str(tmp_path_factory.mktemp("skyfield"))).timescale(builtin=True)
+    kernel.close()
+
+
+def skyfield_time(timescale, text):
+    date, clock = text[:-1].split("T")
+    return timescale.utc(*(int(part) for part in date.split("-")), *(int(part) for part in clock.split(":")))
+
+
+@pytest.mark.parametrize("text", TIMES)
+def test_sun_moon_and_planets_stand_where_skyfield_has_them(sky, text) -> None:
+    """Within 1 arcsec (Skyfield has UT1 but no polar motion, 0.3 arcsec)."""
+    kernel, timescale = sky
+    instant = Instant.parse(text)
+    orientation = earth_orientation(instant)
+    observer = kernel["earth"] + wgs84.latlon(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
+    time = skyfield_time(timescale, text)
+    bodies = {"sun": SUN, "moon": MOON} | PLANETS
+    for name, number in bodies.items():
+        altitude, azimuth, distance = observer.at(time).observe(kernel[NAMES.get(name, name)]).apparent().altaz()
+        a, h = azimuth.radians, altitude.radians
+        theirs = np.array([np.sin(a) * np.cos(h), np.cos(a) * np.cos(h), np.sin(h)])
+        body = observe(number, SITE, instant, orientation)
+        ours = apparent_enu(body, SITE, instant, orientation, NO_AIR)
+        assert np.degrees(np.linalg.norm(ours - theirs)) * 3600 < 1.0, name
+        assert body.distance_km == pytest.approx(distance.km, rel=1e-6), name
+
+
+@pytest.mark.parametrize("text", TIMES)
+def test_magnitudes_of_planets_are_skyfield_s(sky, text) -> None:
+    """Mallama & Hilton 2018 as Skyfield has it, which carries the rotation of Mars no more than we do: within 0.1 mag."""
+    kernel, timescale = sky
+    instant = Instant.parse(text)
+    orientation = earth_orientation(instant)
+    observer = kernel["earth"] + wgs84.latlon(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
+    for name, number in PLANETS.items():
+        theirs = planetary_magnitude(observer.at(skyfield_time(timescale, text)).observe(kernel[NAMES[name]]))
+        ours = planet_v_mag(name, observe(number, SITE, instant, orientation))
+        assert ours == pytest.approx(float(theirs), abs=0.1), name
+
+
+def test_planets_are_drawn_as_stars() -> None:
+    """Venus on 15 January 2020 at dusk: in the truth of the plan with its NAIF number, brighter than V -3.9."""
+    plan = plan_frame(small_scenario(time__utc_start="2020-01-15T17:30:00Z", stars={"limiting_magnitude": 2.0}), 0)
+    venus = plan.stars.star_id == 900_000_299
+    assert venus.sum() == 1
+    assert float(plan.stars.v_mag[venus][0]) < -3.9
+    none = plan_frame(small_scenario(stars={"limiting_magnitude": 2.0, "planets": False}), 0)
+    assert (none.stars.star_id < 900_000_000).all()
+    instant = Instant.parse("2020-01-15T17:30:00Z")
+    assert len(apparent_places(planets(SITE, instant, earth_orientation(instant)), SITE, instant,
+                               earth_orientation(instant), NO_AIR).azimuth_deg) == 7  # fmt: skip
+
+
+@pytest.mark.parametrize("phase_deg", [0.0, 45.0, 90.0, 150.0])
+def test_lit_part_of_the_moon_s_disk(phase_deg) -> None:
+    """(1 + cos a)/2 of the disk's area, within 2 %; on the side of the Sun; all light there is."""
+    moon, sun = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, -0.2]) / np.hypot(1, 0.2)
+    enu, share = moon_points(moon, sun, 384_400.0, phase_deg, 20_000.0)
+    whole, _ = moon_points(moon, sun, 384_400.0, 0.0, 20_000.0)
+    assert share.sum() == pytest.approx(1.0)
+    assert len(enu) / len(whole) == pytest.approx((1 + np.cos(np.radians(phase_deg))) / 2, abs=0.02)
+    assert np.degrees(np.arccos(enu @ moon)).max() == pytest.approx(0.2590, abs=0.003)
+    if phase_deg:
+        assert enu[:, 0].mean() > 0
+
+
+def test_moon_is_in_the_image_with_its_light() -> None:
+    """A frame on the Moon: a resolved disk, whose light is that of a star of the Moon's magnitude within 1 %."""
+    base = {"site": {"latitude_deg": 0.0, "longitude_deg": 0.0}, "time__utc_start": "2020-01-10T23:00:00Z"}
+    sky = {"components": ["moonlight"]}
+    plan = plan_frame(small_scenario(**base, sky=sky), 0)
+    east, north, up = plan.sky.moon_enu
+    assert up > 0.7
+    attitude = {
+        "azimuth_deg": float(np.degrees(np.arctan2(east, north))),
+        "altitude_deg": float(np.degrees(np.arcsin(up))),
+    }
+    camera = {"width": 200, "height": 200, "hfov_deg": 4.0, "aperture_mm": 4}
+    scenario = small_scenario(**base, sky=sky, camera=camera, attitude=attitude, stars={"limiting_magnitude": 3.0})
+    frame = render_expected(plan_frame(scenario, 0), layers=True)
+    disk = frame.layers["stars"]
+    radius = np.arcsin(1737.4 / plan.sky.moon.distance_km) * plan_frame(scenario, 0).spec.camera.f_px
+    assert (disk > 0.5 * disk[disk > 0.1 * disk.max()].mean()).sum() == pytest.approx(np.pi * radius**2, rel=0.06)
+    from generator.atmosphere import airmass, optical_depth
+    from generator.frame_plan import dimming_atmosphere
+    from generator.scene import quantum_efficiency
+    from generator.stellar_spectra import star_spectra
+
+    plan = plan_frame(scenario, 0)
+    spectrum = star_spectra([plan.sky.moon_v_mag], [0.92])[0]
+    depth = optical_depth(GRID_NM, dimming_atmosphere(plan.spec.atmosphere)) * float(
+        airmass(plan.sky.moon_altitude_deg)
+    )
+    electrons = np.trapezoid(spectrum * np.exp(-depth) * quantum_efficiency(plan.spec), GRID_NM)
+    assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.01)
+
+
+PATAT_V = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89, 15: 21.32}
+PATAT_B = {5: 11.84, 6: 13.21, 8: 15.70, 9: 16.83, 10: 17.87, 12: 19.71}
+
+
+@pytest.mark.parametrize(("depression", "published"), PATAT_V.items())
+def test_twilight_zenith_in_v(depression, published) -> None:
+    """Patat et al. 2006: 0.02 mag of the fit; the component alone is fainter than the sky, less than its night level."""
+    assert zenith_magnitude("V", depression) == pytest.approx(published, abs=0.02)
+    alone = float(surface_brightness_from_radiance(BESSELL_V.mean(GRID_NM, zenith_spectrum(depression))))
+    night = 10 ** (-0.4 * 21.61)
+    assert -2.5 * np.log10(10 ** (-0.4 * alone) + night) == pytest.approx(published, abs=0.02)
+
+
+@pytest.mark.parametrize(("depression", "published"), PATAT_B.items())
+def test_twilight_zenith_in_b(depression, published) -> None:
+    assert zenith_magnitude("B", depression) == pytest.approx(published, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("depression", "sacramento_peak", "maryland", "tolerance"),
+    [
+        (6, 14.14, 13.05, 1.0),
+        (9, 17.81, 17.06, 0.6),
+        (12, 20.30, 19.80, 0.6),
+        (3, 10.00, 9.25, 1.0),
+        (0, 7.74, 7.06, 1.0),
+    ],
+)
+def test_twilight_against_koomen(depression, sacramento_peak, maryland, tolerance) -> None:
+    """Koomen et al. 1952, mean of two sites: 1.0 mag at -6, 0.6 mag at -9 and -12."""
+    assert zenith_magnitude("V", depression) == pytest.approx((sacramento_peak + maryland) / 2, abs=tolerance)
+
+
+def test_twilight_is_brighter_towards_the_sun_and_gone_at_16_deg() -> None:
+    def sun(depression):
+        angle = np.radians(depression)
+        return np.array([0.0, np.cos(angle), -np.sin(angle)])
+
+    table = twilight(sun(9.0))
+    towards, away = table.v_mag_arcsec2(np.array([20.0, 20.0]), np.array([0.0, 180.0]))
+    assert towards < away - 0.5
+    assert twilight(sun(16.0)).maps.max() == 0
+    with pytest.raises(GeneratorError, match="Sun"):
+        twilight(sun(-1.0))
