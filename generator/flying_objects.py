@@ -16,7 +16,7 @@ from sgp4.api import Satrec
 
 from generator.astrometry import Air, Site
 from generator.errors import ScenarioError
-from generator.foreground_spec import ForegroundSpec, TleSpec, TrailSpec
+from generator.foreground_spec import DirectionSpec, ForegroundSpec, TleSpec, TrailSpec
 from generator.refraction import refraction_deg
 from generator.times import EarthOrientation, Instant
 
