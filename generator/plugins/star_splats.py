@@ -101,16 +101,15 @@ def follow_stars(
     shares = np.linspace(0, 1, coarse)
     u, v, *_ = _project(camera, emitter, np.repeat(everyone, coarse), np.tile(shares, count))
     u, v = u.reshape(count, coarse), v.reshape(count, coarse)
-    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
-    slack = reach_px + 1 + steps.max(axis=1, initial=0.0)[:, None]
-    near = ((u > -slack) & (u < camera.width - 1 + slack) & (v > -slack) & (v < camera.height - 1 + slack)).any(axis=1)
+    steps, touching = _steps_by_the_frame(camera, u, v, reach_px)
+    near = touching.any(axis=1)
     chosen = everyone[near]
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
-    longest = (
-        _longest_step(camera, emitter, chosen, checks) if checks > coarse else steps.max(axis=1, initial=0.0)[chosen]
-    )
+    longest = steps.max(axis=1, initial=0.0)[chosen]
+    if checks > coarse:
+        longest = _longest_step(camera, emitter, chosen, checks, reach_px)
     moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px[chosen]), 1, MOST_MOMENTS).astype(np.int64)
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]
@@ -155,7 +154,24 @@ def _relative_light(camera: NightSkyCamera, u: Floats, v: Floats, cosine: Floats
     return np.array(camera.relative_light(FLOAT64(np.nan_to_num(u)), FLOAT64(np.nan_to_num(v)), FLOAT64(cosine)))
 
 
-def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[np.int64], checks: int) -> Floats:
+def _steps_by_the_frame(
+    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
+
+    Steps that cannot count as 0: far outside the frame a rectilinear image moves without bound.
+    """
+    touching = np.ones((u.shape[0], u.shape[1] - 1), dtype=bool)
+    for position, size in ((u, camera.width), (v, camera.height)):
+        lowest, highest = np.fmin(position[:, 1:], position[:, :-1]), np.fmax(position[:, 1:], position[:, :-1])
+        touching &= (highest > -reach_px - 1) & (lowest < size + reach_px)
+    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
+    return np.where(touching, steps, 0.0), touching
+
+
+def _longest_step(
+    camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[np.int64], checks: int, reach_px: float
+) -> Floats:
     """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
     longest = np.zeros(len(chosen))
     block = max(1, 1_000_000 // max(len(chosen), 1))
@@ -163,7 +179,7 @@ def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[
         shares = np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
         u, v, *_ = _project(camera, emitter, np.repeat(chosen, len(shares)), np.tile(shares, len(chosen)))
         u, v = u.reshape(len(chosen), -1), v.reshape(len(chosen), -1)
-        steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
+        steps, _ = _steps_by_the_frame(camera, u, v, reach_px)
         longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
     return longest
 
