@@ -239,23 +239,32 @@ def splat_atlas(total: Any, camera: NightSkyCamera, tracks: StarTracks, electron
     electrons : (n, channels, bands) array
         Of each star on the axis, per wavelength band of the atlas.
     """
-    side = 2 * atlas.radius_px + 1
+    side = 2 * atlas.reach_px + 1
     channels = electrons.shape[1]
-    for band in range(atlas.bands):
-        du, dv = atlas.shift(band, tracks.u, tracks.v)
-        for chunk in _chunks(len(tracks.star), side * side):
-            amounts = tracks.weight[chunk, None] * electrons[tracks.star[chunk], :, band] * UNITS_PER_ELECTRON
-            if not amounts.any():
-                continue
-            u, v = FLOAT64(tracks.u[chunk] + du[chunk]), FLOAT64(tracks.v[chunk] + dv[chunk])
-            lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
-            owner, offset = lane // (side * side), lane % (side * side)
-            share = FLOAT64(dr.maximum(atlas.taps(band, u, v, owner, offset), 0))
-            inside, target = _target(camera, u, v, owner, offset, atlas.radius_px, channels)
+    for chunk in _chunks(len(tracks.star), side * side):
+        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
+        amounts = tracks.weight[chunk, None, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
+        # Where the middle of the stamp lies from the star, and how far a band of unit shift moves it, in single precision.
+        starts = [mi.Float(dr.round(position) - position - atlas.reach_px) for position in (u, v)]
+        outward = [mi.Float((u - atlas.cx_px) / atlas.corner_px), mi.Float((v - atlas.cy_px) / atlas.corner_px)]
+        node = atlas.node(u, v)
+        dr.eval(starts, outward, node)
+        lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
+        owner, offset = lane // (side * side), lane % (side * side)
+        taps = (mi.Float(offset % side), mi.Float(offset // side))
+        here = dr.gather(mi.UInt32, node, owner)
+        du, dv = (dr.gather(mi.Float, start, owner) + tap for start, tap in zip(starts, taps, strict=True))
+        out_u, out_v = (dr.gather(mi.Float, direction, owner) for direction in outward)
+        light = [FLOAT64(0) for _ in range(channels)]
+        for band in range(atlas.bands):
+            shift = float(atlas.shifts[band])
+            share = FLOAT64(atlas.share(band, here, du - shift * out_u, dv - shift * out_v))
             for channel in range(channels):
-                amount = dr.gather(FLOAT64, FLOAT64(amounts[:, channel]), owner) * share
-                dr.scatter_add(total, UINT64(amount + 0.5), target + channel, inside)
-            dr.eval(total)
+                light[channel] += dr.gather(FLOAT64, FLOAT64(amounts[:, channel, band]), owner) * share
+        inside, target = _target(camera, u, v, owner, offset, atlas.reach_px, channels)
+        for channel in range(channels):
+            dr.scatter_add(total, UINT64(light[channel] + 0.5), target + channel, inside)
+        dr.eval(total)
 
 
 def _chunks(count: int, lanes_each: int) -> list[slice]:
