@@ -1,7 +1,7 @@
 """Satellites, aircraft and meteors: where they are and how bright, during the exposure.
 
-A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006, AIAA
-2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite is drawn
+A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006,
+AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite is drawn
 as bright as the scenario says whether or not it is in the Earth's shadow.
 """
 
@@ -72,7 +72,7 @@ def plan_objects(
     for number, satellite in enumerate(spec.satellites):
         directions.append(_orbit_directions(satellite, number, start, time, site, orientation, air))
         curves.append(np.ones(parts))
-    everything = [*spec.trails, *spec.satellites]
+    everything: list[TrailSpec | TleSpec] = [*spec.trails, *spec.satellites]
     return FlyingObjects(
         number=np.arange(len(everything), dtype=np.int32),
         kind=tuple(item.kind if isinstance(item, TrailSpec) else "satellite" for item in everything),
@@ -137,7 +137,9 @@ def _orbit_directions(
     longitude, latitude = np.radians([site.longitude_deg, site.latitude_deg])
     away = fixed - erfa.gd2gc(1, longitude, latitude, site.height_m) / 1000
     sin_l, cos_l, sin_p, cos_p = np.sin(longitude), np.cos(longitude), np.sin(latitude), np.cos(latitude)
-    axes = np.array([[-sin_l, cos_l, 0], [-sin_p * cos_l, -sin_p * sin_l, cos_p], [cos_p * cos_l, cos_p * sin_l, sin_p]])
+    axes = np.array(
+        [[-sin_l, cos_l, 0], [-sin_p * cos_l, -sin_p * sin_l, cos_p], [cos_p * cos_l, cos_p * sin_l, sin_p]]
+    )
     enu = away @ axes.T
     azimuth = np.arctan2(enu[:, 0], enu[:, 1])
     altitude_deg = np.degrees(np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1])))

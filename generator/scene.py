@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
 from generator.atmosphere import optical_depth
-from generator.foreground import shape_dicts
 from generator.flying_objects import FlyingObjects
+from generator.foreground import shape_dicts
 from generator.frame_plan import FramePlan, dimming_atmosphere
 from generator.photometry import GRID_NM
 from generator.psf import psf_table

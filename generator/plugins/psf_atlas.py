@@ -72,7 +72,9 @@ class PsfAtlas:
             fine.append(lower)
             weight.append(place - mi.Float(lower))
         index = node + fine[1] * self.size + fine[0]
-        corners = [dr.gather(mi.Float, self.values[band], index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)]
+        corners = [
+            dr.gather(mi.Float, self.values[band], index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)
+        ]
         value = dr.lerp(
             dr.lerp(corners[0], corners[1], weight[0]), dr.lerp(corners[2], corners[3], weight[0]), weight[1]
         )
