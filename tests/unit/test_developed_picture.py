@@ -23,9 +23,9 @@ def test_demosaicing_a_flat_colour_and_a_ramp_is_exact() -> None:
 
 
 def test_development_is_srgb_of_the_share_of_full_scale() -> None:
-    """Linear 0.2140 is sRGB 0.5 (IEC 61966-2-1), black is 0 and full scale is 255."""
+    """Linear 0.2140 is sRGB 0.5, 127.5 of 255 (IEC 61966-2-1), black is 0 and full scale is 255."""
     sensor = SensorSpec(bits=12, black_level_dn=95, develop={"gamma": "srgb"})
-    dn = np.array([[95, 0, 4095, 95 + round(0.21404 * 4000)]], dtype=np.uint16)
+    dn = np.array([[95, 0, 4095, 95 + 857]], dtype=np.uint16)
     assert develop(dn, sensor).tolist() == [[0, 0, 255, 128]]
 
 
