@@ -5,10 +5,10 @@ rectilinear lens); its sensor is skybench's generic one. ``imx477-6mm``: Raspber
 (4056 x 3040, 1.55 um) and its official 6 mm f/1.2 CS-mount lens, stopped down to f/2.8; full well 8180 e-, read noise 3.0 e-
 at gain 1 and 0.47 DN/e- as measured by strollswithmydog.com for this camera. ``imx290-8mm`` and ``imx462-fisheye``: 1936 x
 1096 pixels of 2.9 um, full well and read noise from ZWO's published curves for the ASI290MM (14.6 ke-, 3.2 e- at gain 0) and
-ASI462MC (11.2 ke-, 2.65 e-); lenses 8 mm f/1.6 and a 1.8 mm equidistant fisheye f/2. ``machine-vision-mono``: a generic EMVA
-1288 data sheet of a global-shutter 5 Mpx camera with Sony's IMX250 (2448 x 2048, 3.45 um, full well 10.5 ke-, read noise
-2.4 e-, DSNU 1 e-, PRNU 0.5 %) behind 12 mm f/2. Dark currents, line times and quantum efficiencies are skybench's own
-generic values: the makers publish none under a free licence.
+ASI462MC (11.2 ke-, 2.65 e-), read from them at second hand; lenses 8 mm f/1.6 and a 1.8 mm equidistant fisheye f/2.
+``machine-vision-mono``: a global-shutter camera of 2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288
+data sheets of such cameras state (full well 10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product.
+Dark currents, line times, non-uniformities, distortions and quantum efficiencies of all are skybench's own generic values.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ from generator.plugins.star_splats import (
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
-FAINT_E, FAINT_STEP_FACTOR = 2000.0, 2.0
-"""Stars of fewer electrons take longer steps."""
+FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
+"""Stars of fewer electrons take steps so much longer: at four times half the width the image ripples by 2 %."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -219,7 +219,9 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
         # The steps of a faint star drown in its own photon noise long before they show.
         electrons = self.electrons_by_band(camera, emitter, self.bands).sum(axis=2).max(axis=1)
-        step = np.where(electrons < FAINT_E, FAINT_STEP_FACTOR, 1.0) * self.largest_step_px
+        step = np.full(len(electrons), self.largest_step_px)
+        for faint_e, factor in FAINT_STEPS:
+            step[electrons < faint_e] = factor * self.largest_step_px
         return follow_stars(scene, camera, emitter, reach, step)
 
     def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter, tracks: StarTracks | None = None) -> Any:

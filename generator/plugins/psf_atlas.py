@@ -39,30 +39,43 @@ class PsfAtlas:
         self.shifts, self.frame = shift, (width, height)
         self.cx_px, self.cy_px, self.corner_px = cx_px, cy_px, corner_px
 
-    def shift(self, band: int, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """Lateral chromatic displacement of stars at (u, v) in a band, px."""
-        factor = self.shifts[band] / self.corner_px
-        return factor * (u - self.cx_px), factor * (v - self.cy_px)
+    @property
+    def reach_px(self) -> int:
+        """Pixels from a star's own within which its light falls in any band."""
+        return self.radius_px + int(np.ceil(np.abs(self.shifts).max()))
 
-    def taps(self, band: int, u: Any, v: Any, owner: Any, offset: Any) -> Any:
-        """Share of the light (Float) that falls on the pixel `offset` of the stamp around stars at (u, v)."""
-        side = 2 * self.radius_px + 1
-        taps = (offset % side, offset // side)
-        phases = [mi.Float((dr.round(position) - position + 0.5) * FINE_PER_PX) for position in (u, v)]
-        node = [
+    def node(self, u: Any, v: Any) -> Any:
+        """Where the stamp of the nearest field node starts in a band's table, for stars at (u, v)."""
+        column, row = (
             mi.UInt32(dr.round(dr.clip((position + 0.5) / size, 0, 1) * (count - 1)))
             for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows))
-        ]
-        stamp = (node[1] * self.columns + node[0]) * (self.size * self.size)
-        dr.eval(phases, stamp)
+        )
+        return (row * self.columns + column) * (self.size * self.size)
+
+    def share(self, band: int, node: Any, du: Any, dv: Any) -> Any:
+        """Share of the light of a band (Float) that falls on a pixel.
+
+        Parameters
+        ----------
+        band : int
+        node : UInt32
+            From :meth:`node`.
+        du, dv : Float
+            From the star (where its light of 550 nm falls) to the pixel's centre, px.
+        """
         fine, weight = [], []
-        for phase, tap in zip(phases, taps, strict=True):
-            own = dr.gather(mi.Float, phase, owner)
-            lower = dr.minimum(mi.UInt32(own), FINE_PER_PX - 1)
-            fine.append(tap * FINE_PER_PX + lower)
-            weight.append(own - mi.Float(lower))
-        index = dr.gather(mi.UInt32, stamp, owner) + fine[1] * self.size + fine[0]
-        corners = [dr.gather(mi.Float, self.values[band], index + j * self.size + i) for j in (0, 1) for i in (0, 1)]
-        return dr.lerp(
+        inside = dr.mask_t(du)(True)
+        for distance in (du, dv):
+            place = (distance + (self.radius_px + 0.5)) * FINE_PER_PX
+            inside &= (place >= 0) & (place <= self.size - 1)
+            lower = dr.minimum(mi.UInt32(dr.maximum(place, 0)), self.size - 2)
+            fine.append(lower)
+            weight.append(place - mi.Float(lower))
+        index = node + fine[1] * self.size + fine[0]
+        corners = [
+            dr.gather(mi.Float, self.values[band], index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)
+        ]
+        value = dr.lerp(
             dr.lerp(corners[0], corners[1], weight[0]), dr.lerp(corners[2], corners[3], weight[0]), weight[1]
         )
+        return dr.select(inside, value, 0)

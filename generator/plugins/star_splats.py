@@ -101,16 +101,15 @@ def follow_stars(
     shares = np.linspace(0, 1, coarse)
     u, v, *_ = _project(camera, emitter, np.repeat(everyone, coarse), np.tile(shares, count))
     u, v = u.reshape(count, coarse), v.reshape(count, coarse)
-    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
-    slack = reach_px + 1 + steps.max(axis=1, initial=0.0)[:, None]
-    near = ((u > -slack) & (u < camera.width - 1 + slack) & (v > -slack) & (v < camera.height - 1 + slack)).any(axis=1)
+    steps, touching = _steps_by_the_frame(camera, u, v, reach_px)
+    near = touching.any(axis=1)
     chosen = everyone[near]
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
-    longest = (
-        _longest_step(camera, emitter, chosen, checks) if checks > coarse else steps.max(axis=1, initial=0.0)[chosen]
-    )
+    longest = steps.max(axis=1, initial=0.0)[chosen]
+    if checks > coarse:
+        longest = _longest_step(camera, emitter, chosen, checks, reach_px)
     moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px[chosen]), 1, MOST_MOMENTS).astype(np.int64)
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]
@@ -155,7 +154,24 @@ def _relative_light(camera: NightSkyCamera, u: Floats, v: Floats, cosine: Floats
     return np.array(camera.relative_light(FLOAT64(np.nan_to_num(u)), FLOAT64(np.nan_to_num(v)), FLOAT64(cosine)))
 
 
-def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[np.int64], checks: int) -> Floats:
+def _steps_by_the_frame(
+    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
+
+    Steps that cannot count as 0: far outside the frame a rectilinear image moves without bound.
+    """
+    touching = np.ones((u.shape[0], u.shape[1] - 1), dtype=bool)
+    for position, size in ((u, camera.width), (v, camera.height)):
+        lowest, highest = np.fmin(position[:, 1:], position[:, :-1]), np.fmax(position[:, 1:], position[:, :-1])
+        touching &= (highest > -reach_px - 1) & (lowest < size + reach_px)
+    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
+    return np.where(touching, steps, 0.0), touching
+
+
+def _longest_step(
+    camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[np.int64], checks: int, reach_px: float
+) -> Floats:
     """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
     longest = np.zeros(len(chosen))
     block = max(1, 1_000_000 // max(len(chosen), 1))
@@ -163,7 +179,7 @@ def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[
         shares = np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
         u, v, *_ = _project(camera, emitter, np.repeat(chosen, len(shares)), np.tile(shares, len(chosen)))
         u, v = u.reshape(len(chosen), -1), v.reshape(len(chosen), -1)
-        steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
+        steps, _ = _steps_by_the_frame(camera, u, v, reach_px)
         longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
     return longest
 
@@ -223,23 +239,32 @@ def splat_atlas(total: Any, camera: NightSkyCamera, tracks: StarTracks, electron
     electrons : (n, channels, bands) array
         Of each star on the axis, per wavelength band of the atlas.
     """
-    side = 2 * atlas.radius_px + 1
+    side = 2 * atlas.reach_px + 1
     channels = electrons.shape[1]
-    for band in range(atlas.bands):
-        du, dv = atlas.shift(band, tracks.u, tracks.v)
-        for chunk in _chunks(len(tracks.star), side * side):
-            amounts = tracks.weight[chunk, None] * electrons[tracks.star[chunk], :, band] * UNITS_PER_ELECTRON
-            if not amounts.any():
-                continue
-            u, v = FLOAT64(tracks.u[chunk] + du[chunk]), FLOAT64(tracks.v[chunk] + dv[chunk])
-            lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
-            owner, offset = lane // (side * side), lane % (side * side)
-            share = FLOAT64(dr.maximum(atlas.taps(band, u, v, owner, offset), 0))
-            inside, target = _target(camera, u, v, owner, offset, atlas.radius_px, channels)
+    for chunk in _chunks(len(tracks.star), side * side):
+        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
+        amounts = tracks.weight[chunk, None, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
+        # Where the middle of the stamp lies from the star, and how far a band of unit shift moves it, in single precision.
+        starts = [mi.Float(dr.round(position) - position - atlas.reach_px) for position in (u, v)]
+        outward = [mi.Float((u - atlas.cx_px) / atlas.corner_px), mi.Float((v - atlas.cy_px) / atlas.corner_px)]
+        node = atlas.node(u, v)
+        dr.eval(starts, outward, node)
+        lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
+        owner, offset = lane // (side * side), lane % (side * side)
+        taps = (mi.Float(offset % side), mi.Float(offset // side))
+        here = dr.gather(mi.UInt32, node, owner)
+        du, dv = (dr.gather(mi.Float, start, owner) + tap for start, tap in zip(starts, taps, strict=True))
+        out_u, out_v = (dr.gather(mi.Float, direction, owner) for direction in outward)
+        light = [FLOAT64(0) for _ in range(channels)]
+        for band in range(atlas.bands):
+            shift = float(atlas.shifts[band])
+            share = FLOAT64(atlas.share(band, here, du - shift * out_u, dv - shift * out_v))
             for channel in range(channels):
-                amount = dr.gather(FLOAT64, FLOAT64(amounts[:, channel]), owner) * share
-                dr.scatter_add(total, UINT64(amount + 0.5), target + channel, inside)
-            dr.eval(total)
+                light[channel] += dr.gather(FLOAT64, FLOAT64(amounts[:, channel, band]), owner) * share
+        inside, target = _target(camera, u, v, owner, offset, atlas.reach_px, channels)
+        for channel in range(channels):
+            dr.scatter_add(total, UINT64(light[channel] + 0.5), target + channel, inside)
+        dr.eval(total)
 
 
 def _chunks(count: int, lanes_each: int) -> list[slice]:

@@ -40,8 +40,8 @@ class PhotonNoise:
 class DarkCurrent:
     """Thermal electrons: Poisson, a mean that doubles every few degrees, and hot pixels with an exponential excess.
 
-    EMVA 1288 release 4.0, section 2.7 (doubling temperature). The hot pixels' excess has the exponential tail that dark
-    current distributions of CMOS sensors show (Hirakawa & Meng 2008 and the makers' histograms alike).
+    Poisson and the doubling temperature are EMVA 1288's (release 4.0); the exponential distribution of the hot pixels'
+    excess is skybench's own choice.
     """
 
     mean_e_s: float
