@@ -22,7 +22,7 @@ from generator.psf import psf_table
 from generator.scenario import FrameSpec
 from generator.sensor.colour import channel_weights, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
-from generator.sky.component import SkyTable, compressed
+from generator.sky.component import SkyTable, blas_threads, compressed
 from generator.sky.moonlight import MOON_BV_MAG
 from generator.star_truth import StarTruth, star_truth
 from generator.stellar_spectra import colour_row, colour_table
@@ -86,7 +86,8 @@ class ExpectedFrame:
 
 def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
     """Components of a frame's diffuse sky, by name."""
-    return sky_layers(plan.spec.sky, dimming_atmosphere(plan.spec.atmosphere), plan.sky)
+    with blas_threads().limit(limits=1, user_api="blas"):
+        return sky_layers(plan.spec.sky, dimming_atmosphere(plan.spec.atmosphere), plan.sky)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from generator.atmosphere import Atmosphere, airmass, optical_depth
 from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
@@ -69,6 +70,12 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
     return SkyTable(np.concatenate([t.maps for t in tables]), np.concatenate([t.spectra for t in tables]))
 
 
+@functools.cache
+def blas_threads() -> ThreadpoolController:
+    """Control of the threads of NumPy's linear algebra (finding the libraries takes some milliseconds, once)."""
+    return ThreadpoolController()
+
+
 def compressed(table: SkyTable) -> SkyTable:
     """The same sky with as few terms as keep every spectrum to COMPRESSION_ERROR of the brightest one.
 
@@ -82,7 +89,9 @@ def compressed(table: SkyTable) -> SkyTable:
     left, size, right = np.linalg.svd(weighted, full_matrices=False)
     keep = max(1, int(np.sum(size > COMPRESSION_ERROR * size[0])))
     mix = (left[:, :keep] * size[:keep]).T / weight[used]
-    maps = np.tensordot(mix.astype(np.float32), table.maps[used], axes=1)
+    # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+    with blas_threads().limit(limits=1, user_api="blas"):
+        maps = np.tensordot(mix.astype(np.float32), table.maps[used], axes=1)
     return SkyTable(maps, right[:keep])
 
 
