@@ -16,6 +16,8 @@ from celnav.fix import Fix, Reason
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position
+from celnav.problem import LastKnown
+from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
 
 __all__ = [
@@ -30,8 +32,11 @@ __all__ = [
     "Detections",
     "Fix",
     "History",
+    "LastKnown",
     "PositionConfig",
     "Reason",
+    "SkybenchConfig",
+    "SkybenchSolver",
     "Weather",
     "ddr_solver",
     "detect",

@@ -83,10 +83,16 @@ def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientatio
     seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth["p"]
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
     seen = aberrate(seen, np.asarray(earth["v"]) * AU_PER_DAY_IN_C)
+    return TerrestrialStars(seen @ celestial_to_terrestrial(utc, orientation).T)
+
+
+def celestial_to_terrestrial(utc: Utc, orientation: EarthOrientation) -> F8:
+    """Return the rotation, shape (3, 3), from the celestial (GCRS) to the terrestrial frame (ITRS), IAU 2006/2000A."""
+    tt1, tt2 = utc.tt
     celestial_to_intermediate = erfa.c2i06a(tt1, tt2)
     rotation_angle = erfa.era00(*utc.ut1(orientation.dut1_s))
     polar = erfa.pom00(orientation.xp_arcsec * ARCSEC, orientation.yp_arcsec * ARCSEC, erfa.sp00(tt1, tt2))
-    return TerrestrialStars(seen @ np.asarray(erfa.c2tcio(celestial_to_intermediate, rotation_angle, polar)).T)
+    return np.asarray(erfa.c2tcio(celestial_to_intermediate, rotation_angle, polar))
 
 
 def aberrate(dirs: F8, beta: F8) -> F8:

@@ -175,6 +175,24 @@ class Camera:
             x, y = dirs[:, 0] * part, dirs[:, 1] * part
         return np.column_stack((self.cx_px + self.f_px * x, self.cy_px + self.fy_px * y))
 
+    def project_with_derivatives(self, dirs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Project unit vectors, shape (n, 3); also the derivatives by their components, shape (n, 2, 3)."""
+        uv = self.project(dirs)
+        by_direction = np.zeros((len(dirs), 2, 3))
+        if self.model == "pinhole":
+            x, y, z = dirs.T
+            inverse = 1.0 / np.where(z > 0, z, np.nan)
+            by_direction[:, 0, 0], by_direction[:, 1, 1] = self.f_px * inverse, self.fy_px * inverse
+            by_direction[:, 0, 2] = -self.f_px * x * inverse**2
+            by_direction[:, 1, 2] = -self.fy_px * y * inverse**2
+            return uv, by_direction
+        h = 1e-6
+        for axis in range(3):
+            step = np.zeros(3)
+            step[axis] = h
+            by_direction[:, :, axis] = (self.project(dirs + step) - self.project(dirs - step)) / (2 * h)
+        return uv, by_direction
+
     @property
     def _law(self) -> projection.Law:
         return cast("projection.Law", self.model)

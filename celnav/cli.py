@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="zenith-north-up|FILE",
         help="camera at the zenith with north at the top, or JSON with R_cam (ENU to camera), or a frame record",
     )
-    command.add_argument("--solver", default="thesis-adaptive", choices=solvers(), help="default: %(default)s")
+    command.add_argument("--solver", default="skybench", choices=solvers(), help="default: %(default)s")
     command.add_argument("--mask", metavar="FILE", help="image that is not black where pixels are NOT to be used")
     command.add_argument("--pressure-hpa", type=float, default=1010.0, help="for refraction; default: %(default)s")
     command.add_argument("--temperature-c", type=float, default=10.0, help="for refraction; default: %(default)s")

@@ -28,11 +28,14 @@ class Detections:
         Light above the background, up to a constant factor of the image's unit; None where unknown.
     shape : tuple of int or None
         Height and width of the image they come from.
+    sigma_px : ndarray, shape (n,), or None
+        Standard deviation of each centroid along each axis, pixels; None where unknown.
     """
 
     uv: F8
     flux: F8 | None
     shape: tuple[int, int] | None = None
+    sigma_px: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -272,21 +275,28 @@ def as_positions(uv: ArrayLike) -> F8:
 
 def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
     """Return validated detections for whatever `celnav.solve` accepts as such."""
-    shape = None
+    shape, sigma = None, None
     if isinstance(detections, Detections):
         if flux is not None:
             raise DetectionError("give flux either in the detections or as flux=, not both")
         positions, flux, shape = as_positions(detections.uv), detections.flux, detections.shape
+        if detections.sigma_px is not None:
+            sigma = _column("sigma_px", detections.sigma_px, len(positions))
+            if (sigma <= 0).any():
+                raise DetectionError("sigma_px must be positive")
     else:
         positions = as_positions(detections)
-    if flux is None:
-        return Detections(positions, None, shape)
+    brightness = None if flux is None else _column("flux", flux, len(positions))
+    return Detections(positions, brightness, shape, sigma)
+
+
+def _column(name: str, values: ArrayLike, n: int) -> F8:
     try:
-        brightness = np.array(flux, dtype=np.float64)
+        column = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise DetectionError("flux must be numbers of shape (n,)") from None
-    if brightness.shape != (len(positions),):
-        raise DetectionError(f"flux has shape {brightness.shape}; it must be ({len(positions)},), one per detection")
-    if not np.isfinite(brightness).all():
-        raise DetectionError("flux holds NaN or infinity")
-    return Detections(positions, brightness, shape)
+        raise DetectionError(f"{name} must be numbers of shape (n,)") from None
+    if column.shape != (n,):
+        raise DetectionError(f"{name} has shape {column.shape}; it must be ({n},), one per detection")
+    if not np.isfinite(column).all():
+        raise DetectionError(f"{name} holds NaN or infinity")
+    return column

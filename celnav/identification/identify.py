@@ -1,0 +1,273 @@
+"""From detections to the orientation of the camera: stages of ever more, and ever looser, hypotheses.
+
+The first stages look at a few bright detections and expect half a pixel of noise; later ones take more detections
+(clutter may be brighter than the stars) and more noise (or a focal length that is off). The first hypothesis whose
+false-alarm bound passes ends the search.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+from celnav.identification.search import (
+    View,
+    best_hypotheses,
+    choose_pairs,
+    enu_rotations,
+    pair_hypotheses,
+    polish,
+    single_star_hypotheses,
+)
+from celnav.identification.sky_index import F4, F8, SkyIndex
+from celnav.identification.verification import Alignment, field_reach, verify
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the search.
+
+    Attributes
+    ----------
+    bright : int
+        Hypotheses come from this many of the first detections.
+    sigma_px : float
+        Noise that pairs may have.
+    tolerance_px : float
+        How far off a detection may be from the star that explains it under a raw hypothesis.
+    pairs : int
+        At most this many pairs of detections.
+    """
+
+    bright: int
+    sigma_px: float
+    tolerance_px: float
+    pairs: int
+
+
+PAIR_STAGES = (
+    Stage(5, 0.8, 5.0, 6),
+    Stage(8, 0.8, 5.0, 18),
+    Stage(6, 4.5, 20.0, 6),
+    Stage(14, 0.8, 5.0, 60),
+    Stage(10, 4.5, 20.0, 24),
+    Stage(24, 0.8, 5.0, 160),
+    Stage(16, 4.5, 20.0, 40),
+    Stage(40, 0.8, 5.0, 400),
+    Stage(24, 4.5, 20.0, 80),
+)
+SINGLE_STAGES = (
+    Stage(6, 0.8, 6.0, 0),
+    Stage(16, 0.8, 6.0, 0),
+    Stage(10, 4.5, 20.0, 0),
+    Stage(40, 0.8, 6.0, 0),
+    Stage(80, 0.8, 6.0, 0),
+)
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """Choices of the search.
+
+    Attributes
+    ----------
+    pair_stages, single_stages : tuple of Stage
+        Where the attitude to the horizon is not known, and where it is.
+    scored : int
+        Detections that score a hypothesis.
+    verified : int
+        Detections that verify it.
+    candidates : int
+        Hypotheses of a stage that are verified.
+    max_log10_false_alarm : float
+        The bound that ends the search.
+    max_lookups : int
+        Effort after which the search gives up.
+    """
+
+    pair_stages: tuple[Stage, ...] = PAIR_STAGES
+    single_stages: tuple[Stage, ...] = SINGLE_STAGES
+    scored: int = 60
+    verified: int = 150
+    candidates: int = 4
+    max_log10_false_alarm: float = -6.0
+    max_lookups: int = 14_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What the search works on.
+
+    Attributes
+    ----------
+    camera : Camera
+        The camera.
+    uv : ndarray, shape (n, 2)
+        Detections, brightest first, refraction taken off where the vertical is known.
+    rays : ndarray, shape (n, 3)
+        The same as directions.
+    ranked : bool
+        Whether the order is one of brightness.
+    solid_angle_sr, area_px : float
+        Of the part of the sky, and of the frame, that the camera sees.
+    local : ndarray, shape (3, 3), or None
+        Terrestrial-horizon knowledge: R_cam where heading and tilt are known well; None otherwise.
+    celestial_to_terrestrial : ndarray, shape (3, 3)
+        At the instant.
+    up : ndarray, shape (3,), or None
+        Zenith in the camera frame.
+    zenith_near : tuple of (ndarray, float), or None
+        ICRS direction of the zenith of the last known position, and radius, radians.
+    """
+
+    camera: Camera
+    uv: F8
+    rays: F8
+    ranked: bool
+    solid_angle_sr: float
+    area_px: float
+    local: F8 | None
+    celestial_to_terrestrial: F8
+    up: F8 | None
+    zenith_near: tuple[F8, float] | None
+
+
+@dataclass
+class Effort:
+    """What the search has spent."""
+
+    lookups: int = 0
+    hypotheses: int = 0
+    best_log10_false_alarm: float = field(default=0.0)
+
+
+def identify(question: Question, index: SkyIndex, config: SearchConfig) -> tuple[Alignment | None, Effort]:
+    """Return the orientation (ICRS to camera) that passes, or None, and the effort."""
+    effort = Effort()
+    for order, ranked in _orders(question):
+        for stage, rotations, view, log_stars in _hypotheses(question, index, config, order, ranked, effort):
+            found = _judge(question, index, config, stage, rotations, view, order, log_stars, effort)
+            if found is not None:
+                return found, effort
+            if effort.lookups > config.max_lookups:
+                return None, effort
+    return None, effort
+
+
+def _orders(question: Question) -> Iterator[tuple[NDArray[np.intp], bool]]:
+    """Orders of the detections to try: as given (brightest first); without fluxes also one that spreads over all."""
+    n = len(question.uv)
+    yield np.arange(n), True
+    if not question.ranked and n > 12:
+        # A multiplicative step coprime to n visits every detection once, far from where it was.
+        step = next(k for k in range(int(0.618 * n), n + 2) if math.gcd(k, n) == 1)
+        yield (np.arange(n) * step) % n, False
+
+
+def _hypotheses(
+    question: Question,
+    index: SkyIndex,
+    config: SearchConfig,
+    order: NDArray[np.intp],
+    ranked: bool,
+    effort: Effort,
+) -> Iterator[tuple[Stage, F4, View, float]]:
+    """Yield stages with their hypotheses, the view that scores them, and how many stars of the sky compete with it."""
+    per_field = 4 * math.pi / question.solid_angle_sr
+    n = len(order)
+    top = order[: config.scored]
+    view = View(
+        question.rays[top].astype(np.float32),
+        question.camera.radians_per_px(question.uv[top]).astype(np.float32),
+    )
+    scoring_stars = (2.2 * len(top) if ranked else 1.2 * n) * per_field
+    done: dict[float, int] = {}
+    stages = config.pair_stages if question.local is None else config.single_stages
+    reach = 2 * field_reach(question.camera, np.array([0.0, 0.0, 1.0]))
+    for stage in stages:
+        bright = min(stage.bright, len(top))
+        before = done.get(stage.sigma_px, 0)
+        if bright <= before:
+            continue
+        done[stage.sigma_px] = bright
+        wanted = (2.2 * bright if ranked else 1.1 * n) * per_field
+        if question.local is None:
+            level = index.at_least(wanted)
+            widest = min(level.pair_limit_rad, reach)
+            pairs = choose_pairs(view.rays, bright, before, (0.12 * widest, widest), stage.pairs)
+            if not len(pairs):
+                continue
+            # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
+            slack = 5e-5 if question.up is not None else 6e-4
+            for chunk in np.array_split(pairs, max(1, len(pairs) // 16)):
+                yield stage, pair_hypotheses(view, chunk, level, index.xyz, stage.sigma_px, slack), view, scoring_stars
+                if effort.lookups > config.max_lookups:
+                    return
+        else:
+            level = index.at_least(wanted)
+            yield stage, _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]), view, scoring_stars
+
+
+def _from_single_stars(question: Question, rays: F4, stars: F4) -> F4:
+    assert question.local is not None
+    to_terrestrial = question.celestial_to_terrestrial
+    lat, lon, _ = single_star_hypotheses(rays.astype(np.float64) @ question.local, stars @ to_terrestrial.T)
+    camera_from_sky = question.local @ enu_rotations(lat, lon) @ to_terrestrial
+    return np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32)
+
+
+def _judge(
+    question: Question,
+    index: SkyIndex,
+    config: SearchConfig,
+    stage: Stage,
+    rotations: F4,
+    view: View,
+    order: NDArray[np.intp],
+    scoring_stars: float,
+    effort: Effort,
+) -> Alignment | None:
+    """Score hypotheses, verify the best, and return one that passes."""
+    if question.zenith_near is not None and question.up is not None:
+        zenith, radius = question.zenith_near
+        rotations = rotations[(rotations @ question.up.astype(np.float32)) @ zenith.astype(np.float32) > math.cos(radius)]
+    if not len(rotations):
+        return None
+    level = index.at_least(scoring_stars)
+    tolerance = stage.tolerance_px
+    best, scores, lookups = best_hypotheses(rotations, view, tolerance, level, index.xyz, config.candidates)
+    effort.lookups += lookups
+    effort.hypotheses += len(rotations)
+    # What chance scores: half the probability that a star lies within the tolerance, for each detection.
+    by_chance = float(np.sum(np.minimum(1.0, level.n * (tolerance * view.radians_per_px) ** 2 / 4))) / 2
+    least = by_chance + 2.5 * math.sqrt(by_chance) + 1.0
+    made_of = 2 if question.local is None else 1
+    verified = order[: config.verified]
+    per_field = 4 * math.pi / question.solid_angle_sr
+    ranked = bool((order[:2] == [0, 1]).all()) if len(order) > 1 else True
+    n_stars = int(min(max(1.6 * len(verified) if ranked else 1.2 * len(order), 30) * per_field, len(index.xyz)))
+    for rotation, score in zip(best, scores, strict=True):
+        if score < min(least, 0.5 * len(view.rays)):
+            continue
+        polished, after = polish(rotation, view, tolerance, level, index.xyz)
+        if after < min(least + made_of, 0.5 * len(view.rays)):
+            continue
+        found = verify(
+            question.camera,
+            question.uv[verified],
+            index.xyz[:n_stars].astype(np.float64),
+            polished.T,
+            tolerance,
+            log10_tried=math.log10(effort.hypotheses),
+            free_stars=made_of,
+            area_px=question.area_px,
+        )
+        effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
+        if found.log10_false_alarm <= config.max_log10_false_alarm:
+            return found
+    return None
