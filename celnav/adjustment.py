@@ -1,20 +1,21 @@
 """Adjustment of the whole field: one least-squares problem over all stars for orientation, and the camera if asked.
 
-Each detection that has a predicted star nearby is that star, or clutter that happens to be there: the probability of
-either, from the residual, the noise and the density of unexplained detections, is its weight (expectation
-maximisation; Dempster, Laird & Rubin 1977, J. R. Statist. Soc. B 39, 1), a robust loss whose scale comes from the frame.
+A detection is one of the stars predicted near it, or clutter: the probability of each, from the distance, the noise and
+the density of unexplained detections, is a weight (expectation maximisation; Dempster, Laird & Rubin 1977, J. R.
+Statist. Soc. B 39, 1). It is a robust loss whose scale comes from the frame. The covariance is the inverse of the
+observed information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which knows what confusion costs.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.camera import Camera
-from celnav.identification.verification import mutual_nearest, rotation_of, turning_derivatives
+from celnav.identification.verification import rotation_of, turning_derivatives
 
 F8 = NDArray[np.float64]
 
@@ -54,14 +55,14 @@ class Adjusted:
     ----------
     rotation : ndarray, shape (3, 3)
         Terrestrial frame to camera.
-    cov_rad2 : ndarray, shape (3, 3)
-        Covariance of a small rotation in the camera frame.
+    cov : ndarray, shape (3 + k, 3 + k)
+        Covariance of a small rotation in the camera frame (rad^2), then of the camera parameters that were free.
     camera_values, camera_sigmas : ndarray, shape (5,)
         What was added to the camera, in the order of `PARAMETERS`, and standard deviations (0: kept fixed).
     detection, star : ndarray, shape (m,)
-        Pairs: rows of the positions and of the stars.
+        Pairs that may belong together: rows of the positions and of the stars.
     weight : ndarray, shape (m,)
-        Probability that the pair belongs together.
+        Probability that they do.
     residual_px : ndarray, shape (m, 2)
         Observed minus predicted.
     sigma_px : float
@@ -69,7 +70,7 @@ class Adjusted:
     """
 
     rotation: F8
-    cov_rad2: F8
+    cov: F8
     camera_values: F8
     camera_sigmas: F8
     detection: NDArray[np.intp]
@@ -97,28 +98,38 @@ def _half_diagonal(camera: Camera) -> float:
     return math.hypot(camera.width, camera.height) / 2
 
 
-def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Predicted positions (n, 2) and their derivatives by rotation and the free camera parameters, (n, 2, 3 + k)."""
+def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
+    """Derivatives of predicted positions by rotation and by the free camera parameters, shape (n, 2, 3 + k)."""
     ideal, by_direction = camera.project_with_derivatives(dirs)
-    from_centre = ideal - [camera.cx_px, camera.cy_px]
-    r2 = (np.sum(from_centre**2, axis=1) / _half_diagonal(camera) ** 2)[:, None]
-    focal = math.exp(values[0])
-    factor = focal * (1 + values[3] * r2 + values[4] * r2**2)
+    factor = np.full((len(dirs), 1), math.exp(values[0]))
     design = np.empty((len(dirs), 2, 3 + len(free)))
+    if len(free):
+        from_centre = ideal - [camera.cx_px, camera.cy_px]
+        r2 = (np.sum(from_centre**2, axis=1) / _half_diagonal(camera) ** 2)[:, None]
+        focal = math.exp(values[0])
+        factor = focal * (1 + values[3] * r2 + values[4] * r2**2)
+        ones, zeros = np.ones(len(dirs)), np.zeros(len(dirs))
+        for k, parameter in enumerate(free):
+            if parameter == 0:
+                design[:, :, 3 + k] = factor * from_centre
+            elif parameter <= 2:
+                design[:, :, 3 + k] = np.column_stack((ones, zeros) if parameter == 1 else (zeros, ones))
+            else:
+                design[:, :, 3 + k] = focal * r2 ** (parameter - 2) * from_centre
     # The distortion's own change along the radius is of second order in it.
     design[:, :, :3] = factor[:, :, None] * turning_derivatives(dirs, by_direction)
-    ones, zeros = np.ones(len(dirs)), np.zeros(len(dirs))
-    columns = (
-        factor * from_centre,
-        np.column_stack((ones, zeros)),
-        np.column_stack((zeros, ones)),
-        focal * r2 * from_centre,
-        focal * r2**2 * from_centre,
-    )
-    for k, parameter in enumerate(free):
-        design[:, :, 3 + k] = columns[parameter]
-    predicted = [camera.cx_px + values[1], camera.cy_px + values[2]] + factor * from_centre
-    return np.asarray(predicted), design
+    return design
+
+
+def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
+    """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,)."""
+    from scipy.spatial import cKDTree
+
+    if not len(seen) or not len(predicted):
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), np.empty(0)
+    trees = [cKDTree(points, balanced_tree=False, compact_nodes=False) for points in (seen, predicted)]
+    pairs = trees[0].sparse_distance_matrix(trees[1], radius_px, output_type="ndarray")
+    return pairs["i"].astype(np.intp), pairs["j"].astype(np.intp), np.asarray(pairs["v"])
 
 
 def adjust(
@@ -126,14 +137,15 @@ def adjust(
     uv: F8,
     relative_sigma: F8 | None,
     stars: F8,
+    pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
     rotation: F8,
     *,
-    log_f: float,
+    values: F8,
     sigma_px: float,
     priors: CameraPriors,
     area_px: float,
     min_sigma_px: float = 0.01,
-    rematches: int = 2,
+    max_rounds: int = 12,
 ) -> Adjusted | None:
     """Fit the field.
 
@@ -146,11 +158,13 @@ def adjust(
     relative_sigma : ndarray, shape (n,), or None
         Standard deviations of the detections up to a common factor.
     stars : ndarray, shape (k, 3)
-        Directions of the stars that are bright enough to be seen, terrestrial frame.
+        Directions of the stars of the field that are bright enough to be seen, terrestrial frame.
+    pairs : tuple of two ndarrays, shape (m,)
+        Rows of detections and of stars that may belong together.
     rotation : ndarray, shape (3, 3)
         Terrestrial frame to camera, nearly.
-    log_f : float
-        Starting value of the focal length's logarithm; used only where its prior leaves it free.
+    values : ndarray, shape (5,)
+        Starting values of the camera parameters, in the order of `PARAMETERS`.
     sigma_px : float
         First guess of the noise.
     priors : CameraPriors
@@ -159,67 +173,80 @@ def adjust(
         Area of the image that can hold stars.
     min_sigma_px : float
         Floor of the estimated noise: catalogue and refraction are no better.
-    rematches : int
-        How often stars and detections are paired anew.
+    max_rounds : int
+        Of the iteration.
 
     Returns
     -------
     Adjusted or None
-        None where fewer than three pairs remain.
+        None where fewer stars remain than the unknowns need, or the information is not positive.
     """
     sigmas = priors.sigmas
     free = np.flatnonzero(sigmas > 0)
-    values = np.zeros(5)
-    if sigmas[0] > 0:
-        values[0] = log_f
-    relative = np.ones(len(uv)) if relative_sigma is None else relative_sigma / np.median(relative_sigma)
-    information = np.zeros((3 + len(free), 3 + len(free)))
-    detection = star = np.empty(0, dtype=np.intp)
+    n_free = 3 + len(free)
+    detection, star = pairs
+    if 2 * len(detection) < n_free + 3:
+        return None
+    prior = np.zeros(n_free)
+    prior[3:] = 1 / sigmas[free] ** 2
+    own = np.ones(len(detection))
+    if relative_sigma is not None:
+        own = (relative_sigma / np.median(relative_sigma))[detection]
+    dirs, observed = stars[star], uv[detection]
+    design = _design(camera, dirs @ rotation.T, values, free)
+    share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     weight, residual = np.empty(0), np.empty((0, 2))
-    for rematch in range(rematches):
-        predicted = predict(camera, stars @ rotation.T, values)
-        seen = np.flatnonzero(
-            np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), 4 * sigma_px)
-        )
-        radius = max(4.5 * sigma_px, 0.25) if rematch else max(4.5 * sigma_px, 1.0)
-        detection, star = mutual_nearest(uv, predicted[seen], radius)
-        star = seen[star]
-        if 2 * len(detection) < 3 + len(free) + 3:
+    rows, information = np.empty((0, n_free)), np.empty((0, 0))
+    for round_ in range(max_rounds):
+        residual = observed - predict(camera, dirs @ rotation.T, values)
+        square = np.sum(residual**2, axis=1) / own**2
+        clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
+        density = share / (2 * math.pi * (sigma_px * own) ** 2) * np.exp(-0.5 * square / sigma_px**2)
+        weight = density / (np.bincount(detection, weights=density, minlength=len(uv))[detection] + clutter)
+        n_explained = float(weight.sum())
+        if 2 * n_explained < n_free + 2:
             return None
-        # Unexplained detections, and stars without one, decide how often chance puts a detection near a star.
-        share = min(max(len(detection) / max(len(seen), 1), 0.02), 0.995)
-        clutter = (len(uv) - len(detection) + 1) / area_px * (1 - share)
-        dirs_of_stars, own = stars[star], relative[detection]
-        for round_ in range(4 if rematch == rematches - 1 else 2):
-            expected, design = _design(camera, dirs_of_stars @ rotation.T, values, free)
-            residual = uv[detection] - expected
-            square = np.sum(residual**2, axis=1) / own**2
-            if round_ or rematch:
-                density = share / (2 * math.pi * (sigma_px * own) ** 2) * np.exp(-0.5 * square / sigma_px**2)
-                weight = density / (density + clutter)
-            else:
-                weight = 1.0 / (1.0 + square / (3 * sigma_px) ** 2)
-            rows = design.reshape(-1, design.shape[2])
-            scale = np.repeat(weight / own**2, 2)
-            information = rows.T @ (rows * scale[:, None])
-            gradient = rows.T @ (residual.reshape(-1) * scale)
-            dof = max(2 * float(weight.sum()) - 3 - len(free), 1.0)
-            sigma_px = max(math.sqrt(float(np.sum(weight * square)) / dof), min_sigma_px)
-            for k, parameter in enumerate(free):
-                information[3 + k, 3 + k] += (sigma_px / sigmas[parameter]) ** 2
-                gradient[3 + k] -= (sigma_px / sigmas[parameter]) ** 2 * values[parameter]
-            try:
-                step = np.linalg.solve(information, gradient)
-            except np.linalg.LinAlgError:
-                return None
-            rotation = rotation_of(step[:3]) @ rotation
-            values = values.copy()
-            values[free] += step[3:]
-            if round_ and float(np.abs(step[:3]).max()) < 1e-9:
-                break
-    covariance = sigma_px**2 * np.linalg.inv(information)
+        share = min(max(n_explained / len(stars), 0.02), 0.998)
+        variance = max(float(np.sum(weight * square)) / (2 * n_explained - n_free), min_sigma_px**2)
+        settled = abs(variance / sigma_px**2 - 1) < 0.02
+        sigma_px = math.sqrt(variance)
+        rows = design.reshape(-1, n_free) / np.repeat(own, 2)[:, None]
+        information = rows.T @ (rows * np.repeat(weight, 2)[:, None]) / variance + np.diag(prior)
+        gradient = rows.T @ (residual / own[:, None] * weight[:, None]).reshape(-1) / variance
+        gradient[3:] -= prior[3:] * values[free]
+        try:
+            step = np.linalg.solve(information, gradient)
+        except np.linalg.LinAlgError:
+            return None
+        rotation = rotation_of(step[:3]) @ rotation
+        values = values.copy()
+        values[free] += step[3:]
+        # A hundredth of the standard deviation that the step has.
+        if round_ and settled and float(step @ information @ step) < 1e-4:
+            break
+    scores = np.einsum("nij,ni->nj", design, residual / (own**2)[:, None]) / sigma_px**2
+    order = np.argsort(detection, kind="stable")
+    starts = np.flatnonzero(np.diff(detection[order], prepend=-1))
+    of_detection = np.add.reduceat((weight[:, None] * scores)[order], starts, axis=0)
+    observed_information = information - (scores * weight[:, None]).T @ scores + of_detection.T @ of_detection
+    try:
+        np.linalg.cholesky(observed_information)
+        covariance = np.linalg.inv(observed_information)
+    except np.linalg.LinAlgError:
+        return None
     camera_sigmas = np.zeros(5)
     camera_sigmas[free] = np.sqrt(np.diag(covariance)[3:])
-    return Adjusted(
-        rotation, covariance[:3, :3], values, camera_sigmas, detection, star, weight, residual, float(sigma_px)
+    return Adjusted(rotation, covariance, values, camera_sigmas, detection, star, weight, residual, float(sigma_px))
+
+
+def without_focal(adjusted: Adjusted) -> Adjusted:
+    """Return what an adjustment with the focal length alone free would be with it held: the conditional Gaussian."""
+    covariance = adjusted.cov
+    gain = covariance[:3, 3] / covariance[3, 3]
+    return replace(
+        adjusted,
+        rotation=rotation_of(-gain * adjusted.camera_values[0]) @ adjusted.rotation,
+        cov=covariance[:3, :3] - np.outer(gain, covariance[3, :3]),
+        camera_values=np.zeros(5),
+        camera_sigmas=np.zeros(5),
     )

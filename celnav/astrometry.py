@@ -58,7 +58,9 @@ def enu_rotation(lat_deg: float, lon_deg: float) -> F8:
     )
 
 
-def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientation) -> TerrestrialStars:
+def terrestrial_stars(
+    stars: StarCatalog, utc: Utc, orientation: EarthOrientation, to_terrestrial: F8 | None = None
+) -> TerrestrialStars:
     """Bring catalogue stars to the terrestrial frame at an instant.
 
     Parameters
@@ -69,6 +71,8 @@ def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientatio
         The instant.
     orientation : EarthOrientation
         UT1-UTC and polar motion then.
+    to_terrestrial : ndarray, shape (3, 3), optional
+        `celestial_to_terrestrial` of the instant, where it is at hand.
     """
     tt1, tt2 = utc.tt
     years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
@@ -83,7 +87,8 @@ def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientatio
     seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth["p"]
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
     seen = aberrate(seen, np.asarray(earth["v"]) * AU_PER_DAY_IN_C)
-    return TerrestrialStars(seen @ celestial_to_terrestrial(utc, orientation).T)
+    rotation = celestial_to_terrestrial(utc, orientation) if to_terrestrial is None else to_terrestrial
+    return TerrestrialStars(seen @ rotation.T)
 
 
 def celestial_to_terrestrial(utc: Utc, orientation: EarthOrientation) -> F8:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust
+from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, candidate_pairs, without_focal
 from celnav.astrometry import DIURNAL_ABERRATION, celestial_to_terrestrial, terrestrial_stars
 from celnav.camera import Camera
 from celnav.catalog import StarCatalog, load_catalog
@@ -20,7 +20,7 @@ from celnav.history import History
 from celnav.horizon import Place, horizontal_frame, place_from_rotation
 from celnav.identification.identify import Question, SearchConfig, identify
 from celnav.identification.sky_index import load_sky_index
-from celnav.identification.verification import Alignment, field_reach, mutual_nearest
+from celnav.identification.verification import Alignment, field_reach
 from celnav.problem import Problem, Stopwatch
 from celnav.refraction import unrefract_rays
 
@@ -117,12 +117,9 @@ class SkybenchSolver:
         """Match the whole field, adjust it, and find the place."""
         camera = problem.observation.camera
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
-        stars, limiting_mag = _visible_stars(camera, prepared, alignment)
-        dirs = terrestrial_stars(stars, problem.utc, orientation).dirs
         rotation = alignment.rotation @ to_terrestrial.T
-        if problem.attitude is not None:
-            dirs = _with_diurnal_aberration(dirs, rotation.T @ horizontal_frame(problem.attitude)[:, 2])
-        adjusted = self._adjust(camera, prepared, dirs, rotation, alignment)
+        stars, dirs, limiting_mag, pairs = _visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
+        adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
         fix = _describe(prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence)
@@ -136,37 +133,37 @@ class SkybenchSolver:
                 message="the stars are identified and give R_icrs_to_camera; a position needs the vertical too: "
                 "give Attitude.up",
             )
-        place = place_from_rotation(adjusted.rotation, adjusted.cov_rad2, problem.attitude)
+        place = place_from_rotation(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude)
         if refusal := self._contradiction(problem, place):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
         covariance = place.cov_km2 * max(1.0, place.chi2 / 16.0)
         return replace(
             fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=covariance,
-            details=dict(fix.details) | {} if math.isnan(place.heading_off_deg)
-            else dict(fix.details) | {"heading_off_deg": place.heading_off_deg},
+            details=dict(fix.details) | _heading(place),
         )  # fmt: skip
 
     def _adjust(
-        self, camera: Camera, prepared: _Prepared, dirs: F8, rotation: F8, alignment: Alignment
+        self,
+        camera: Camera,
+        prepared: _Prepared,
+        dirs: F8,
+        pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
+        rotation: F8,
+        alignment: Alignment,
     ) -> Adjusted | None:
-        def fit(priors: CameraPriors, start: F8, log_f: float, sigma_px: float, rematches: int) -> Adjusted | None:
-            return adjust(
-                camera, prepared.uv, prepared.relative_sigma, dirs, start, log_f=log_f, sigma_px=sigma_px,
-                priors=priors, area_px=prepared.question.area_px, rematches=rematches,
-            )  # fmt: skip
-
-        sigma = max(alignment.sigma_px, 0.2)
-        if self.config.calibrate == "full":
-            return fit(self.config.priors, rotation, alignment.log_f, sigma, 3)
-        if self.config.calibrate == "none":
-            return fit(CameraPriors(), rotation, 0.0, sigma, 2)
-        free = fit(CameraPriors(focal=0.05), rotation, alignment.log_f, sigma, 2)
-        if free is None:
-            return None
-        log_f, error = free.camera_values[0], free.camera_sigmas[0]
-        if abs(log_f) > max(5 * error, 3e-4):
-            return free
-        return fit(CameraPriors(), free.rotation, 0.0, free.sigma_px, 1)
+        start = np.zeros(5)
+        mode = self.config.calibrate
+        if mode != "none":
+            start[0] = alignment.log_f
+        priors = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[mode]
+        adjusted = adjust(
+            camera, prepared.uv, prepared.relative_sigma, dirs, pairs, rotation, values=start,
+            sigma_px=max(alignment.sigma_px, 0.1), priors=priors, area_px=prepared.question.area_px,
+        )  # fmt: skip
+        if adjusted is None or mode != "auto":
+            return adjusted
+        clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
+        return adjusted if clearly_off else without_focal(adjusted)
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
         """Say what the position contradicts, or nothing."""
@@ -181,6 +178,10 @@ class SkybenchSolver:
             if distance > problem.near.radius_km:
                 return f"the position is {distance:.0f} km from the last known one"
         return ""
+
+
+def _heading(place: Place) -> dict[str, float]:
+    return {} if math.isnan(place.heading_off_deg) else {"heading_off_deg": place.heading_off_deg}
 
 
 def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> _Prepared:
@@ -230,8 +231,21 @@ def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:
     return np.asarray(dirs + DIURNAL_ABERRATION * np.array([-zenith[1], zenith[0], 0.0]))
 
 
-def _visible_stars(camera: Camera, prepared: _Prepared, alignment: Alignment) -> tuple[StarCatalog, float]:
-    """Choose the stars of the field that the frame is deep enough for, and estimate its limiting magnitude."""
+def _visible_stars(
+    problem: Problem,
+    prepared: _Prepared,
+    orientation: EarthOrientation,
+    to_terrestrial: F8,
+    alignment: Alignment,
+) -> tuple[StarCatalog, F8, float, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Choose the stars of the field that the frame is deep enough for.
+
+    Returns
+    -------
+    The stars, their directions in the terrestrial frame (n, 3), the estimated limiting magnitude, and the pairs of
+    detections and stars that may belong together.
+    """
+    camera = problem.observation.camera
     catalog = load_catalog()
     n = len(prepared.uv)
     deepest = int(min(len(catalog), (1.25 * n + 30) * 4 * math.pi / prepared.question.solid_angle_sr))
@@ -239,17 +253,31 @@ def _visible_stars(camera: Camera, prepared: _Prepared, alignment: Alignment) ->
     reach = min(field_reach(camera, axis) * 1.04 + 0.02, math.pi)
     near = np.flatnonzero(catalog.vectors[:deepest] @ (alignment.rotation.T @ axis) > math.cos(reach))
     ideal = camera.project(catalog.vectors[near] @ alignment.rotation.T)
+    rows = near[_inside(camera, alignment.log_f, ideal, 4.0)]
+    stars = catalog.take(rows)
+    dirs = terrestrial_stars(stars, problem.utc, orientation, to_terrestrial).dirs
+    rotation = alignment.rotation @ to_terrestrial.T
+    if problem.attitude is not None:
+        dirs = _with_diurnal_aberration(dirs, rotation.T @ horizontal_frame(problem.attitude)[:, 2])
+    ideal = camera.project(dirs @ rotation.T)
     centre = np.array([camera.cx_px, camera.cy_px])
-    predicted = centre + math.exp(alignment.log_f) * (ideal - centre)
-    inside = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), 2.0)
-    rows, predicted = near[inside], predicted[inside]
-    radius = max(3.0 * alignment.sigma_px, 1.0)
-    _, star = mutual_nearest(prepared.uv, predicted, radius)
+    predicted = np.nan_to_num(centre + math.exp(alignment.log_f) * (ideal - centre), nan=-1e6)
+    radius = max(5.0 * alignment.sigma_px + 0.5, 1.5)
+    detection, star, distance = candidate_pairs(prepared.uv, predicted, radius)
+    near_radius = max(3.0 * alignment.sigma_px, 1.0)
     seen = np.zeros(len(rows), dtype=bool)
-    seen[star] = True
-    chance = 1 - math.exp(-n * math.pi * radius**2 / prepared.question.area_px)
-    n_kept, limit = _depth(seen, catalog.v_mag[rows], chance)
-    return catalog.take(rows[:n_kept]), limit
+    seen[star[distance <= near_radius]] = True
+    chance = 1 - math.exp(-n * math.pi * near_radius**2 / prepared.question.area_px)
+    n_kept, limit = _depth(seen, stars.v_mag, chance)
+    kept = star < n_kept
+    return stars.take(np.arange(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
+
+
+def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
+    """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
+    centre = np.array([camera.cx_px, camera.cy_px])
+    predicted = centre + math.exp(log_f) * (ideal - centre)
+    return np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e6), margin_px)
 
 
 def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
@@ -280,7 +308,11 @@ def _describe(
     confidence: float,
 ) -> Fix:
     """Put the identification into a fix that has no position yet."""
-    sure = adjusted.weight > 0.5
+    # More than half the probability: at most one star of a detection has it. Of two detections that claim one star
+    # the likelier has it.
+    likely = np.flatnonzero(adjusted.weight > 0.5)
+    likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
+    sure = np.sort(likely[np.unique(adjusted.star[likely], return_index=True)[1]])
     residuals = adjusted.residual_px[sure]
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
@@ -296,7 +328,7 @@ def _describe(
         matches=np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]])).astype(
             np.int64
         ),
-        residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if sure.any() else math.nan,
+        residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
         residuals_px=residuals,
         R_icrs_to_camera=adjusted.rotation @ to_terrestrial,
         limiting_mag=limiting_mag,

@@ -36,37 +36,41 @@ class Stage:
     ----------
     bright : int
         Hypotheses come from this many of the first detections.
+    lags : tuple of int
+        Pairs are made of detections whose ranks differ by so much, first and last.
     sigma_px : float
         Noise that pairs may have.
     tolerance_px : float
         How far off a detection may be from the star that explains it under a raw hypothesis.
-    pairs : int
-        At most this many pairs of detections.
     """
 
     bright: int
+    lags: tuple[int, int]
     sigma_px: float
     tolerance_px: float
-    pairs: int
 
 
+PAIRS_AT_ONCE = 8
+FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
-    Stage(5, 0.8, 5.0, 6),
-    Stage(8, 0.8, 5.0, 18),
-    Stage(6, 4.5, 20.0, 6),
-    Stage(14, 0.8, 5.0, 60),
-    Stage(10, 4.5, 20.0, 24),
-    Stage(24, 0.8, 5.0, 160),
-    Stage(16, 4.5, 20.0, 40),
-    Stage(40, 0.8, 5.0, 400),
-    Stage(24, 4.5, 20.0, 80),
+    Stage(4, (1, 3), *FINE),
+    Stage(8, (1, 3), *FINE),
+    Stage(6, (1, 2), *COARSE),
+    Stage(24, (1, 3), *FINE),
+    Stage(14, (1, 3), *COARSE),
+    Stage(40, (1, 3), *FINE),
+    Stage(30, (4, 8), *FINE),
+    Stage(30, (1, 2), *COARSE),
+    Stage(30, (9, 29), *FINE),
+    Stage(20, (4, 8), *COARSE),
+    Stage(60, (1, 8), *FINE),
 )
 SINGLE_STAGES = (
-    Stage(6, 0.8, 6.0, 0),
-    Stage(16, 0.8, 6.0, 0),
-    Stage(10, 4.5, 20.0, 0),
-    Stage(40, 0.8, 6.0, 0),
-    Stage(80, 0.8, 6.0, 0),
+    Stage(6, (0, 0), 0.8, 6.0),
+    Stage(16, (0, 0), 0.8, 6.0),
+    Stage(10, (0, 0), *COARSE),
+    Stage(60, (0, 0), 0.8, 6.0),
+    Stage(60, (0, 0), *COARSE),
 )
 
 
@@ -93,9 +97,9 @@ class SearchConfig:
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
     scored: int = 60
-    verified: int = 150
+    verified: int = 120
     candidates: int = 4
-    max_log10_false_alarm: float = -6.0
+    max_log10_false_alarm: float = -8.0
     max_lookups: int = 14_000_000
 
 
@@ -186,31 +190,32 @@ def _hypotheses(
         question.camera.radians_per_px(question.uv[top]).astype(np.float32),
     )
     scoring_stars = (2.2 * len(top) if ranked else 1.2 * n) * per_field
-    done: dict[float, int] = {}
+    done: set[tuple[float, int, int]] = set()
+    singles_done: dict[float, int] = {}
     stages = config.pair_stages if question.local is None else config.single_stages
     reach = 2 * field_reach(question.camera, np.array([0.0, 0.0, 1.0]))
     for stage in stages:
         bright = min(stage.bright, len(top))
-        before = done.get(stage.sigma_px, 0)
-        if bright <= before:
+        level = index.at_least((2.2 * bright if ranked else 1.1 * n) * per_field)
+        if question.local is not None:
+            before = singles_done.get(stage.sigma_px, 0)
+            if bright > before:
+                singles_done[stage.sigma_px] = bright
+                yield stage, _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]), view, scoring_stars
             continue
-        done[stage.sigma_px] = bright
-        wanted = (2.2 * bright if ranked else 1.1 * n) * per_field
-        if question.local is None:
-            level = index.at_least(wanted)
-            widest = min(level.pair_limit_rad, reach)
-            pairs = choose_pairs(view.rays, bright, before, (0.12 * widest, widest), stage.pairs)
-            if not len(pairs):
-                continue
-            # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
-            slack = 5e-5 if question.up is not None else 6e-4
-            for chunk in np.array_split(pairs, max(1, len(pairs) // 16)):
-                yield stage, pair_hypotheses(view, chunk, level, index.xyz, stage.sigma_px, slack), view, scoring_stars
-                if effort.lookups > config.max_lookups:
-                    return
-        else:
-            level = index.at_least(wanted)
-            yield stage, _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]), view, scoring_stars
+        widest = min(level.pair_limit_rad, reach)
+        pairs = choose_pairs(view.rays, (0, bright), stage.lags, (0.12 * widest, widest))
+        fresh = [(stage.sigma_px, int(i), int(j)) not in done for i, j in pairs]
+        pairs = pairs[np.array(fresh, dtype=bool)]
+        if not len(pairs):
+            continue
+        done.update((stage.sigma_px, int(i), int(j)) for i, j in pairs)
+        # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
+        slack = 5e-5 if question.up is not None else 6e-4
+        for chunk in np.array_split(pairs, math.ceil(len(pairs) / PAIRS_AT_ONCE)):
+            yield stage, pair_hypotheses(view, chunk, level, index.xyz, stage.sigma_px, slack), view, scoring_stars
+            if effort.lookups > config.max_lookups:
+                return
 
 
 def _from_single_stars(question: Question, rays: F4, stars: F4) -> F4:
@@ -265,7 +270,6 @@ def _judge(
             tolerance,
             log10_tried=math.log10(effort.hypotheses),
             free_stars=made_of,
-            area_px=question.area_px,
         )
         effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
         if found.log10_false_alarm <= config.max_log10_false_alarm:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from celnav.identification.sky_index import F4, F8, Level, octahedral_cell
 
+Pairs = NDArray[np.intp]
+
 _BLOCK = 60_000  # lookups at a time: what stays in the processor's cache
 _FIRST_LOOK = 14
 
@@ -34,17 +36,21 @@ class View:
     radians_per_px: F4
 
 
-def choose_pairs(
-    rays: F4, n: int, n_before: int, separation_rad: tuple[float, float], most: int
-) -> NDArray[np.intp]:
-    """Return pairs (p, 2) of the first `n` rays that hold at least one of rank `n_before` or later, brightest first."""
-    first, second = np.triu_indices(n, 1)
-    new = second >= n_before
-    first, second = first[new], second[new]
+def choose_pairs(rays: F4, ranks: tuple[int, int], lags: tuple[int, int], separation_rad: tuple[float, float]) -> Pairs:
+    """Return pairs (p, 2) of rays whose separation lies in a range.
+
+    Ranks in brightness lie in the range `ranks`, and differ by `lags` (first and last, inclusive): neighbours in
+    brightness come first, so that a crowd of bright clutter at the head of the list does not keep all pairs of true
+    stars waiting (the ordering of Mortari et al. 2004 in its effect).
+    """
+    first, second = np.triu_indices(ranks[1] - ranks[0], 1)
+    lag = second - first
+    chosen = (lag >= lags[0]) & (lag <= lags[1])
+    first, second, lag = first[chosen] + ranks[0], second[chosen] + ranks[0], lag[chosen]
     chord = np.linalg.norm(rays[first] - rays[second], axis=1)
     low, high = (2 * np.sin(min(angle, np.pi) / 2) for angle in separation_rad)
     good = np.flatnonzero((chord >= low) & (chord <= high))
-    order = good[np.argsort(first[good] + second[good], kind="stable")][:most]
+    order = good[np.lexsort((first[good], lag[good]))]
     return np.column_stack((first[order], second[order]))
 
 
@@ -58,7 +64,7 @@ def triads(a: F4, b: F4) -> F4:
 
 
 def pair_hypotheses(
-    view: View, pairs: NDArray[np.intp], level: Level, xyz: F4, sigma_px: float, slack_rad: float
+    view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float
 ) -> F4:
     """Return rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
 
@@ -135,10 +141,15 @@ def nearest_stars(rotations: F4, rays: F4, level: Level, xyz: F4) -> tuple[NDArr
     """Return the catalogue star nearest to each ray under each rotation, and the squared chord; shapes (h, m)."""
     sky = (rotations.reshape(-1, 3) @ rays.T).reshape(len(rotations), 3, len(rays))
     x, y, z = sky[:, 0], sky[:, 1], sky[:, 2]
-    star = level.nearest[octahedral_cell(x, y, z)]
-    near = xyz[star]
-    dx, dy, dz = near[..., 0] - x, near[..., 1] - y, near[..., 2] - z
-    return star, dx * dx + dy * dy + dz * dz
+    star = level.nearest.take(octahedral_cell(x, y, z), mode="clip")
+    near = xyz.take(star, axis=0, mode="clip")
+    square = near[..., 0] - x
+    square *= square
+    for k, component in ((1, y), (2, z)):
+        difference = near[..., k] - component
+        difference *= difference
+        square += difference
+    return star, square
 
 
 def soft_count(rotations: F4, rays: F4, inverse_square_tolerance: F4, level: Level, xyz: F4) -> F4:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from celnav.camera import Camera
 from celnav.identification.sky_index import F8
 
+CROWD_PX = 80.0
 FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified
 _RADII = (1.0, 0.6, 0.35)
 
@@ -110,7 +111,6 @@ def verify(
     *,
     log10_tried: float,
     free_stars: int,
-    area_px: float,
 ) -> Alignment:
     """Refine a hypothesis on the field and bound its false-alarm probability.
 
@@ -130,10 +130,9 @@ def verify(
         Decimal logarithm of how many hypotheses were looked at.
     free_stars : int
         Agreements that the hypothesis has for nothing, because it was made of them.
-    area_px : float
-        Area of the image that can hold stars.
     """
     log_f, radius = 0.0, tolerance_px
+    rounds = 4
     centre = np.array([camera.cx_px, camera.cy_px])
     axis = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
     reach = field_reach(camera, axis) + 0.1
@@ -143,7 +142,7 @@ def verify(
     none = np.empty(0, dtype=np.intp)
     detection, star, sigma, inside = none, none, tolerance_px, np.zeros(len(rows), dtype=bool)
     residual = np.empty((0, 2))
-    for round_ in range(5):
+    for round_ in range(rounds):
         dirs = sky @ rotation.T
         ideal, by_direction = camera.project_with_derivatives(dirs)
         factor = math.exp(log_f)
@@ -156,7 +155,7 @@ def verify(
             return Alignment(rotation, log_f, detection, rows[star], sigma, 0.0)
         residual = uv[detection] - predicted[star]
         sigma = 1.4826 * float(np.median(np.abs(residual)))
-        if round_ == 4:
+        if round_ == rounds - 1:
             break
         design = np.empty((len(star), 2, 4))
         design[:, :, :3] = factor * turning_derivatives(dirs[star], by_direction[star])
@@ -175,17 +174,27 @@ def verify(
         rotation = rotation_of(step[:3]) @ rotation
         log_f = float(np.clip(log_f + step[3], -0.12, 0.12))
         radius = min(radius, max(3.5 * sigma, 1.2))
-    n_inside = int(inside.sum())
-    # The focal length and the rotation were fitted: as many agreements are not evidence.
     length = np.linalg.norm(residual, axis=1)
+    n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
+    crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
     best = 0.0
     for part in _RADII:
         r = part * radius
-        chance = 1 - math.exp(-n_inside * math.pi * r * r / area_px)
-        n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
+        chance = float(np.mean(1 - np.exp(-crowding * math.pi * r * r)))
         best = min(best, log10_chance(int((length <= r).sum()) - n_free, len(uv), max(chance, 1e-12)))
-    total = min(0.0, best + log10_tried + math.log10(len(_RADII)))
+    # The fit could choose among the places that the tolerance holds, in each of its dimensions.
+    choices = 3 * math.log10(max(tolerance_px / radius, 1.0))
+    total = min(0.0, best + log10_tried + choices + math.log10(len(_RADII)))
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
+
+
+def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
+    """Predicted stars per square pixel around each detection, shape (n,).
+
+    Where the sky is crowded, both crowd: chance has to be judged there and not on the mean of the frame.
+    """
+    square = (seen[:, 0, None] - predicted[:, 0]) ** 2 + (seen[:, 1, None] - predicted[:, 1]) ** 2
+    return np.asarray((square < radius_px**2).sum(axis=1) / (math.pi * radius_px**2))
 
 
 def field_reach(camera: Camera, axis: F8) -> float:
