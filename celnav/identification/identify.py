@@ -42,20 +42,25 @@ class Stage:
         Noise that pairs may have.
     tolerance_px : float
         How far off a detection may be from the star that explains it under a raw hypothesis.
+    bright: int
+    lags: tuple[int, int]
+    scored : int
+        Detections that score a hypothesis.
     """
 
     bright: int
     lags: tuple[int, int]
     sigma_px: float
     tolerance_px: float
+    scored: int = 150
 
 
 PAIRS_AT_ONCE = 8
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
-    Stage(4, (1, 3), *FINE),
-    Stage(8, (1, 3), *FINE),
-    Stage(6, (1, 2), *COARSE),
+    Stage(4, (1, 3), *FINE, scored=60),
+    Stage(8, (1, 3), *FINE, scored=60),
+    Stage(6, (1, 2), *COARSE, scored=60),
     Stage(24, (1, 3), *FINE),
     Stage(14, (1, 3), *COARSE),
     Stage(40, (1, 3), *FINE),
@@ -66,7 +71,7 @@ PAIR_STAGES = (
     Stage(60, (1, 8), *FINE),
 )
 SINGLE_STAGES = (
-    Stage(6, (0, 0), 0.8, 6.0),
+    Stage(6, (0, 0), 0.8, 6.0, scored=60),
     Stage(16, (0, 0), 0.8, 6.0),
     Stage(10, (0, 0), *COARSE),
     Stage(60, (0, 0), 0.8, 6.0),
@@ -82,8 +87,6 @@ class SearchConfig:
     ----------
     pair_stages, single_stages : tuple of Stage
         Where the attitude to the horizon is not known, and where it is.
-    scored : int
-        Detections that score a hypothesis.
     verified : int
         Detections that verify it.
     candidates : int
@@ -96,7 +99,6 @@ class SearchConfig:
 
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
-    scored: int = 60
     verified: int = 120
     candidates: int = 4
     max_log10_false_alarm: float = -8.0
@@ -184,18 +186,17 @@ def _hypotheses(
     """Yield stages with their hypotheses, the view that scores them, and how many stars of the sky compete with it."""
     per_field = 4 * math.pi / question.solid_angle_sr
     n = len(order)
-    top = order[: config.scored]
-    view = View(
-        question.rays[top].astype(np.float32),
-        question.camera.radians_per_px(question.uv[top]).astype(np.float32),
-    )
-    scoring_stars = (2.2 * len(top) if ranked else 1.2 * n) * per_field
+    most = order[: max(stage.scored for stage in (*config.pair_stages, *config.single_stages))]
+    rays = question.rays[most].astype(np.float32)
+    scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
     done: set[tuple[float, int, int]] = set()
     singles_done: dict[float, int] = {}
     stages = config.pair_stages if question.local is None else config.single_stages
     reach = 2 * field_reach(question.camera, np.array([0.0, 0.0, 1.0]))
     for stage in stages:
-        bright = min(stage.bright, len(top))
+        view = View(rays[: stage.scored], scale[: stage.scored])
+        scoring_stars = (2.2 * len(view.rays) if ranked else 1.2 * n) * per_field
+        bright = min(stage.bright, len(view.rays))
         level = index.at_least((2.2 * bright if ranked else 1.1 * n) * per_field)
         if question.local is not None:
             before = singles_done.get(stage.sigma_px, 0)
@@ -252,7 +253,7 @@ def _judge(
     by_chance = float(np.sum(np.minimum(1.0, level.n * (tolerance * view.radians_per_px) ** 2 / 4))) / 2
     least = by_chance + 2.5 * math.sqrt(by_chance) + 1.0
     made_of = 2 if question.local is None else 1
-    verified = order[: config.verified]
+    verified = order[: max(config.verified, len(view.rays))]
     per_field = 4 * math.pi / question.solid_angle_sr
     ranked = bool((order[:2] == [0, 1]).all()) if len(order) > 1 else True
     n_stars = int(min(max(1.6 * len(verified) if ranked else 1.2 * len(order), 30) * per_field, len(index.xyz)))
