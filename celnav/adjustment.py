@@ -132,6 +132,53 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[
     return pairs["i"].astype(np.intp), pairs["j"].astype(np.intp), np.asarray(pairs["v"])
 
 
+def associate(
+    detection: NDArray[np.intp], star: NDArray[np.intp], ratio: F8, link: F8, rounds: int = 3
+) -> tuple[F8, F8]:
+    """Probabilities that pairs belong together when a detection is at most one star, and a star one detection.
+
+    Belief propagation (Williams & Lau 2014, IEEE Trans. Aerosp. Electron. Syst. 50(4) 2942).
+
+    Parameters
+    ----------
+    detection, star : ndarray, shape (m,)
+        The pairs.
+    ratio : ndarray, shape (m,)
+        Likelihood of the pair over that of clutter and a star not seen.
+    link : ndarray, shape (m,)
+        Messages from detections to stars, to start from; ones at first.
+    rounds : int
+        Of the propagation.
+
+    Returns
+    -------
+    Probabilities, shape (m,), and the messages.
+    """
+    for _ in range(rounds):
+        offered = ratio * link
+        by_star = np.bincount(star, weights=offered)[star] - offered
+        answer = ratio / (1 + np.maximum(by_star, 0))
+        by_detection = np.bincount(detection, weights=answer)[detection] - answer
+        link = 1 / (1 + np.maximum(by_detection, 0))
+    offered = ratio * link
+    return np.asarray(offered / (1 + np.bincount(star, weights=offered)[star])), link
+
+
+def _information(
+    design: F8, residual: F8, weight: F8, detection: NDArray[np.intp], variance: float
+) -> tuple[F8, F8, F8]:
+    """Information of the pairs if it were known which belong together, the observed one, and the gradient."""
+    rows = design.reshape(-1, design.shape[2])
+    weights = np.repeat(weight, 2)
+    complete = rows.T @ (rows * weights[:, None]) / variance
+    scores = np.einsum("nij,ni->nj", design, residual) / variance
+    weighted = scores * weight[:, None]
+    order = np.argsort(detection, kind="stable")
+    starts = np.flatnonzero(np.diff(detection[order], prepend=-1))
+    of_detection = np.add.reduceat(weighted[order], starts, axis=0)
+    return complete, complete - weighted.T @ scores + of_detection.T @ of_detection, weighted.sum(axis=0)
+
+
 def adjust(
     camera: Camera,
     uv: F8,
@@ -145,7 +192,7 @@ def adjust(
     priors: CameraPriors,
     area_px: float,
     min_sigma_px: float = 0.01,
-    max_rounds: int = 12,
+    max_rounds: int = 40,
 ) -> Adjusted | None:
     """Fit the field.
 
@@ -195,45 +242,44 @@ def adjust(
     dirs, observed = stars[star], uv[detection]
     design = _design(camera, dirs @ rotation.T, values, free)
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
+    link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))
-    rows, information = np.empty((0, n_free)), np.empty((0, 0))
+    covariance = np.empty((0, 0))
     for round_ in range(max_rounds):
         residual = observed - predict(camera, dirs @ rotation.T, values)
         square = np.sum(residual**2, axis=1) / own**2
         clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
-        density = share / (2 * math.pi * (sigma_px * own) ** 2) * np.exp(-0.5 * square / sigma_px**2)
-        weight = density / (np.bincount(detection, weights=density, minlength=len(uv))[detection] + clutter)
+        ratio = share / (1 - share) / clutter / (2 * math.pi * (sigma_px * own) ** 2)
+        weight, link = associate(detection, star, ratio * np.exp(-0.5 * square / sigma_px**2), link)
         n_explained = float(weight.sum())
         if 2 * n_explained < n_free + 2:
             return None
         share = min(max(n_explained / len(stars), 0.02), 0.998)
         variance = max(float(np.sum(weight * square)) / (2 * n_explained - n_free), min_sigma_px**2)
-        settled = abs(variance / sigma_px**2 - 1) < 0.02
+        settled = abs(variance / sigma_px**2 - 1) < 0.01
         sigma_px = math.sqrt(variance)
-        rows = design.reshape(-1, n_free) / np.repeat(own, 2)[:, None]
-        information = rows.T @ (rows * np.repeat(weight, 2)[:, None]) / variance + np.diag(prior)
-        gradient = rows.T @ (residual / own[:, None] * weight[:, None]).reshape(-1) / variance
+        complete, observed_information, gradient = _information(
+            design / own[:, None, None], residual / own[:, None], weight, detection, variance
+        )
+        complete += np.diag(prior)
+        observed_information += np.diag(prior)
         gradient[3:] -= prior[3:] * values[free]
         try:
-            step = np.linalg.solve(information, gradient)
+            # Newton's step where the likelihood is convex, else the (shorter) one of expectation maximisation.
+            positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
+            covariance = np.linalg.inv(observed_information if positive else complete)
         except np.linalg.LinAlgError:
             return None
+        step = covariance @ gradient
         rotation = rotation_of(step[:3]) @ rotation
         values = values.copy()
         values[free] += step[3:]
         # A hundredth of the standard deviation that the step has.
-        if round_ and settled and float(step @ information @ step) < 1e-4:
+        if round_ and settled and positive and float(step @ observed_information @ step) < 1e-4:
             break
-    scores = np.einsum("nij,ni->nj", design, residual / (own**2)[:, None]) / sigma_px**2
-    order = np.argsort(detection, kind="stable")
-    starts = np.flatnonzero(np.diff(detection[order], prepend=-1))
-    of_detection = np.add.reduceat((weight[:, None] * scores)[order], starts, axis=0)
-    observed_information = information - (scores * weight[:, None]).T @ scores + of_detection.T @ of_detection
-    try:
-        np.linalg.cholesky(observed_information)
-        covariance = np.linalg.inv(observed_information)
-    except np.linalg.LinAlgError:
-        return None
+    else:
+        if not positive:
+            return None
     camera_sigmas = np.zeros(5)
     camera_sigmas[free] = np.sqrt(np.diag(covariance)[3:])
     return Adjusted(rotation, covariance, values, camera_sigmas, detection, star, weight, residual, float(sigma_px))

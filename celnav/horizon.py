@@ -95,7 +95,9 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
     zenith = local[2]
     lat, lon = math.asin(max(-1.0, min(1.0, float(zenith[2])))), math.atan2(float(zenith[1]), float(zenith[0]))
     if not with_heading:
-        (ee, en), (_, nn) = covariance[:2, :2]
+        # The frame's heading is arbitrary: to the true east and north it is a turn about the vertical.
+        heading = local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T
+        (ee, en), (_, nn) = (heading.T @ covariance @ heading)[:2, :2]
         # A turn about east moves the position north, one about north moves it west.
         return Place(math.degrees(lat), math.degrees(lon), _to_km(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0)
     information = np.linalg.inv(covariance)

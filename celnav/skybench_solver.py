@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, candidate_pairs, without_focal
+from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, candidate_pairs, predict, without_focal
 from celnav.astrometry import DIURNAL_ABERRATION, celestial_to_terrestrial, terrestrial_stars
 from celnav.camera import Camera
 from celnav.catalog import StarCatalog, load_catalog
@@ -156,11 +156,28 @@ class SkybenchSolver:
         if mode != "none":
             start[0] = alignment.log_f
         priors = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[mode]
-        adjusted = adjust(
-            camera, prepared.uv, prepared.relative_sigma, dirs, pairs, rotation, values=start,
-            sigma_px=max(alignment.sigma_px, 0.1), priors=priors, area_px=prepared.question.area_px,
-        )  # fmt: skip
-        if adjusted is None or mode != "auto":
+        radius = _pairing_radius(alignment.sigma_px)
+        sigma, turned = max(alignment.sigma_px, 0.1), rotation
+        adjusted = None
+        for _ in range(4):
+            adjusted = adjust(
+                camera, prepared.uv, prepared.relative_sigma, dirs, pairs, turned, values=start,
+                sigma_px=sigma, priors=priors, area_px=prepared.question.area_px,
+            )  # fmt: skip
+            if adjusted is None:
+                return None
+            # Pairs that the first guess left out would hold the solution back where it was.
+            before, after = predict(camera, dirs @ turned.T, start), predict(
+                camera, dirs @ adjusted.rotation.T, adjusted.camera_values
+            )  # fmt: skip
+            moved = float(np.sqrt(np.nanmax(np.sum((after - before) ** 2, axis=1))))
+            if radius >= 4 * adjusted.sigma_px + moved:
+                break
+            turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px
+            radius = _pairing_radius(sigma)
+            detection, star, _ = candidate_pairs(prepared.uv, np.nan_to_num(after, nan=-1e6), radius)
+            pairs = detection, star
+        if mode != "auto" or adjusted is None:
             return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
@@ -262,7 +279,7 @@ def _visible_stars(
     ideal = camera.project(dirs @ rotation.T)
     centre = np.array([camera.cx_px, camera.cy_px])
     predicted = np.nan_to_num(centre + math.exp(alignment.log_f) * (ideal - centre), nan=-1e6)
-    radius = max(5.0 * alignment.sigma_px + 0.5, 1.5)
+    radius = _pairing_radius(alignment.sigma_px)
     detection, star, distance = candidate_pairs(prepared.uv, predicted, radius)
     near_radius = max(3.0 * alignment.sigma_px, 1.0)
     seen = np.zeros(len(rows), dtype=bool)
@@ -271,6 +288,11 @@ def _visible_stars(
     n_kept, limit = _depth(seen, stars.v_mag, chance)
     kept = star < n_kept
     return stars.take(np.arange(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
+
+
+def _pairing_radius(sigma_px: float) -> float:
+    """Distance up to which a detection and a star may belong together."""
+    return max(5.0 * sigma_px + 0.5, 1.5)
 
 
 def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
@@ -293,9 +315,7 @@ def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, floa
     expected = chance + 0.5 * share * (1 - chance)
     gain = np.cumsum(seen - expected)
     n = int(np.argmax(gain)) + 1
-    limit = float(v_mag[n - 1])
-    # Stars somewhat fainter than the limit still show up now and then, and a wrong one costs only its weight.
-    return int(np.searchsorted(v_mag, limit + 0.2, side="right")), limit
+    return n, float(v_mag[n - 1])
 
 
 def _describe(

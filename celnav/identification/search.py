@@ -17,7 +17,7 @@ from celnav.identification.sky_index import F4, F8, Level, octahedral_cell
 Pairs = NDArray[np.intp]
 
 _BLOCK = 60_000  # lookups at a time: what stays in the processor's cache
-_FIRST_LOOK = 20
+_FIRST_LOOK = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,12 +171,12 @@ def best_hypotheses(
     """
     weight = (1.0 / (tolerance_px * view.radians_per_px) ** 2).astype(np.float32)
     lookups = 0
-    if len(rotations) * len(view.rays) > 4 * _BLOCK and len(view.rays) > 2 * _FIRST_LOOK:
+    if len(rotations) * len(view.rays) > 4 * _BLOCK and len(view.rays) > _FIRST_LOOK:
         # Spread over all ranks: the brightest may be clutter.
         few = np.linspace(0, len(view.rays) - 1, _FIRST_LOOK).astype(np.intp)
         first = soft_count(rotations, view.rays[few], weight[few], level, xyz)
         lookups += len(rotations) * _FIRST_LOOK
-        kept = max(400, len(rotations) // 12)
+        kept = max(400, len(rotations) // 8)
         if kept < len(rotations):
             rotations = rotations[np.argpartition(-first, kept)[:kept]]
     scores = soft_count(rotations, view.rays, weight, level, xyz)
