@@ -133,7 +133,7 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[
 
 
 def associate(
-    detection: NDArray[np.intp], star: NDArray[np.intp], ratio: F8, link: F8, rounds: int = 3
+    detection: NDArray[np.intp], star: NDArray[np.intp], ratio: F8, link: F8, rounds: int = 2
 ) -> tuple[F8, F8]:
     """Probabilities that pairs belong together when a detection is at most one star, and a star one detection.
 
@@ -165,17 +165,18 @@ def associate(
 
 
 def _information(
-    design: F8, residual: F8, weight: F8, detection: NDArray[np.intp], variance: float
+    design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float
 ) -> tuple[F8, F8, F8]:
-    """Information of the pairs if it were known which belong together, the observed one, and the gradient."""
+    """Information of the pairs if it were known which belong together, the observed one, and the gradient.
+
+    Pairs are sorted by detection; `starts` holds the first of each.
+    """
     rows = design.reshape(-1, design.shape[2])
     weights = np.repeat(weight, 2)
     complete = rows.T @ (rows * weights[:, None]) / variance
     scores = np.einsum("nij,ni->nj", design, residual) / variance
     weighted = scores * weight[:, None]
-    order = np.argsort(detection, kind="stable")
-    starts = np.flatnonzero(np.diff(detection[order], prepend=-1))
-    of_detection = np.add.reduceat(weighted[order], starts, axis=0)
+    of_detection = np.add.reduceat(weighted, starts, axis=0)
     return complete, complete - weighted.T @ scores + of_detection.T @ of_detection, weighted.sum(axis=0)
 
 
@@ -234,6 +235,9 @@ def adjust(
     detection, star = pairs
     if 2 * len(detection) < n_free + 3:
         return None
+    order = np.argsort(detection, kind="stable")
+    detection, star = detection[order], star[order]
+    starts = np.flatnonzero(np.diff(detection, prepend=-1))
     prior = np.zeros(n_free)
     prior[3:] = 1 / sigmas[free] ** 2
     own = np.ones(len(detection))
@@ -259,23 +263,23 @@ def adjust(
         settled = abs(variance / sigma_px**2 - 1) < 0.01
         sigma_px = math.sqrt(variance)
         complete, observed_information, gradient = _information(
-            design / own[:, None, None], residual / own[:, None], weight, detection, variance
+            design / own[:, None, None], residual / own[:, None], weight, starts, variance
         )
         complete += np.diag(prior)
         observed_information += np.diag(prior)
         gradient[3:] -= prior[3:] * values[free]
         try:
-            # Newton's step where the likelihood is convex, else the (shorter) one of expectation maximisation.
             positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
             covariance = np.linalg.inv(observed_information if positive else complete)
         except np.linalg.LinAlgError:
             return None
-        step = covariance @ gradient
+        # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
+        step = np.linalg.solve(0.5 * (complete + observed_information) if positive else complete, gradient)
         rotation = rotation_of(step[:3]) @ rotation
         values = values.copy()
         values[free] += step[3:]
-        # A hundredth of the standard deviation that the step has.
-        if round_ and settled and positive and float(step @ observed_information @ step) < 1e-4:
+        # A thirtieth of the standard deviation that the step has.
+        if round_ and settled and positive and float(step @ observed_information @ step) < 1e-3:
             break
     else:
         if not positive:
