@@ -164,9 +164,7 @@ def associate(
     return np.asarray(offered / (1 + np.bincount(star, weights=offered)[star])), link
 
 
-def _information(
-    design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float
-) -> tuple[F8, F8, F8]:
+def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float) -> tuple[F8, F8, F8]:
     """Information of the pairs if it were known which belong together, the observed one, and the gradient.
 
     Pairs are sorted by detection; `starts` holds the first of each.
@@ -248,7 +246,7 @@ def adjust(
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))
-    covariance = np.empty((0, 0))
+    covariance: F8 = np.empty((0, 0))
     for round_ in range(max_rounds):
         residual = observed - predict(camera, dirs @ rotation.T, values)
         square = np.sum(residual**2, axis=1) / own**2
@@ -270,11 +268,12 @@ def adjust(
         gradient[3:] -= prior[3:] * values[free]
         try:
             positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
-            covariance = np.linalg.inv(observed_information if positive else complete)
+            covariance = np.asarray(np.linalg.inv(observed_information if positive else complete), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
-        step = np.linalg.solve(0.5 * (complete + observed_information) if positive else complete, gradient)
+        damped = 0.5 * (complete + observed_information) if positive else complete
+        step = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
         rotation = rotation_of(step[:3]) @ rotation
         values = values.copy()
         values[free] += step[3:]

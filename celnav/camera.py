@@ -210,8 +210,8 @@ class Camera:
             x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
             return np.asarray((1 + x * x + y * y) ** -0.75 / math.sqrt(self.f_px * self.fy_px))
         h = 0.25
-        along_u = (self.to_rays(uv + [h, 0]) - self.to_rays(uv - [h, 0])) / (2 * h)
-        along_v = (self.to_rays(uv + [0, h]) - self.to_rays(uv - [0, h])) / (2 * h)
+        along_u = (self.to_rays(uv + np.array([h, 0])) - self.to_rays(uv - np.array([h, 0]))) / (2 * h)
+        along_v = (self.to_rays(uv + np.array([0, h])) - self.to_rays(uv - np.array([0, h]))) / (2 * h)
         return np.asarray(np.sqrt(np.linalg.norm(np.cross(along_u, along_v), axis=1)))
 
     def in_frame(self, uv: NDArray[np.float64], margin_px: float = 0.0) -> NDArray[np.bool_]:

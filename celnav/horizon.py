@@ -120,7 +120,7 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
     return Place(
         math.degrees(lat),
         math.degrees(math.remainder(lon, 2 * math.pi)),
-        _to_km(np.linalg.inv(normal), lat),
+        _to_km(np.asarray(np.linalg.inv(normal), dtype=np.float64), lat),
         math.degrees(heading_off),
         float(turn @ information @ turn),
     )

@@ -189,8 +189,13 @@ class SkybenchSolver:
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:
-            lat, lon = np.radians([place.lat_deg, problem.near.lat_deg]), np.radians([place.lon_deg, problem.near.lon_deg])
-            cosine = math.sin(lat[0]) * math.sin(lat[1]) + math.cos(lat[0]) * math.cos(lat[1]) * math.cos(lon[0] - lon[1])
+            lat, lon = (
+                np.radians([place.lat_deg, problem.near.lat_deg]),
+                np.radians([place.lon_deg, problem.near.lon_deg]),
+            )
+            cosine = math.sin(lat[0]) * math.sin(lat[1]) + math.cos(lat[0]) * math.cos(lat[1]) * math.cos(
+                lon[0] - lon[1]
+            )
             distance = EARTH_RADIUS_KM * math.acos(max(-1.0, min(1.0, cosine)))
             if distance > problem.near.radius_km:
                 return f"the position is {distance:.0f} km from the last known one"
@@ -213,7 +218,9 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> _P
     if attitude is not None:
         frame = horizontal_frame(attitude)
         up = frame[:, 2]
-        known = attitude.kind == "rotation" and max(attitude.tilt_deg, attitude.heading_deg) <= config.single_star_sigma_deg
+        known = (
+            attitude.kind == "rotation" and max(attitude.tilt_deg, attitude.heading_deg) <= config.single_star_sigma_deg
+        )
         local = frame if known else None
         if problem.weather.pressure_hpa > 0:
             true = unrefract_rays(rays, up, problem.weather.pressure_hpa, problem.weather.temperature_c)
@@ -355,5 +362,3 @@ def _describe(
         log10_false_alarm=alignment.log10_false_alarm,
         details=details,
     )
-
-

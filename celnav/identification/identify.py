@@ -102,7 +102,7 @@ class SearchConfig:
     verified: int = 120
     candidates: int = 4
     max_log10_false_alarm: float = -8.0
-    max_lookups: int = 14_000_000
+    max_lookups: int = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,12 @@ def _hypotheses(
             before = singles_done.get(stage.sigma_px, 0)
             if bright > before:
                 singles_done[stage.sigma_px] = bright
-                yield stage, _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]), view, scoring_stars
+                yield (
+                    stage,
+                    _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]),
+                    view,
+                    scoring_stars,
+                )
             continue
         widest = min(level.pair_limit_rad, reach)
         pairs = choose_pairs(view.rays, (0, bright), stage.lags, (0.12 * widest, widest))
@@ -241,7 +246,9 @@ def _judge(
     """Score hypotheses, verify the best, and return one that passes."""
     if question.zenith_near is not None and question.up is not None:
         zenith, radius = question.zenith_near
-        rotations = rotations[(rotations @ question.up.astype(np.float32)) @ zenith.astype(np.float32) > math.cos(radius)]
+        rotations = rotations[
+            (rotations @ question.up.astype(np.float32)) @ zenith.astype(np.float32) > math.cos(radius)
+        ]
     if not len(rotations):
         return None
     level = index.at_least(scoring_stars)

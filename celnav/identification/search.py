@@ -63,9 +63,7 @@ def triads(a: F4, b: F4) -> F4:
     return np.stack((middle, normal, np.cross(middle, normal)), axis=2)
 
 
-def pair_hypotheses(
-    view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float
-) -> F4:
+def pair_hypotheses(view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float) -> F4:
     """Return rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
 
     Parameters

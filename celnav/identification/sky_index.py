@@ -137,7 +137,7 @@ def _build() -> dict[str, NDArray[np.generic]]:
         order = np.argsort(chord, kind="stable")
         arrays[f"separation_rad_{n}"] = (2 * np.arcsin(np.minimum(chord[order] / 2, 1.0))).astype(np.float32)
         arrays[f"first_{n}"], arrays[f"second_{n}"] = first[order].astype(np.int16), second[order].astype(np.int16)
-        arrays[f"nearest_{n}"] = tree.query(centres)[1].astype(np.int16)
+        arrays[f"nearest_{n}"] = np.asarray(tree.query(centres)[1], dtype=np.int16)
     return arrays
 
 

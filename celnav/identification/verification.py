@@ -52,9 +52,7 @@ def rotation_of(vector: F8) -> F8:
     cross = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]])
     if angle < 1e-12:
         return np.asarray(np.eye(3) + cross)
-    return np.asarray(
-        np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
-    )
+    return np.asarray(np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross))
 
 
 def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
@@ -79,9 +77,8 @@ def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[n
         return rows, to_star[rows]
     from scipy.spatial import cKDTree
 
-    distance, to_star = cKDTree(predicted, balanced_tree=False, compact_nodes=False).query(
-        seen, distance_upper_bound=radius_px
-    )
+    tree = cKDTree(predicted, balanced_tree=False, compact_nodes=False)
+    distance, to_star = (np.asarray(found) for found in tree.query(seen, distance_upper_bound=radius_px))
     rows = np.flatnonzero(np.isfinite(distance))
     # Of the detections that name one star the nearest has it.
     rows = rows[np.argsort(distance[rows], kind="stable")]

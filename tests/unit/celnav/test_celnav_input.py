@@ -130,7 +130,7 @@ def test_attitude_kinds():
     assert hash(celnav.Attitude.exact(R_CAM)) == hash(celnav.Attitude.zenith_north_up())
 
 
-@pytest.mark.parametrize("solver", celnav.solvers())
+@pytest.mark.parametrize("solver", ["thesis-baseline", "thesis-adaptive"])
 @pytest.mark.parametrize("attitude", [None, celnav.Attitude.up([0, 0, 1])])
 def test_a_solver_that_needs_the_attitude_says_so(solver, attitude):
     fix = celnav.solve(np.full((30, 2), 100.0), CAMERA, UTC_OK, attitude, solver)
