@@ -19,6 +19,7 @@ from celnav.position import PositionConfig, Weather, fix_position
 from celnav.problem import LastKnown
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
+from celnav.track import Track, TrackConfig, TrackPoint
 
 __all__ = [
     "SOLVERS",
@@ -37,6 +38,9 @@ __all__ = [
     "Reason",
     "SkybenchConfig",
     "SkybenchSolver",
+    "Track",
+    "TrackConfig",
+    "TrackPoint",
     "Weather",
     "ddr_solver",
     "detect",
