@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,16 +45,24 @@ class Place:
     chi2: float
 
 
+@lru_cache(maxsize=64)
 def horizontal_frame(attitude: Attitude) -> F8:
-    """Return R_cam, shape (3, 3); for an attitude of unknown heading any that has the zenith where it belongs."""
+    """Return R_cam, shape (3, 3); for an attitude of unknown heading any that has the zenith where it belongs.
+
+    The array is shared: it cannot be written to.
+    """
     if attitude.kind == "rotation":
-        return attitude.R_cam
+        frame = attitude.R_cam
+        frame.setflags(write=False)
+        return frame
     up = np.array(attitude.rows[0])
     least = np.zeros(3)
     least[int(np.argmin(np.abs(up)))] = 1.0
     east = np.cross(least, up)
     east /= np.linalg.norm(east)
-    return np.column_stack((east, np.cross(up, east), up))
+    frame = np.column_stack((east, np.cross(up, east), up))
+    frame.setflags(write=False)
+    return frame
 
 
 def rotation_vector(rotation: F8) -> F8:

@@ -20,7 +20,7 @@ from celnav.history import History
 from celnav.horizon import Place, horizontal_frame, place_from_rotation
 from celnav.identification.identify import Question, SearchConfig, identify
 from celnav.identification.sky_index import load_sky_index
-from celnav.identification.verification import Alignment, field_reach
+from celnav.identification.verification import Alignment, field_cone
 from celnav.problem import Problem, Stopwatch
 from celnav.refraction import unrefract_rays
 
@@ -273,8 +273,8 @@ def _visible_stars(
     catalog = load_catalog()
     n = len(prepared.uv)
     deepest = int(min(len(catalog), (1.25 * n + 30) * 4 * math.pi / prepared.question.solid_angle_sr))
-    axis = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
-    reach = min(field_reach(camera, axis) * 1.04 + 0.02, math.pi)
+    middle, reach = field_cone(camera)
+    axis, reach = np.array(middle), min(reach * 1.04 + 0.02, math.pi)
     near = np.flatnonzero(catalog.vectors[:deepest] @ (alignment.rotation.T @ axis) > math.cos(reach))
     ideal = camera.project(catalog.vectors[near] @ alignment.rotation.T)
     rows = near[_inside(camera, alignment.log_f, ideal, 4.0)]

@@ -25,7 +25,7 @@ from celnav.identification.search import (
     single_star_hypotheses,
 )
 from celnav.identification.sky_index import F4, F8, SkyIndex
-from celnav.identification.verification import Alignment, field_reach, verify
+from celnav.identification.verification import Alignment, field_cone, verify
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def _hypotheses(
     done: set[tuple[float, int, int]] = set()
     singles_done: dict[float, int] = {}
     stages = config.pair_stages if question.local is None else config.single_stages
-    reach = 2 * field_reach(question.camera, np.array([0.0, 0.0, 1.0]))
+    reach = 2 * field_cone(question.camera)[1]
     for stage in stages:
         view = View(rays[: stage.scored], scale[: stage.scored])
         scoring_stars = (2.2 * len(view.rays) if ranked else 1.2 * n) * per_field

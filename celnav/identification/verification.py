@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,9 +132,9 @@ def verify(
     log_f, radius = 0.0, tolerance_px
     rounds = 4
     centre = np.array([camera.cx_px, camera.cy_px])
-    axis = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
-    reach = field_reach(camera, axis) + 0.1
-    near = xyz @ (rotation.T @ axis) > math.cos(min(reach, math.pi))
+    middle, reach = field_cone(camera)
+    reach += 0.1
+    near = xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach, math.pi))
     rows = np.flatnonzero(near)
     sky = xyz[rows]
     none = np.empty(0, dtype=np.intp)
@@ -194,15 +195,15 @@ def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
     return np.asarray((square < radius_px**2).sum(axis=1) / (math.pi * radius_px**2))
 
 
-def field_reach(camera: Camera, axis: F8) -> float:
-    """Largest angle between a direction and the frame's border or corners, radians."""
+@lru_cache(maxsize=32)
+def field_cone(camera: Camera) -> tuple[tuple[float, float, float], float]:
+    """Direction of the middle of the frame, and the largest angle from it to the frame's border, radians."""
+    middle = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
     u, v = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
     border = np.concatenate(
         [np.column_stack((u, np.full(9, y))) for y in (v[0], v[-1])]
         + [np.column_stack((np.full(9, x), v)) for x in (u[0], u[-1])]
     )
-    rays = camera.to_rays(border)
-    cosine = rays @ axis
-    if np.isnan(cosine).any():
-        return math.pi
-    return float(np.arccos(np.clip(cosine.min(), -1, 1)))
+    cosine = camera.to_rays(border) @ middle
+    reach = math.pi if np.isnan(cosine).any() else float(np.arccos(np.clip(cosine.min(), -1, 1)))
+    return (float(middle[0]), float(middle[1]), float(middle[2])), reach

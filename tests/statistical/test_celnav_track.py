@@ -25,7 +25,7 @@ def orbit(rng, n=60, seconds=30.0, turns=2.0, lat=48.0, lon=11.0, bias=BIAS_DEG,
         s, c = math.sin(math.radians(heading)), math.cos(math.radians(heading))
         offset = KM_PER_DEG * np.array([[s, c], [c, -s]]) @ bias + SIGMA_KM * rng.standard_normal(2)
         if k in wrong:
-            offset = offset + [800.0, -300.0]
+            offset += [800.0, -300.0]
         seen = moved(lat, lon, *offset)
         fix = celnav.Fix(True, celnav.Reason.OK, "", *seen, cov_km2=np.eye(2) * SIGMA_KM**2)
         second = 3600 + k * seconds
