@@ -89,7 +89,7 @@ def _changed(camera: Camera, ideal: F8, values: F8) -> F8:
     if not values.any():
         return ideal
     from_centre = ideal - [camera.cx_px, camera.cy_px]
-    r2 = np.sum(from_centre**2, axis=1) / _half_diagonal(camera) ** 2
+    r2 = np.einsum("ni,ni->n", from_centre, from_centre) / _half_diagonal(camera) ** 2
     factor = math.exp(values[0]) * (1 + values[3] * r2 + values[4] * r2**2)
     return np.asarray([camera.cx_px + values[1], camera.cy_px + values[2]] + factor[:, None] * from_centre)
 
@@ -105,7 +105,7 @@ def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
     design = np.empty((len(dirs), 2, 3 + len(free)))
     if len(free):
         from_centre = ideal - [camera.cx_px, camera.cy_px]
-        r2 = (np.sum(from_centre**2, axis=1) / _half_diagonal(camera) ** 2)[:, None]
+        r2 = (np.einsum("ni,ni->n", from_centre, from_centre) / _half_diagonal(camera) ** 2)[:, None]
         focal = math.exp(values[0])
         factor = focal * (1 + values[3] * r2 + values[4] * r2**2)
         ones, zeros = np.ones(len(dirs)), np.zeros(len(dirs))
@@ -249,7 +249,7 @@ def adjust(
     covariance: F8 = np.empty((0, 0))
     for round_ in range(max_rounds):
         residual = observed - predict(camera, dirs @ rotation.T, values)
-        square = np.sum(residual**2, axis=1) / own**2
+        square = np.einsum("ni,ni->n", residual, residual) / own**2
         clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
         ratio = share / (1 - share) / clutter / (2 * math.pi * (sigma_px * own) ** 2)
         weight, link = associate(detection, star, ratio * np.exp(-0.5 * square / sigma_px**2), link)

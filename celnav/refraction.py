@@ -108,7 +108,7 @@ def unrefract_rays(
     """Take apparent unit vectors, shape (n, 3), of any frame to geometric ones, given the vertical, shape (3,)."""
     height = rays @ up
     outward = up - height[:, None] * rays
-    length = np.linalg.norm(outward, axis=1)
+    length = np.sqrt(np.einsum("ni,ni->n", outward, outward))
     angle = refraction_rad(np.arctan2(length, height), pressure_hpa, temperature_c)
     away = outward / np.maximum(length, 1e-12)[:, None]
     return np.asarray(rays * np.cos(angle)[:, None] - away * np.sin(angle)[:, None])

@@ -170,7 +170,7 @@ class SkybenchSolver:
             before, after = predict(camera, dirs @ turned.T, start), predict(
                 camera, dirs @ adjusted.rotation.T, adjusted.camera_values
             )  # fmt: skip
-            moved = float(np.sqrt(np.nanmax(np.sum((after - before) ** 2, axis=1))))
+            moved = float(np.sqrt(np.nanmax(np.einsum("ni,ni->n", after - before, after - before))))
             if radius >= 4 * adjusted.sigma_px + moved:
                 break
             turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px

@@ -58,7 +58,7 @@ class Stage:
 PAIRS_AT_ONCE = 8
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
-    Stage(4, (1, 3), *FINE, scored=60),
+    Stage(4, (1, 3), *FINE, scored=40),
     Stage(8, (1, 3), *FINE, scored=60),
     Stage(6, (1, 2), *COARSE, scored=60),
     Stage(24, (1, 3), *FINE),

@@ -130,7 +130,7 @@ def verify(
         Agreements that the hypothesis has for nothing, because it was made of them.
     """
     log_f, radius = 0.0, tolerance_px
-    rounds = 4
+    rounds = 3 if tolerance_px <= 6 else 4
     centre = np.array([camera.cx_px, camera.cy_px])
     middle, reach = field_cone(camera)
     reach += 0.1
@@ -159,7 +159,7 @@ def verify(
         design[:, :, :3] = factor * turning_derivatives(dirs[star], by_direction[star])
         design[:, :, 3] = factor * (ideal[star] - centre)
         scale = max(sigma, 0.1)
-        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / (3 * scale) ** 2)
+        weight = 1.0 / (1.0 + np.einsum("ni,ni->n", residual, residual) / (3 * scale) ** 2)
         weighted = design * weight[:, None, None]
         normal = np.einsum("nik,nil->kl", weighted, design)
         normal[3, 3] += (scale / FOCAL_PRIOR) ** 2
@@ -172,7 +172,7 @@ def verify(
         rotation = rotation_of(step[:3]) @ rotation
         log_f = float(np.clip(log_f + step[3], -0.12, 0.12))
         radius = min(radius, max(3.5 * sigma, 1.2))
-    length = np.linalg.norm(residual, axis=1)
+    length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
     crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
     best = 0.0
