@@ -21,6 +21,7 @@ from celnav.horizon import Place, horizontal_frame, place_from_rotation
 from celnav.identification.identify import Question, SearchConfig, identify
 from celnav.identification.sky_index import load_sky_index
 from celnav.identification.verification import Alignment, field_cone
+from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
 from celnav.problem import Problem, Stopwatch
 from celnav.refraction import unrefract_rays
 
@@ -122,7 +123,7 @@ class SkybenchSolver:
         adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
-        fix = _describe(prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence)
+        fix = _describe(problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence)
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -302,6 +303,27 @@ def _pairing_radius(sigma_px: float) -> float:
     return max(5.0 * sigma_px + 0.5, 1.5)
 
 
+def _seen_planets(
+    problem: Problem, prepared: _Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], F8]:
+    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals."""
+    camera = problem.observation.camera
+    n_bright = max(30, len(prepared.uv) // 10) if prepared.question.ranked else len(prepared.uv)
+    free = np.flatnonzero(~np.isin(prepared.rows[:n_bright], taken))
+    predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
+    visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
+    if not len(free) or not len(visible):
+        return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
+    scale = camera.radians_per_px(predicted[visible])
+    radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
+    seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
+    order = np.argsort(distance, kind="stable")
+    order = order[np.unique(planet[order], return_index=True)[1]]
+    seen, planet = free[seen[order]], visible[planet[order]]
+    pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
+    return pairs, prepared.uv[seen] - predicted[planet]
+
+
 def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
     """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
     centre = np.array([camera.cx_px, camera.cy_px])
@@ -326,6 +348,7 @@ def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, floa
 
 
 def _describe(
+    problem: Problem,
     prepared: _Prepared,
     stars: StarCatalog,
     adjusted: Adjusted,
@@ -341,6 +364,9 @@ def _describe(
     likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
     sure = np.sort(likely[np.unique(adjusted.star[likely], return_index=True)[1]])
     residuals = adjusted.residual_px[sure]
+    matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
+    inertial = adjusted.rotation @ to_terrestrial
+    planets, planet_residuals = _seen_planets(problem, prepared, adjusted, inertial, matches[:, 0])
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),
@@ -352,12 +378,10 @@ def _describe(
         ok=False,
         reason=Reason.OK,
         confidence=confidence,
-        matches=np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]])).astype(
-            np.int64
-        ),
+        matches=np.concatenate((matches.astype(np.int64), planets)),
         residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
-        residuals_px=residuals,
-        R_icrs_to_camera=adjusted.rotation @ to_terrestrial,
+        residuals_px=np.concatenate((residuals, planet_residuals)),
+        R_icrs_to_camera=inertial,
         limiting_mag=limiting_mag,
         log10_false_alarm=alignment.log10_false_alarm,
         details=details,
