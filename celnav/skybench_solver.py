@@ -366,7 +366,9 @@ def _describe(
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial
-    planets, planet_residuals = _seen_planets(problem, prepared, adjusted, inertial, matches[:, 0])
+    planets, planet_residuals = _seen_planets(
+        problem, prepared, adjusted, inertial, prepared.rows[adjusted.detection[sure]]
+    )
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),

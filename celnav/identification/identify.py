@@ -102,7 +102,7 @@ class SearchConfig:
     verified: int = 120
     candidates: int = 4
     max_log10_false_alarm: float = -8.0
-    max_lookups: int = 8_000_000
+    max_lookups: int = 7_000_000
 
 
 @dataclass(frozen=True, eq=False)
