@@ -55,7 +55,7 @@ class Stage:
     scored: int = 150
 
 
-PAIRS_AT_ONCE = 8
+PAIRS_AT_ONCE, HYPOTHESES_AT_ONCE = 8, 12_000
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
     Stage(4, (1, 3), *FINE, scored=40),
@@ -147,6 +147,7 @@ class Question:
 class Effort:
     """What the search has spent."""
 
+    limit: int
     lookups: int = 0
     hypotheses: int = 0
     best_log10_false_alarm: float = field(default=0.0)
@@ -154,14 +155,17 @@ class Effort:
 
 def identify(question: Question, index: SkyIndex, config: SearchConfig) -> tuple[Alignment | None, Effort]:
     """Return the orientation (ICRS to camera) that passes, or None, and the effort."""
-    effort = Effort()
-    for order, ranked in _orders(question):
+    effort = Effort(config.max_lookups)
+    orders = tuple(_orders(question))
+    for number, (order, ranked) in enumerate(orders):
+        # The order given is only a guess where there are no fluxes, and has a part of the effort.
+        effort.limit = config.max_lookups // (3 if number < len(orders) - 1 else 1)
         for stage, rotations, view, log_stars in _hypotheses(question, index, config, order, ranked, effort):
             found = _judge(question, index, config, stage, rotations, view, order, log_stars, effort)
             if found is not None:
                 return found, effort
-            if effort.lookups > config.max_lookups:
-                return None, effort
+            if effort.lookups > effort.limit:
+                break
     return None, effort
 
 
@@ -218,9 +222,13 @@ def _hypotheses(
         done.update((stage.sigma_px, int(i), int(j)) for i, j in pairs)
         # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
         slack = 5e-5 if question.up is not None else 6e-4
-        for chunk in np.array_split(pairs, math.ceil(len(pairs) / PAIRS_AT_ONCE)):
+        # Level by level more stars fit a pair; a few thousand hypotheses at a time are tried before the next.
+        window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
+        fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)
+        at_once = int(np.clip(HYPOTHESES_AT_ONCE / fitting, 1, PAIRS_AT_ONCE))
+        for chunk in np.array_split(pairs, math.ceil(len(pairs) / at_once)):
             yield stage, pair_hypotheses(view, chunk, level, index.xyz, stage.sigma_px, slack), view, scoring_stars
-            if effort.lookups > config.max_lookups:
+            if effort.lookups > effort.limit:
                 return
 
 

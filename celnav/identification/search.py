@@ -16,7 +16,9 @@ from celnav.identification.sky_index import F4, F8, Level, octahedral_cell
 
 Pairs = NDArray[np.intp]
 
-_BLOCK = 60_000  # lookups at a time: what stays in the processor's cache
+# Lookups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over threads,
+# which costs more than it gains.
+_BLOCK = 20_000
 _FIRST_LOOK = 36
 
 
@@ -176,7 +178,7 @@ def best_hypotheses(
     """
     weight = (1.0 / (tolerance_px * view.radians_per_px) ** 2).astype(np.float32)
     lookups = 0
-    if len(rotations) * len(view.rays) > 4 * _BLOCK and len(view.rays) > _FIRST_LOOK:
+    if len(rotations) * len(view.rays) > 12 * _BLOCK and len(view.rays) > _FIRST_LOOK:
         # Spread over all ranks: the brightest may be clutter.
         few = np.linspace(0, len(view.rays) - 1, _FIRST_LOOK).astype(np.intp)
         first = soft_count(rotations, view.rays[few], weight[few], level, xyz)

@@ -46,10 +46,12 @@ def test_arbitrary_positions_are_refused(uv, attitude, with_flux):
 @settings(max_examples=12, deadline=None)
 @given(uv=arrays(np.float64, (6, 2), elements=st.floats(allow_nan=True, allow_infinity=True)))
 def test_any_number_is_an_error_or_a_refusal(uv):
-    try:
+    usable = np.isfinite(uv).all() and CAMERA.in_frame(uv, 54.0).all()
+    if usable:
         assert not timed(uv, None).ok
-    except celnav.CelnavError as error:
-        assert "\n" not in str(error)
+    else:
+        with pytest.raises(celnav.CelnavError):
+            timed(uv, None)
 
 
 @pytest.mark.parametrize("attitude", ATTITUDES)
