@@ -154,7 +154,7 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
     flux = np.asarray(np.bincount(label, weights=values, minlength=n + 1)[good], dtype=np.float64)
     uv = np.column_stack((u, v))
     if config.trail_length is not None and len(uv):
-        length = _lengths(label, rows, columns, n)[good]
+        length = _lengths(label.astype(np.intp), rows, columns, n)[good]
         short = length <= config.trail_length * max(float(np.median(length)), 1.0)
         uv, flux = uv[short], flux[short]
     if config.window_sigma_px is None:
@@ -180,7 +180,7 @@ def centroid_sigma_px(flux: F8, noise: F8, window_sigma_px: float) -> F8:
     return np.asarray(np.hypot(np.minimum(background, 1.0), CENTROID_FLOOR_PX))
 
 
-def _lengths(label: NDArray[np.int_], rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> F8:
+def _lengths(label: NDArray[np.intp], rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> F8:
     """Length of each component along its longest axis, shape (n + 1,): four standard deviations of its pixels."""
     area = np.maximum(np.bincount(label, minlength=n + 1), 1)
 
