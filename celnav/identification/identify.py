@@ -261,7 +261,9 @@ def _judge(
         return None
     level = index.at_least(scoring_stars)
     tolerance = stage.tolerance_px
-    best, scores, lookups = best_hypotheses(rotations, view, tolerance, level, index.xyz, config.candidates)
+    # Single stars make few hypotheses, and each true detection only one: they get the longer look.
+    first_look = 36 if question.local is None else 80
+    best, scores, lookups = best_hypotheses(rotations, view, tolerance, level, index.xyz, config.candidates, first_look)
     effort.lookups += lookups
     effort.hypotheses += len(rotations)
     # What chance scores: half the probability that a star lies within the tolerance, for each detection.

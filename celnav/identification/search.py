@@ -19,7 +19,6 @@ Pairs = NDArray[np.intp]
 # Lookups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over threads,
 # which costs more than it gains.
 _BLOCK = 20_000
-_FIRST_LOOK = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,19 +169,19 @@ def soft_count(rotations: F4, rays: F4, inverse_square_tolerance: F4, level: Lev
 
 
 def best_hypotheses(
-    rotations: F4, view: View, tolerance_px: float, level: Level, xyz: F4, most: int
+    rotations: F4, view: View, tolerance_px: float, level: Level, xyz: F4, most: int, first_look: int = 36
 ) -> tuple[F4, F4, int]:
     """Return the rotations of the highest soft counts (at most `most`), those counts, and how many lookups it took.
 
-    Many hypotheses are first scored by a few detections, and only the better part of them by all.
+    Many hypotheses are first scored by a few detections, and only the better quarter of them by all.
     """
     weight = (1.0 / (tolerance_px * view.radians_per_px) ** 2).astype(np.float32)
     lookups = 0
-    if len(rotations) * len(view.rays) > 12 * _BLOCK and len(view.rays) > _FIRST_LOOK:
+    if len(rotations) * len(view.rays) > 12 * _BLOCK and len(view.rays) > first_look:
         # Spread over all ranks: the brightest may be clutter.
-        few = np.linspace(0, len(view.rays) - 1, _FIRST_LOOK).astype(np.intp)
+        few = np.linspace(0, len(view.rays) - 1, first_look).astype(np.intp)
         first = soft_count(rotations, view.rays[few], weight[few], level, xyz)
-        lookups += len(rotations) * _FIRST_LOOK
+        lookups += len(rotations) * first_look
         kept = max(400, len(rotations) // 4)
         if kept < len(rotations):
             rotations = rotations[np.argpartition(-first, kept)[:kept]]
