@@ -37,12 +37,10 @@ def planet_directions(utc: Utc) -> F8:
     tt1, tt2 = utc.tt
     heliocentric, barycentric = erfa.epv00(tt1, tt2)
     earth = np.asarray(heliocentric["p"])
-    dirs = []
-    for number in PLANETS:
-        late_days = 0.0
-        seen = np.zeros(3)
-        for _ in range(2):
-            seen = np.asarray(erfa.plan94(tt1, tt2 - late_days, number)["p"]) - earth
-            late_days = float(np.linalg.norm(seen)) * AU_PER_DAY_IN_C
-        dirs.append(seen / np.linalg.norm(seen))
-    return aberrate(np.array(dirs), np.asarray(barycentric["v"]) * AU_PER_DAY_IN_C)
+    numbers = np.array(list(PLANETS), dtype=np.int32)
+    seen, late_days = np.zeros((len(numbers), 3)), np.zeros(len(numbers))
+    for _ in range(2):
+        seen = np.asarray(erfa.plan94(tt1, tt2 - late_days, numbers)["p"]) - earth
+        late_days = np.linalg.norm(seen, axis=1) * AU_PER_DAY_IN_C
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    return aberrate(seen, np.asarray(barycentric["v"]) * AU_PER_DAY_IN_C)
