@@ -31,7 +31,7 @@ def peer_error_km(database, image, record, camera) -> float:
         centred, fov_estimate_deg=120.0, fov_max_error_deg=5.0, image_width=camera.width, image_height=camera.height,
         camera_model=tetra3rs.CameraModel(camera.f_px, camera.width, camera.height),
     )  # fmt: skip
-    if answer is None:
+    if answer is None or isinstance(answer, tetra3rs.SolveFailure):
         return np.inf
     utc = parse_utc(record["time"]["utc_mid"])
     up = np.array(record["attitude"]["R_cam"])[:, 2]
