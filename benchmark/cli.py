@@ -116,6 +116,17 @@ def doctor() -> None:
     raise typer.Exit(0 if all(check.ok for check in checks) else 1)
 
 
+@app.command("solver-speed", epilog="Exit status: 0 when every bar is reached, 1 otherwise.")
+def solver_speed(
+    fields: Annotated[int, typer.Option("--fields", min=1, help="Random fields of each condition.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the fields.")] = 2026,
+) -> None:
+    """Measure the default solver on random star fields: solved, wrong, accuracy, time."""
+    from benchmark.solver_table import solver_speed as measure_all
+
+    raise typer.Exit(0 if measure_all(fields, seed, typer.echo) else 1)
+
+
 @app.command()
 def demo(
     scenario: Annotated[Path, typer.Option("--scenario", help="Scenario to render.")] = Path("scenes/demo.yaml"),

@@ -16,7 +16,10 @@ from celnav.fix import Fix, Reason
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position
+from celnav.problem import LastKnown
+from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
+from celnav.track import Track, TrackConfig, TrackPoint
 
 __all__ = [
     "SOLVERS",
@@ -30,8 +33,14 @@ __all__ = [
     "Detections",
     "Fix",
     "History",
+    "LastKnown",
     "PositionConfig",
     "Reason",
+    "SkybenchConfig",
+    "SkybenchSolver",
+    "Track",
+    "TrackConfig",
+    "TrackPoint",
     "Weather",
     "ddr_solver",
     "detect",

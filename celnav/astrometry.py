@@ -58,7 +58,9 @@ def enu_rotation(lat_deg: float, lon_deg: float) -> F8:
     )
 
 
-def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientation) -> TerrestrialStars:
+def terrestrial_stars(
+    stars: StarCatalog, utc: Utc, orientation: EarthOrientation, to_terrestrial: F8 | None = None
+) -> TerrestrialStars:
     """Bring catalogue stars to the terrestrial frame at an instant.
 
     Parameters
@@ -69,6 +71,8 @@ def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientatio
         The instant.
     orientation : EarthOrientation
         UT1-UTC and polar motion then.
+    to_terrestrial : ndarray, shape (3, 3), optional
+        `celestial_to_terrestrial` of the instant, where it is at hand.
     """
     tt1, tt2 = utc.tt
     years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
@@ -83,10 +87,17 @@ def terrestrial_stars(stars: StarCatalog, utc: Utc, orientation: EarthOrientatio
     seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth["p"]
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
     seen = aberrate(seen, np.asarray(earth["v"]) * AU_PER_DAY_IN_C)
+    rotation = celestial_to_terrestrial(utc, orientation) if to_terrestrial is None else to_terrestrial
+    return TerrestrialStars(seen @ rotation.T)
+
+
+def celestial_to_terrestrial(utc: Utc, orientation: EarthOrientation) -> F8:
+    """Return the rotation, shape (3, 3), from the celestial (GCRS) to the terrestrial frame (ITRS), IAU 2006/2000A."""
+    tt1, tt2 = utc.tt
     celestial_to_intermediate = erfa.c2i06a(tt1, tt2)
     rotation_angle = erfa.era00(*utc.ut1(orientation.dut1_s))
     polar = erfa.pom00(orientation.xp_arcsec * ARCSEC, orientation.yp_arcsec * ARCSEC, erfa.sp00(tt1, tt2))
-    return TerrestrialStars(seen @ np.asarray(erfa.c2tcio(celestial_to_intermediate, rotation_angle, polar)).T)
+    return np.asarray(erfa.c2tcio(celestial_to_intermediate, rotation_angle, polar))
 
 
 def aberrate(dirs: F8, beta: F8) -> F8:

@@ -6,15 +6,21 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav import projection
 from celnav.errors import CameraError
 
-MODELS = ("pinhole",)
+PERSPECTIVE = ("pinhole", "brown_conrady")
+FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
+MODELS = (*PERSPECTIVE, *FISHEYE)
+# How many coefficients k and p each model takes; models that are absent take none.
+_COEFFICIENTS = {"brown_conrady": (6, 2), "kannala_brandt": (4, 0)}
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,8 @@ class Camera:
     Attributes
     ----------
     model : str
-        Projection; ``pinhole``.
+        Projection: ``pinhole``; ``brown_conrady`` (k1..k6, p1, p2 as OpenCV); ``kannala_brandt`` (k1..k4 as OpenCV's
+        ``fisheye``); ``equidistant``, ``equisolid``, ``stereographic``, ``orthographic``.
     width, height : int
         Size of the frame, pixels.
     f_px, fy_px : float
@@ -32,7 +39,7 @@ class Camera:
     cx_px, cy_px : float
         Principal point, pixels; the middle ((width - 1)/2, (height - 1)/2) unless given.
     k, p : tuple of float
-        Distortion coefficients; empty for a pinhole.
+        Distortion coefficients, as many as the model takes or fewer; empty for the ideal projections.
 
     Raises
     ------
@@ -69,8 +76,14 @@ class Camera:
             except (TypeError, ValueError):
                 raise CameraError(f"camera {name} must be a list of numbers") from None
             object.__setattr__(self, name, values)
-        if self.model == "pinhole" and any((*self.k, *self.p)):
-            raise CameraError("camera model 'pinhole' takes no distortion coefficients; leave k and p empty")
+        n_k, n_p = _COEFFICIENTS.get(self.model, (0, 0))
+        if not all(math.isfinite(value) for value in (*self.k, *self.p)):
+            raise CameraError("camera k and p must be finite numbers")
+        if any(self.k[n_k:]) or any(self.p[n_p:]):
+            takes = f"{n_k} coefficients k and {n_p} p" if n_k else "no distortion coefficients; leave k and p empty"
+            raise CameraError(f"camera model {self.model!r} takes {takes}")
+        object.__setattr__(self, "k", self.k[:n_k])
+        object.__setattr__(self, "p", self.p[:n_p])
 
     @classmethod
     def pinhole(cls, width: int, height: int, hfov_deg: float) -> Camera:
@@ -115,14 +128,23 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 3)
-            Unit vectors in the camera frame.
+            Unit vectors in the camera frame; NaN outside the image circle of a fisheye, and where a distortion has no
+            inverse.
         """
         uv = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
-        rays = np.ones((len(uv), 3))
-        rays[:, 0] = (uv[:, 0] - self.cx_px) / self.f_px
-        rays[:, 1] = (uv[:, 1] - self.cy_px) / self.fy_px
-        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        return rays
+        x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
+        if self.model in PERSPECTIVE:
+            if self.model == "brown_conrady":
+                x, y = projection.undistort(x, y, self.k, self.p, self._limit)
+            rays = np.ones((len(uv), 3))
+            rays[:, 0], rays[:, 1] = x, y
+            rays /= np.sqrt(x * x + y * y + 1.0)[:, None]
+            return rays
+        radius = np.hypot(x, y)
+        theta = projection.angle_of(self._law, radius, self.k, self._limit)
+        # On the axis the direction of the radius does not matter: its length is zero.
+        part = np.sin(theta) / np.where(radius > 0, radius, 1.0)
+        return np.column_stack((x * part, y * part, np.cos(theta)))
 
     def project(self, dirs: ArrayLike) -> NDArray[np.float64]:
         """Project directions.
@@ -135,11 +157,62 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 2)
-            Pixel positions; NaN where the direction is behind the camera.
+            Pixel positions; NaN where the camera cannot see: behind a perspective camera, or beyond the angle up to
+            which the distortion is one to one.
         """
         dirs = np.asarray(dirs, dtype=np.float64).reshape(-1, 3)
-        z = np.where(dirs[:, 2] > 0, dirs[:, 2], np.nan)
-        return np.column_stack((self.cx_px + self.f_px * dirs[:, 0] / z, self.cy_px + self.fy_px * dirs[:, 1] / z))
+        if self.model in PERSPECTIVE:
+            z = np.where(dirs[:, 2] > 0, dirs[:, 2], np.nan)
+            x, y = dirs[:, 0] / z, dirs[:, 1] / z
+            if self.model == "brown_conrady":
+                seen = x * x + y * y <= self._limit**2
+                x, y = projection.distort(np.where(seen, x, np.nan), np.where(seen, y, np.nan), self.k, self.p)
+        else:
+            across = np.hypot(dirs[:, 0], dirs[:, 1])
+            theta = np.arctan2(across, dirs[:, 2])
+            radius = projection.radius_of(self._law, np.where(theta <= self._limit, theta, np.nan), self.k)
+            part = radius / np.where(across > 0, across, 1.0)
+            x, y = dirs[:, 0] * part, dirs[:, 1] * part
+        return np.column_stack((self.cx_px + self.f_px * x, self.cy_px + self.fy_px * y))
+
+    def project_with_derivatives(self, dirs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Project unit vectors, shape (n, 3); also the derivatives by their components, shape (n, 2, 3)."""
+        uv = self.project(dirs)
+        by_direction = np.zeros((len(dirs), 2, 3))
+        if self.model == "pinhole":
+            x, y, z = dirs.T
+            inverse = 1.0 / np.where(z > 0, z, np.nan)
+            by_direction[:, 0, 0], by_direction[:, 1, 1] = self.f_px * inverse, self.fy_px * inverse
+            by_direction[:, 0, 2] = -self.f_px * x * inverse**2
+            by_direction[:, 1, 2] = -self.fy_px * y * inverse**2
+            return uv, by_direction
+        h = 1e-6
+        for axis in range(3):
+            step = np.zeros(3)
+            step[axis] = h
+            by_direction[:, :, axis] = (self.project(dirs + step) - self.project(dirs - step)) / (2 * h)
+        return uv, by_direction
+
+    @property
+    def _law(self) -> projection.Law:
+        return cast("projection.Law", self.model)
+
+    @cached_property
+    def _limit(self) -> float:
+        """Where the projection stops being one to one: tangent of the angle (perspective) or angle (fisheye)."""
+        if self.model == "brown_conrady":
+            return projection.distortion_limit(self.k)
+        return math.inf if self.model == "pinhole" else projection.largest_angle(self._law, self.k)
+
+    def radians_per_px(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Scale at pixel positions, shape (n,): the square root of the solid angle of a pixel there."""
+        if self.model == "pinhole":
+            x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
+            return np.asarray((1 + x * x + y * y) ** -0.75 / math.sqrt(self.f_px * self.fy_px))
+        h = 0.25
+        along_u = (self.to_rays(uv + np.array([h, 0])) - self.to_rays(uv - np.array([h, 0]))) / (2 * h)
+        along_v = (self.to_rays(uv + np.array([0, h])) - self.to_rays(uv - np.array([0, h]))) / (2 * h)
+        return np.asarray(np.sqrt(np.linalg.norm(np.cross(along_u, along_v), axis=1)))
 
     def in_frame(self, uv: NDArray[np.float64], margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Tell which positions, shape (n, 2), lie in the frame widened by `margin_px`; shape (n,)."""
@@ -147,9 +220,18 @@ class Camera:
         inside_u = (u >= -0.5 - margin_px) & (u <= self.width - 0.5 + margin_px)
         return np.asarray(inside_u & (v >= -0.5 - margin_px) & (v <= self.height - 0.5 + margin_px))
 
-    @property
+    @cached_property
     def solid_angle_sr(self) -> float:
-        """Solid angle of the frame in steradians: each corner pyramid of a pinhole subtends asin(sin a sin b)."""
+        """Solid angle of the frame in steradians.
+
+        Each corner pyramid of a pinhole subtends atan(x y / sqrt(1 + x^2 + y^2)); other models are integrated over a
+        grid of 64 x 64 points.
+        """
+        if self.model != "pinhole":
+            u = (np.arange(64) + 0.5) / 64 * self.width - 0.5
+            v = (np.arange(64) + 0.5) / 64 * self.height - 0.5
+            scale = self.radians_per_px(np.column_stack([axis.ravel() for axis in np.meshgrid(u, v)]))
+            return float(np.nansum(scale**2) * self.width * self.height / 64**2)
         right, left = (self.width - 0.5 - self.cx_px) / self.f_px, (self.cx_px + 0.5) / self.f_px
         down, up = (self.height - 0.5 - self.cy_px) / self.fy_px, (self.cy_px + 0.5) / self.fy_px
 

@@ -50,10 +50,11 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--attitude",
         required=True,
-        metavar="zenith-north-up|FILE",
-        help="camera at the zenith with north at the top, or JSON with R_cam (ENU to camera), or a frame record",
+        metavar="zenith-north-up|zenith|unknown|FILE",
+        help="zenith-north-up: camera at the zenith with north at the top; zenith: heading unknown; unknown: lost in "
+        "space, no position; or JSON with R_cam (ENU to camera), or a frame record",
     )
-    command.add_argument("--solver", default="thesis-adaptive", choices=solvers(), help="default: %(default)s")
+    command.add_argument("--solver", default="skybench", choices=solvers(), help="default: %(default)s")
     command.add_argument("--mask", metavar="FILE", help="image that is not black where pixels are NOT to be used")
     command.add_argument("--pressure-hpa", type=float, default=1010.0, help="for refraction; default: %(default)s")
     command.add_argument("--temperature-c", type=float, default=10.0, help="for refraction; default: %(default)s")
@@ -79,8 +80,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _solve(arguments: argparse.Namespace) -> tuple[Fix, Detections]:
     camera = Camera.from_json(arguments.camera)
+    attitude: Attitude | None
     if arguments.attitude == "zenith-north-up":
         attitude = Attitude.zenith_north_up()
+    elif arguments.attitude == "zenith":
+        attitude = Attitude.up([0.0, 0.0, 1.0])
+    elif arguments.attitude == "unknown":
+        attitude = None
     else:
         attitude = Attitude.from_json(arguments.attitude)
     mask = None

@@ -14,6 +14,8 @@ F8 = NDArray[np.float64]
 
 # The background is taken off in single precision; what is smaller than this part of the image is rounding.
 _FLOAT_ROUNDING = 4e-6
+# What pixels, blends and the point spread function leave in the centroid of the brightest star.
+CENTROID_FLOOR_PX = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +30,14 @@ class Detections:
         Light above the background, up to a constant factor of the image's unit; None where unknown.
     shape : tuple of int or None
         Height and width of the image they come from.
+    sigma_px : ndarray, shape (n,), or None
+        Standard deviation of each centroid along each axis, pixels; None where unknown.
     """
 
     uv: F8
     flux: F8 | None
     shape: tuple[int, int] | None = None
+    sigma_px: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -60,6 +65,10 @@ class DetectionConfig:
     window_sigma_px : float or None
         Refine the centroid under a Gaussian window of this width, which keeps the light of neighbours and the
         threshold's ragged edge out; None leaves the component's centroid as it is.
+    trail_length : float or None
+        A component more than three times as long as wide is the trail of a satellite or an aeroplane where it is longer
+        than this many pixels, or than this many times the median of such lengths in frames whose stars are streaks
+        themselves; None keeps all.
     """
 
     seed_sigma: float = 5.0
@@ -70,6 +79,7 @@ class DetectionConfig:
     float_floor: float = 1e-4
     weighted: bool = True
     window_sigma_px: float | None = 1.0
+    trail_length: float | None = 8.0
 
     def __post_init__(self) -> None:
         if not 0 < self.grow_sigma <= self.seed_sigma:
@@ -143,10 +153,48 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
     v = np.bincount(label, weights=weight * rows, minlength=n + 1)[good] / total
     flux = np.asarray(np.bincount(label, weights=values, minlength=n + 1)[good], dtype=np.float64)
     uv = np.column_stack((u, v))
-    if config.window_sigma_px is not None:
-        uv, flux = windowed_centroids(light, uv, config.window_sigma_px)
+    if config.trail_length is not None and len(uv):
+        length = _lengths(label.astype(np.intp), rows, columns, n)[good]
+        short = length <= config.trail_length * max(float(np.median(length)), 1.0)
+        uv, flux = uv[short], flux[short]
+    if config.window_sigma_px is None:
+        order = np.argsort(-flux, kind="stable")
+        return Detections(uv[order], flux[order], pixels.shape)
+    uv, flux = windowed_centroids(light, uv, config.window_sigma_px)
     order = np.argsort(-flux, kind="stable")
-    return Detections(uv[order], flux[order], pixels.shape)
+    uv, flux = uv[order], flux[order]
+    nearest = np.rint(uv).astype(np.intp)
+    at = np.clip(nearest[:, 1], 0, pixels.shape[0] - 1), np.clip(nearest[:, 0], 0, pixels.shape[1] - 1)
+    sigma = centroid_sigma_px(flux, noise[at].astype(np.float64), config.window_sigma_px)
+    return Detections(uv, flux, pixels.shape, sigma)
+
+
+def centroid_sigma_px(flux: F8, noise: F8, window_sigma_px: float) -> F8:
+    """Standard deviation of windowed centroids along each axis from the noise of the background, shape (n,), pixels.
+
+    The estimate 2 sum(w I x) / sum(w I) has the variance 4 N^2 sum(w^2 x^2) / sum(w I)^2; for a Gaussian window of
+    width s the sum in the numerator is pi s^4 / 2, and sum(w I) is half the flux. Pixels and blends leave
+    `CENTROID_FLOOR_PX` in any case.
+    """
+    background = 4 * noise * window_sigma_px**2 * np.sqrt(np.pi / 2) / np.maximum(flux, 1e-12)
+    return np.asarray(np.hypot(np.minimum(background, 1.0), CENTROID_FLOOR_PX))
+
+
+def _lengths(label: NDArray[np.intp], rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> F8:
+    """Length of each component along its longest axis, shape (n + 1,): four standard deviations of its pixels."""
+    area = np.maximum(np.bincount(label, minlength=n + 1), 1)
+
+    def mean(values: F8) -> F8:
+        return np.asarray(np.bincount(label, weights=values, minlength=n + 1) / area)
+
+    x, y = columns.astype(np.float64), rows.astype(np.float64)
+    mean_x, mean_y = mean(x), mean(y)
+    x, y = x - mean_x[label], y - mean_y[label]
+    xx, yy, xy = mean(x * x), mean(y * y), mean(x * y)
+    largest = (xx + yy) / 2 + np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
+    smallest = (xx + yy) - largest
+    # A round star is as wide as it is long, however bright: only what is narrow counts as a trail.
+    return np.where(largest > 9 * (smallest + 1 / 12), 4 * np.sqrt(largest), 0.0)
 
 
 def windowed_centroids(light: F4, uv: F8, sigma_px: float) -> tuple[F8, F8]:
@@ -272,21 +320,28 @@ def as_positions(uv: ArrayLike) -> F8:
 
 def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
     """Return validated detections for whatever `celnav.solve` accepts as such."""
-    shape = None
+    shape, sigma = None, None
     if isinstance(detections, Detections):
         if flux is not None:
             raise DetectionError("give flux either in the detections or as flux=, not both")
         positions, flux, shape = as_positions(detections.uv), detections.flux, detections.shape
+        if detections.sigma_px is not None:
+            sigma = _column("sigma_px", detections.sigma_px, len(positions))
+            if (sigma <= 0).any():
+                raise DetectionError("sigma_px must be positive")
     else:
         positions = as_positions(detections)
-    if flux is None:
-        return Detections(positions, None, shape)
+    brightness = None if flux is None else _column("flux", flux, len(positions))
+    return Detections(positions, brightness, shape, sigma)
+
+
+def _column(name: str, values: ArrayLike, n: int) -> F8:
     try:
-        brightness = np.array(flux, dtype=np.float64)
+        column = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise DetectionError("flux must be numbers of shape (n,)") from None
-    if brightness.shape != (len(positions),):
-        raise DetectionError(f"flux has shape {brightness.shape}; it must be ({len(positions)},), one per detection")
-    if not np.isfinite(brightness).all():
-        raise DetectionError("flux holds NaN or infinity")
-    return Detections(positions, brightness, shape)
+        raise DetectionError(f"{name} must be numbers of shape (n,)") from None
+    if column.shape != (n,):
+        raise DetectionError(f"{name} has shape {column.shape}; it must be ({n},), one per detection")
+    if not np.isfinite(column).all():
+        raise DetectionError(f"{name} holds NaN or infinity")
+    return column

@@ -21,6 +21,7 @@ class Reason(StrEnum):
     AMBIGUOUS = "ambiguous"
     INCONSISTENT = "inconsistent"
     ATTITUDE_REQUIRED = "attitude_required"
+    VERTICAL_REQUIRED = "vertical_required"
     NOT_CONVERGED = "not_converged"
 
 
@@ -50,6 +51,14 @@ class Fix:
         Index of the detection, star id (Hipparcos number, or minus the HR number where there is none).
     residual_rms_px : float
         Root mean square distance between matched detections and predicted stars, pixels; NaN without a position.
+    residuals_px : ndarray, shape (m, 2), or None
+        Observed minus predicted position of every match, pixels, where the solver tells.
+    R_icrs_to_camera : ndarray, shape (3, 3), or None
+        Inertial attitude: takes ICRS directions (as seen, aberration included) to the camera frame.
+    limiting_mag : float
+        Magnitude down to which the frame shows the catalogue's stars, estimated; NaN where the solver does not tell.
+    log10_false_alarm : float
+        Decimal logarithm of a bound on the probability that chance explains the identification; NaN where unknown.
     time_ms : mapping of str to float
         Time each stage took, milliseconds.
     solver : str
@@ -67,6 +76,10 @@ class Fix:
     confidence: float = 0.0
     matches: NDArray[np.int64] = field(default_factory=_no_matches)
     residual_rms_px: float = math.nan
+    residuals_px: NDArray[np.float64] | None = None
+    R_icrs_to_camera: NDArray[np.float64] | None = None
+    limiting_mag: float = math.nan
+    log10_false_alarm: float = math.nan
     time_ms: Mapping[str, float] = field(default_factory=dict)
     solver: str = ""
     details: Mapping[str, float | int | str] = field(default_factory=dict)
@@ -92,6 +105,10 @@ class Fix:
             "confidence": number(self.confidence),
             "matches": self.matches.tolist(),
             "residual_rms_px": number(self.residual_rms_px),
+            "residuals_px": None if self.residuals_px is None else self.residuals_px.round(4).tolist(),
+            "R_icrs_to_camera": None if self.R_icrs_to_camera is None else self.R_icrs_to_camera.tolist(),
+            "limiting_mag": number(self.limiting_mag),
+            "log10_false_alarm": number(self.log10_false_alarm),
             "time_ms": {stage: round(float(ms), 3) for stage, ms in self.time_ms.items()},
             "solver": self.solver,
             "details": dict(self.details),

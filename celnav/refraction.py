@@ -67,3 +67,48 @@ def _lift(dirs_enu: NDArray[np.float64], arcmin: NDArray[np.float64]) -> NDArray
     factor = cos_angle - dirs_enu[:, 2] * sin_angle / np.maximum(horizontal, 1e-12)
     factor = np.where(horizontal < 1e-9, 1.0, factor)
     return np.column_stack((dirs_enu[:, 0] * factor, dirs_enu[:, 1] * factor, z))
+
+
+LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
+
+
+def refraction_rad(
+    apparent_zenith_distance_rad: NDArray[np.float64],
+    pressure_hpa: float,
+    temperature_c: float,
+    relative_humidity: float = 0.5,
+    wavelength_um: float = 0.55,
+) -> NDArray[np.float64]:
+    """Refraction at apparent zenith distances, shape (n,), radians.
+
+    A tan z + B tan^3 z with ERFA's ``refco`` (good to 0.05 arcsec) above 15 deg of altitude; below it Bennett's formula,
+    scaled to meet the series there.
+
+    References
+    ----------
+    Hohenkerk & Sinclair 1985, NAO Technical Note 63; Stone 1996, PASP 108, 1051 (as cited by ERFA's ``refco``).
+    """
+    import erfa
+
+    a, b = erfa.refco(pressure_hpa, temperature_c, relative_humidity, wavelength_um)
+    seam = np.tan(np.radians(90 - LOWEST_ALTITUDE_OF_SERIES_DEG))
+    tangent = np.tan(np.minimum(apparent_zenith_distance_rad, np.radians(90 - LOWEST_ALTITUDE_OF_SERIES_DEG)))
+    series = tangent * (a + b * tangent**2)
+    altitude_deg = 90 - np.degrees(apparent_zenith_distance_rad)
+    low = altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG
+    if not low.any():
+        return np.asarray(series)
+    factor = seam * (a + b * seam**2) / bennett_arcmin(LOWEST_ALTITUDE_OF_SERIES_DEG)
+    return np.where(low, factor * bennett_arcmin(altitude_deg), series)
+
+
+def unrefract_rays(
+    rays: NDArray[np.float64], up: NDArray[np.float64], pressure_hpa: float, temperature_c: float
+) -> NDArray[np.float64]:
+    """Take apparent unit vectors, shape (n, 3), of any frame to geometric ones, given the vertical, shape (3,)."""
+    height = rays @ up
+    outward = up - height[:, None] * rays
+    length = np.sqrt(np.einsum("ni,ni->n", outward, outward))
+    angle = refraction_rad(np.arctan2(length, height), pressure_hpa, temperature_c)
+    away = outward / np.maximum(length, 1e-12)[:, None]
+    return np.asarray(rays * np.cos(angle)[:, None] - away * np.sin(angle)[:, None])

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,45 +17,12 @@ from celnav.fix import Fix, Reason
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig, DdrMatcher, Matcher, Observation
 from celnav.position import PositionConfig, Weather, fix_position
+from celnav.problem import LastKnown, Problem, Solver, Stopwatch
+from celnav.skybench_solver import SkybenchSolver
 from celnav.utc import Utc, parse_utc
 
 # Centroid noise may push a star over the edge, but not by this part of the frame's width.
 OUTSIDE_FRAME_PART = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """One frame's question, validated."""
-
-    observation: Observation
-    utc: Utc
-    attitude: Attitude | None
-    weather: Weather
-    dut1_s: float | None
-
-
-class Solver(Protocol):
-    """Turns a problem into a fix."""
-
-    def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
-        """Solve; stages are timed with `clock`."""
-        ...
-
-
-@dataclass
-class Stopwatch:
-    """Times stages, in milliseconds."""
-
-    time_ms: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside under `name`."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.time_ms[name] = self.time_ms.get(name, 0.0) + 1000 * (time.perf_counter() - start)
 
 
 @dataclass(frozen=True)
@@ -83,6 +46,8 @@ class MatchThenFix:
     def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
         """Solve a problem whose attitude is wholly known; refuse any other."""
         attitude = problem.attitude
+        if not np.isfinite(problem.observation.rays).all():
+            return Fix.refusal(Reason.INCONSISTENT, "detections outside the camera's image circle: remove them")
         if attitude is None or attitude.kind != "rotation":
             return Fix.refusal(
                 Reason.ATTITUDE_REQUIRED, "this solver needs the whole attitude, heading included: give R_cam"
@@ -125,6 +90,7 @@ def ddr_solver(config: DdrConfig, position: PositionConfig | None = None) -> Mat
 
 SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
     {
+        "skybench": SkybenchSolver(),
         "thesis-baseline": ddr_solver(THESIS_BASELINE),
         "thesis-adaptive": ddr_solver(THESIS_ADAPTIVE),
     }
@@ -141,13 +107,14 @@ def solve(
     camera: Camera,
     utc: str | datetime | Utc,
     attitude: Attitude | ArrayLike | None,
-    solver: str | Solver = "thesis-adaptive",
+    solver: str | Solver = "skybench",
     history: History | None = None,
     *,
     flux: ArrayLike | None = None,
     pressure_hpa: float = 1010.0,
     temperature_c: float = 10.0,
     dut1_s: float | None = None,
+    near: LastKnown | None = None,
 ) -> Fix:
     """Find where a frame was taken.
 
@@ -162,7 +129,7 @@ def solve(
     attitude : 3x3 array_like, Attitude or None
         `R_cam` (ENU to camera), or what is known of it.
     solver : str or callable
-        One of `celnav.solvers()`, or a solver made with `ddr_solver`.
+        One of `celnav.solvers()`, or a solver made with `ddr_solver` or `SkybenchSolver`.
     history : History, optional
         What earlier frames taught, for solvers that use it. Read and extended; without it every frame stands alone.
     flux : array_like, shape (n,), optional
@@ -171,6 +138,8 @@ def solve(
         Air at the observer, for refraction; pressure 0 means none.
     dut1_s : float, optional
         UT1-UTC in seconds; from the IERS table unless given.
+    near : LastKnown, optional
+        A position and a radius within which the answer lies; solvers of the thesis do not use it.
 
     Returns
     -------
@@ -190,11 +159,12 @@ def solve(
         seen = as_detections(detections, flux)
         _check_fit(seen, camera)
         problem = Problem(
-            Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera),
+            Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera, seen.sigma_px),
             parse_utc(utc),
             as_attitude(attitude),
             Weather(pressure_hpa, temperature_c),
             dut1_s,
+            near,
         )
     fix = chosen(problem, history, clock)
     clock.time_ms["total"] = sum(clock.time_ms.values())

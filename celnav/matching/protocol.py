@@ -28,12 +28,15 @@ class Observation:
         Brightness in any linear unit.
     camera : Camera
         The camera.
+    sigma_px : ndarray, shape (n,), or None
+        Standard deviation of each position along each axis, where known.
     """
 
     uv: NDArray[np.float64]
     rays: NDArray[np.float64]
     flux: NDArray[np.float64] | None
     camera: Camera
+    sigma_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

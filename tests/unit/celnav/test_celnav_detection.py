@@ -84,3 +84,33 @@ def test_unweighted_centroid_is_the_middle_of_the_component():
     np.testing.assert_allclose(celnav.detect(image, config=config).uv, [[11.5, 10.0]])
     config = celnav.DetectionConfig(window_sigma_px=None)
     np.testing.assert_allclose(celnav.detect(image, config=config).uv, [[12.5, 10.0]])
+
+
+def test_a_trail_is_no_star():
+    image, truth, _ = star_field(np.random.default_rng(2))
+    u = np.arange(40, 280)
+    v = 60.5 + 0.4 * (u - 40)
+    for shift in (-1, 0, 1):
+        image[np.rint(v).astype(int) + shift, u] += 600
+    found = celnav.detect(image)
+    kept = celnav.detect(image, config=celnav.DetectionConfig(trail_length=None))
+    assert len(kept) > len(found)
+    from_line = np.abs(found.uv[:, 1] - (60.5 + 0.4 * (found.uv[:, 0] - 40)))
+    is_star = np.linalg.norm(found.uv[:, None] - truth, axis=2).min(axis=1) < 1
+    assert not ((from_line < 2) & ~is_star).any()
+    assert is_star.mean() > 0.95
+
+
+def test_centroid_sigmas_are_those_of_the_errors():
+    """Normalised errors of faint stars on a bright sky have unit variance (900 numbers: 5 sigma are 12 %)."""
+    errors = []
+    for seed in range(12):
+        image, truth, _ = star_field(np.random.default_rng(seed), peak=(120, 200))
+        found = celnav.detect(image)
+        distance = np.linalg.norm(found.uv[:, None] - truth, axis=2)
+        match = distance.argmin(axis=1)
+        near = distance.min(axis=1) < 1.5
+        errors.append(((found.uv - truth[match]) / found.sigma_px[:, None])[near])
+    squares = np.concatenate(errors).ravel() ** 2
+    assert len(squares) > 700
+    assert 0.7 < squares.mean() < 1.4

@@ -1,0 +1,301 @@
+"""Adjustment of the whole field: one least-squares problem over all stars for orientation, and the camera if asked.
+
+A detection is one of the stars predicted near it, or clutter: the probability of each, from the distance, the noise and
+the density of unexplained detections, is a weight (expectation maximisation; Dempster, Laird & Rubin 1977, J. R.
+Statist. Soc. B 39, 1). It is a robust loss whose scale comes from the frame. The covariance is the inverse of the
+observed information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which knows what confusion costs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+from celnav.identification.verification import rotation_of, turning_derivatives
+
+F8 = NDArray[np.float64]
+
+PARAMETERS = ("log_f", "cx_px", "cy_px", "q1", "q2")
+
+
+@dataclass(frozen=True)
+class CameraPriors:
+    """Standard deviations of what self-calibration may change; zero keeps the camera's value.
+
+    Attributes
+    ----------
+    focal : float
+        Of the logarithm of the focal length.
+    centre_px : float
+        Of the principal point along each axis.
+    distortion : float
+        Of the two radial terms: positions move from the principal point by the factor 1 + q1 r^2 + q2 r^4, with r the
+        distance from it over half the diagonal of the frame.
+    """
+
+    focal: float = 0.0
+    centre_px: float = 0.0
+    distortion: float = 0.0
+
+    @property
+    def sigmas(self) -> F8:
+        """Standard deviations in the order of `PARAMETERS`."""
+        return np.array([self.focal, self.centre_px, self.centre_px, self.distortion, self.distortion])
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """The orientation that explains the field best.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Terrestrial frame to camera.
+    cov : ndarray, shape (3 + k, 3 + k)
+        Covariance of a small rotation in the camera frame (rad^2), then of the camera parameters that were free.
+    camera_values, camera_sigmas : ndarray, shape (5,)
+        What was added to the camera, in the order of `PARAMETERS`, and standard deviations (0: kept fixed).
+    detection, star : ndarray, shape (m,)
+        Pairs that may belong together: rows of the positions and of the stars.
+    weight : ndarray, shape (m,)
+        Probability that they do.
+    residual_px : ndarray, shape (m, 2)
+        Observed minus predicted.
+    sigma_px : float
+        Estimated standard deviation of a centroid along each axis (for detections of unit relative sigma).
+    """
+
+    rotation: F8
+    cov: F8
+    camera_values: F8
+    camera_sigmas: F8
+    detection: NDArray[np.intp]
+    star: NDArray[np.intp]
+    weight: F8
+    residual_px: F8
+    sigma_px: float
+
+
+def predict(camera: Camera, dirs: F8, values: F8) -> F8:
+    """Project directions, shape (n, 3), with the camera changed by `values` (in the order of `PARAMETERS`)."""
+    return _changed(camera, camera.project(dirs), values)
+
+
+def _changed(camera: Camera, ideal: F8, values: F8) -> F8:
+    if not values.any():
+        return ideal
+    from_centre = ideal - [camera.cx_px, camera.cy_px]
+    r2 = np.einsum("ni,ni->n", from_centre, from_centre) / _half_diagonal(camera) ** 2
+    factor = math.exp(values[0]) * (1 + values[3] * r2 + values[4] * r2**2)
+    return np.asarray([camera.cx_px + values[1], camera.cy_px + values[2]] + factor[:, None] * from_centre)
+
+
+def _half_diagonal(camera: Camera) -> float:
+    return math.hypot(camera.width, camera.height) / 2
+
+
+def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
+    """Derivatives of predicted positions by rotation and by the free camera parameters, shape (n, 2, 3 + k)."""
+    ideal, by_direction = camera.project_with_derivatives(dirs)
+    factor = np.full((len(dirs), 1), math.exp(values[0]))
+    design = np.empty((len(dirs), 2, 3 + len(free)))
+    if len(free):
+        from_centre = ideal - [camera.cx_px, camera.cy_px]
+        r2 = (np.einsum("ni,ni->n", from_centre, from_centre) / _half_diagonal(camera) ** 2)[:, None]
+        focal = math.exp(values[0])
+        factor = focal * (1 + values[3] * r2 + values[4] * r2**2)
+        ones, zeros = np.ones(len(dirs)), np.zeros(len(dirs))
+        for k, parameter in enumerate(free):
+            if parameter == 0:
+                design[:, :, 3 + k] = factor * from_centre
+            elif parameter <= 2:
+                design[:, :, 3 + k] = np.column_stack((ones, zeros) if parameter == 1 else (zeros, ones))
+            else:
+                design[:, :, 3 + k] = focal * r2 ** (parameter - 2) * from_centre
+    # The distortion's own change along the radius is of second order in it.
+    design[:, :, :3] = factor[:, :, None] * turning_derivatives(dirs, by_direction)
+    return design
+
+
+def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
+    """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,)."""
+    from scipy.spatial import cKDTree
+
+    if not len(seen) or not len(predicted):
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), np.empty(0)
+    trees = [cKDTree(points, balanced_tree=False, compact_nodes=False) for points in (seen, predicted)]
+    pairs = trees[0].sparse_distance_matrix(trees[1], radius_px, output_type="ndarray")
+    return pairs["i"].astype(np.intp), pairs["j"].astype(np.intp), np.asarray(pairs["v"])
+
+
+def associate(
+    detection: NDArray[np.intp], star: NDArray[np.intp], ratio: F8, link: F8, rounds: int = 2
+) -> tuple[F8, F8]:
+    """Probabilities that pairs belong together when a detection is at most one star, and a star one detection.
+
+    Belief propagation (Williams & Lau 2014, IEEE Trans. Aerosp. Electron. Syst. 50(4) 2942).
+
+    Parameters
+    ----------
+    detection, star : ndarray, shape (m,)
+        The pairs.
+    ratio : ndarray, shape (m,)
+        Likelihood of the pair over that of clutter and a star not seen.
+    link : ndarray, shape (m,)
+        Messages from detections to stars, to start from; ones at first.
+    rounds : int
+        Of the propagation.
+
+    Returns
+    -------
+    Probabilities, shape (m,), and the messages.
+    """
+    for _ in range(rounds):
+        offered = ratio * link
+        by_star = np.bincount(star, weights=offered)[star] - offered
+        answer = ratio / (1 + np.maximum(by_star, 0))
+        by_detection = np.bincount(detection, weights=answer)[detection] - answer
+        link = 1 / (1 + np.maximum(by_detection, 0))
+    offered = ratio * link
+    return np.asarray(offered / (1 + np.bincount(star, weights=offered)[star])), link
+
+
+def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float) -> tuple[F8, F8, F8]:
+    """Information of the pairs if it were known which belong together, the observed one, and the gradient.
+
+    Pairs are sorted by detection; `starts` holds the first of each.
+    """
+    rows = design.reshape(-1, design.shape[2])
+    weights = np.repeat(weight, 2)
+    complete = rows.T @ (rows * weights[:, None]) / variance
+    scores = np.einsum("nij,ni->nj", design, residual) / variance
+    weighted = scores * weight[:, None]
+    of_detection = np.add.reduceat(weighted, starts, axis=0)
+    return complete, complete - weighted.T @ scores + of_detection.T @ of_detection, weighted.sum(axis=0)
+
+
+def adjust(
+    camera: Camera,
+    uv: F8,
+    relative_sigma: F8 | None,
+    stars: F8,
+    pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
+    rotation: F8,
+    *,
+    values: F8,
+    sigma_px: float,
+    priors: CameraPriors,
+    area_px: float,
+    min_sigma_px: float = 0.01,
+    max_rounds: int = 40,
+) -> Adjusted | None:
+    """Fit the field.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera as it is thought to be.
+    uv : ndarray, shape (n, 2)
+        Detections, refraction taken off.
+    relative_sigma : ndarray, shape (n,), or None
+        Standard deviations of the detections up to a common factor.
+    stars : ndarray, shape (k, 3)
+        Directions of the stars of the field that are bright enough to be seen, terrestrial frame.
+    pairs : tuple of two ndarrays, shape (m,)
+        Rows of detections and of stars that may belong together.
+    rotation : ndarray, shape (3, 3)
+        Terrestrial frame to camera, nearly.
+    values : ndarray, shape (5,)
+        Starting values of the camera parameters, in the order of `PARAMETERS`.
+    sigma_px : float
+        First guess of the noise.
+    priors : CameraPriors
+        What may change in the camera.
+    area_px : float
+        Area of the image that can hold stars.
+    min_sigma_px : float
+        Floor of the estimated noise: catalogue and refraction are no better.
+    max_rounds : int
+        Of the iteration.
+
+    Returns
+    -------
+    Adjusted or None
+        None where fewer stars remain than the unknowns need, or the information is not positive.
+    """
+    sigmas = priors.sigmas
+    free = np.flatnonzero(sigmas > 0)
+    n_free = 3 + len(free)
+    detection, star = pairs
+    if 2 * len(detection) < n_free + 3:
+        return None
+    order = np.argsort(detection, kind="stable")
+    detection, star = detection[order], star[order]
+    starts = np.flatnonzero(np.diff(detection, prepend=-1))
+    prior = np.zeros(n_free)
+    prior[3:] = 1 / sigmas[free] ** 2
+    own = np.ones(len(detection))
+    if relative_sigma is not None:
+        own = (relative_sigma / np.median(relative_sigma))[detection]
+    dirs, observed = stars[star], uv[detection]
+    design = _design(camera, dirs @ rotation.T, values, free)
+    share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
+    link = np.ones(len(detection))
+    weight, residual = np.empty(0), np.empty((0, 2))
+    covariance: F8 = np.empty((0, 0))
+    for round_ in range(max_rounds):
+        residual = observed - predict(camera, dirs @ rotation.T, values)
+        square = np.einsum("ni,ni->n", residual, residual) / own**2
+        clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
+        ratio = share / (1 - share) / clutter / (2 * math.pi * (sigma_px * own) ** 2)
+        weight, link = associate(detection, star, ratio * np.exp(-0.5 * square / sigma_px**2), link)
+        n_explained = float(weight.sum())
+        if 2 * n_explained < n_free + 2:
+            return None
+        share = min(max(n_explained / len(stars), 0.02), 0.998)
+        variance = max(float(np.sum(weight * square)) / (2 * n_explained - n_free), min_sigma_px**2)
+        settled = abs(variance / sigma_px**2 - 1) < 0.01
+        sigma_px = math.sqrt(variance)
+        complete, observed_information, gradient = _information(
+            design / own[:, None, None], residual / own[:, None], weight, starts, variance
+        )
+        complete += np.diag(prior)
+        observed_information += np.diag(prior)
+        gradient[3:] -= prior[3:] * values[free]
+        try:
+            positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
+            covariance = np.asarray(np.linalg.inv(observed_information if positive else complete), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return None
+        # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
+        damped = 0.5 * (complete + observed_information) if positive else complete
+        step = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
+        rotation = rotation_of(step[:3]) @ rotation
+        values = values.copy()
+        values[free] += step[3:]
+        # A thirtieth of the standard deviation that the step has.
+        if round_ and settled and positive and float(step @ observed_information @ step) < 1e-3:
+            break
+    else:
+        if not positive:
+            return None
+    camera_sigmas = np.zeros(5)
+    camera_sigmas[free] = np.sqrt(np.diag(covariance)[3:])
+    return Adjusted(rotation, covariance, values, camera_sigmas, detection, star, weight, residual, float(sigma_px))
+
+
+def without_focal(adjusted: Adjusted) -> Adjusted:
+    """Return what an adjustment with the focal length alone free would be with it held: the conditional Gaussian."""
+    covariance = adjusted.cov
+    gain = covariance[:3, 3] / covariance[3, 3]
+    return replace(
+        adjusted,
+        rotation=rotation_of(-gain * adjusted.camera_values[0]) @ adjusted.rotation,
+        cov=covariance[:3, :3] - np.outer(gain, covariance[3, :3]),
+        camera_values=np.zeros(5),
+        camera_sigmas=np.zeros(5),
+    )

@@ -1,0 +1,140 @@
+"""Position from the orientation of the camera to the stars and what is known of its orientation to the horizon.
+
+The stars give the rotation from the terrestrial frame to the camera with a covariance; the attitude gives the rotation
+from east-north-up to the camera, or a part of it. Their quotient is the local frame of the observer: three numbers for
+the two unknowns, weighted by both covariances (Gauss-Markov), so that an unknown heading, an uncertain tilt and an exact
+attitude are one formula.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.astrometry import enu_rotation
+from celnav.attitude import Attitude
+from celnav.position import WGS84_A_KM, WGS84_E2
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A position from an orientation.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg : float
+        Geodetic position.
+    cov_km2 : ndarray, shape (2, 2)
+        East-north.
+    heading_off_deg : float
+        How far the heading that the stars imply is from the one given; NaN where none was given.
+    chi2 : float
+        Square of that in standard deviations, one degree of freedom; 0 where no heading was given.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    cov_km2: F8
+    heading_off_deg: float
+    chi2: float
+
+
+@lru_cache(maxsize=64)
+def horizontal_frame(attitude: Attitude) -> F8:
+    """Return R_cam, shape (3, 3); for an attitude of unknown heading any that has the zenith where it belongs.
+
+    The array is shared: it cannot be written to.
+    """
+    if attitude.kind == "rotation":
+        frame = attitude.R_cam
+        frame.setflags(write=False)
+        return frame
+    up = np.array(attitude.rows[0])
+    least = np.zeros(3)
+    least[int(np.argmin(np.abs(up)))] = 1.0
+    east = np.cross(least, up)
+    east /= np.linalg.norm(east)
+    frame = np.column_stack((east, np.cross(up, east), up))
+    frame.setflags(write=False)
+    return frame
+
+
+def rotation_vector(rotation: F8) -> F8:
+    """Return the rotation vector, shape (3,), of a rotation matrix by less than half a turn."""
+    antisymmetric = 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    sine = float(np.linalg.norm(antisymmetric))
+    angle = math.atan2(sine, (float(np.trace(rotation)) - 1) / 2)
+    return antisymmetric if sine < 1e-12 else np.asarray(antisymmetric * (angle / sine))
+
+
+def radii_km(lat_rad: float) -> tuple[float, float]:
+    """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km."""
+    curvature = 1 - WGS84_E2 * math.sin(lat_rad) ** 2
+    return WGS84_A_KM / math.sqrt(curvature), WGS84_A_KM * (1 - WGS84_E2) / curvature**1.5
+
+
+def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:
+    """Find the position.
+
+    Parameters
+    ----------
+    terrestrial_to_camera : ndarray, shape (3, 3)
+        Rotation from ITRS to the camera, from the stars.
+    cov_rad2 : ndarray, shape (3, 3)
+        Covariance of its error as a small rotation in the camera frame.
+    attitude : Attitude
+        What is known of the horizon.
+    """
+    R_cam = horizontal_frame(attitude)
+    local = R_cam.T @ terrestrial_to_camera
+    covariance = R_cam.T @ cov_rad2 @ R_cam
+    covariance[0, 0] += math.radians(attitude.tilt_deg) ** 2
+    covariance[1, 1] += math.radians(attitude.tilt_deg) ** 2
+    with_heading = attitude.kind == "rotation"
+    if with_heading:
+        covariance[2, 2] += math.radians(attitude.heading_deg) ** 2
+    zenith = local[2]
+    lat, lon = math.asin(max(-1.0, min(1.0, float(zenith[2])))), math.atan2(float(zenith[1]), float(zenith[0]))
+    if not with_heading:
+        # The frame's heading is arbitrary: to the true east and north it is a turn about the vertical.
+        heading = local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T
+        (ee, en), (_, nn) = (heading.T @ covariance @ heading)[:2, :2]
+        # A turn about east moves the position north, one about north moves it west.
+        return Place(math.degrees(lat), math.degrees(lon), _to_km(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0)
+    information = np.linalg.inv(covariance)
+    free_of_heading = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
+    heading_off = float(free_of_heading[2])
+    normal = np.eye(2)
+    turn = free_of_heading
+    for _ in range(20):
+        turn = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
+        cos_lat = max(math.cos(lat), 1e-9)
+        design = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.sin(lat) / cos_lat, 0.0]])
+        normal = design.T @ information @ design
+        east, north = np.linalg.solve(normal, design.T @ information @ turn)
+        lat += float(np.clip(north, -0.1, 0.1))
+        lon += float(east) / cos_lat
+        if abs(lat) > math.pi / 2:
+            lat, lon = math.copysign(math.pi, lat) - lat, lon + math.pi
+        if math.hypot(float(east), float(north)) < 1e-12:
+            break
+    return Place(
+        math.degrees(lat),
+        math.degrees(math.remainder(lon, 2 * math.pi)),
+        _to_km(np.asarray(np.linalg.inv(normal), dtype=np.float64), lat),
+        math.degrees(heading_off),
+        float(turn @ information @ turn),
+    )
+
+
+def _to_km(cov_rad2: F8, lat_rad: float) -> F8:
+    scale = np.array(radii_km(lat_rad))
+    return np.asarray(cov_rad2 * scale[:, None] * scale)

@@ -1,0 +1,1 @@
+"""Identification of the solver ``skybench``: hypotheses from bright detections, verified against the whole field."""

@@ -1,0 +1,165 @@
+"""Tables of the sky that identification looks things up in, built once and cached on disk.
+
+A *level* is the N brightest stars of the sky, for N = 100, 200, … 12800: brightness ranks need no photometric zero
+point, so the level follows from how many detections there are in what solid angle. Each level has
+
+- its pairs of stars sorted by separation (Mortari's k-vector idea, with a binary search), for hypotheses;
+- the nearest star of every cell of an octahedral map of the sphere, for scoring thousands of hypotheses at once.
+
+Sources: Mortari et al. 2004, "The Pyramid Star Identification Technique", Navigation 51(3) 171 (pairs by separation);
+Cigolle et al. 2014, "Survey of Efficient Representations for Independent Unit Vectors", JCGT 3(2) (octahedral map).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.cache import cached, digest
+from celnav.catalog import load_catalog, propagate
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+I2 = NDArray[np.int16]
+
+LEVELS = (100, 200, 400, 800, 1600, 3200, 6400, 12800)
+# Widest pairs of each level, degrees: together they keep the tables at some 1.5 million pairs.
+PAIR_LIMIT_DEG = (180.0, 180.0, 180.0, 180.0, 60.0, 25.0, 15.0, 9.0)
+# Positions of the tables are of this year: identification tolerates what stars move in a few decades.
+EPOCH_JYEAR = 2015.0
+MAP_SIDE = 512
+BLEND_ARCSEC = 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The `n` brightest stars of the sky.
+
+    Attributes
+    ----------
+    n : int
+        How many.
+    pair_limit_rad : float
+        Pairs are listed up to this separation.
+    separation_rad : ndarray of float32, shape (p,)
+        Separations of the pairs, ascending.
+    first, second : ndarray of int16, shape (p,)
+        The pairs' stars (rows of the index).
+    nearest : ndarray of int16, shape (MAP_SIDE**2,)
+        The star nearest to the middle of each cell of the octahedral map.
+    """
+
+    n: int
+    pair_limit_rad: float
+    separation_rad: F4
+    first: I2
+    second: I2
+    nearest: I2
+
+
+@dataclass(frozen=True, eq=False)
+class SkyIndex:
+    """All levels over one list of stars.
+
+    Attributes
+    ----------
+    xyz : ndarray of float32, shape (n, 3)
+        ICRS unit vectors at `EPOCH_JYEAR`, brightest first; fainter components within `BLEND_ARCSEC` are left out.
+    levels : tuple of Level
+        Ascending.
+    """
+
+    xyz: F4
+    levels: tuple[Level, ...]
+
+    def at_least(self, n: float, reach_rad: float = 0.0) -> Level:
+        """Return the smallest level of `n` stars or more whose pairs reach `reach_rad`.
+
+        Where no level has both, the deepest that reaches is returned.
+        """
+        reaching = [level for level in self.levels if level.pair_limit_rad >= reach_rad] or [self.levels[0]]
+        return next((level for level in reaching if level.n >= n), reaching[-1])
+
+
+def octahedral_cell(x: F4, y: F4, z: F4) -> NDArray[np.int32]:
+    """Return the cell of the octahedral map for components of directions of any shape."""
+    norm = np.abs(x)
+    norm += np.abs(y)
+    norm += np.abs(z)
+    scale = 1.0 / norm
+    p, q = x * scale, y * scale
+    below = z < 0
+    folded_p = np.copysign(1.0 - np.abs(q), p)
+    folded_q = np.copysign(1.0 - np.abs(p), q)
+    half = np.float32(MAP_SIDE / 2)
+    column = ((np.where(below, folded_p, p) + np.float32(1.0)) * half).astype(np.int32)
+    row = ((np.where(below, folded_q, q) + np.float32(1.0)) * half).astype(np.int32)
+    np.minimum(column, MAP_SIDE - 1, out=column)
+    np.minimum(row, MAP_SIDE - 1, out=row)
+    return row * MAP_SIDE + column
+
+
+def octahedral_centres() -> F8:
+    """Return unit vectors of the middles of all cells, shape (MAP_SIDE**2, 3)."""
+    axis = (np.arange(MAP_SIDE) + 0.5) / MAP_SIDE * 2 - 1
+    q, p = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    z = 1 - np.abs(p) - np.abs(q)
+    x = np.where(z < 0, np.copysign(1 - np.abs(q), p), p)
+    y = np.where(z < 0, np.copysign(1 - np.abs(p), q), q)
+    centres = np.column_stack((x, y, z))
+    return np.asarray(centres / np.linalg.norm(centres, axis=1, keepdims=True))
+
+
+def _build() -> dict[str, NDArray[np.generic]]:
+    from scipy.spatial import cKDTree
+
+    catalog = load_catalog()
+    brightest = catalog.take(np.arange(min(len(catalog), 2 * LEVELS[-1])))
+    table = {name: getattr(brightest, name) for name in ("ra_rad", "dec_rad", "pm_ra_mas_yr", "pm_dec_mas_yr")}
+    xyz = propagate(table, EPOCH_JYEAR - brightest.epoch_jyear)
+    close = cKDTree(xyz).query_pairs(np.radians(BLEND_ARCSEC / 3600), output_type="ndarray")
+    alone = np.ones(len(xyz), dtype=bool)
+    alone[close.max(axis=1)] = False  # sorted by magnitude, so the larger row is the fainter star
+    xyz = xyz[alone][: LEVELS[-1]]
+    arrays: dict[str, NDArray[np.generic]] = {"xyz": xyz.astype(np.float32)}
+    centres = octahedral_centres()
+    for n, limit_deg in zip(LEVELS, PAIR_LIMIT_DEG, strict=True):
+        tree = cKDTree(xyz[:n])
+        if limit_deg >= 180:
+            first, second = np.triu_indices(n, 1)
+        else:
+            first, second = tree.query_pairs(2 * np.sin(np.radians(limit_deg) / 2), output_type="ndarray").T
+        chord = np.linalg.norm(xyz[first] - xyz[second], axis=1)
+        order = np.argsort(chord, kind="stable")
+        arrays[f"separation_rad_{n}"] = (2 * np.arcsin(np.minimum(chord[order] / 2, 1.0))).astype(np.float32)
+        arrays[f"first_{n}"], arrays[f"second_{n}"] = first[order].astype(np.int16), second[order].astype(np.int16)
+        arrays[f"nearest_{n}"] = np.asarray(tree.query(centres)[1], dtype=np.int16)
+    return arrays
+
+
+@lru_cache(maxsize=1)
+def load_sky_index() -> SkyIndex:
+    """Return the tables, from the cache where they are there, else built in about two seconds."""
+    catalog = load_catalog()
+    key = digest(
+        Path(__file__).read_bytes(),
+        catalog.ra_rad[: 2 * LEVELS[-1]].tobytes(),
+        catalog.dec_rad[: 2 * LEVELS[-1]].tobytes(),
+    )
+    arrays = cached("sky-index", key, _build)
+    levels = tuple(
+        Level(
+            n,
+            float(np.radians(limit_deg)),
+            arrays[f"separation_rad_{n}"].astype(np.float32, copy=False),
+            arrays[f"first_{n}"].astype(np.int16, copy=False),
+            arrays[f"second_{n}"].astype(np.int16, copy=False),
+            arrays[f"nearest_{n}"].astype(np.int16, copy=False),
+        )
+        for n, limit_deg in zip(LEVELS, PAIR_LIMIT_DEG, strict=True)
+    )
+    return SkyIndex(arrays["xyz"].astype(np.float32, copy=False), levels)

@@ -1,0 +1,209 @@
+"""Verification of a hypothesis: predict the field, count what agrees, and ask how likely chance does as well.
+
+The probability that chance explains k agreements of m detections is a binomial tail, bounded by Chernoff's inequality
+(Chernoff 1952, Ann. Math. Statist. 23, 493), times the number of hypotheses and of radii that were tried.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+from celnav.identification.sky_index import F8
+
+CROWD_PX = 80.0
+FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified
+_RADII = (1.0, 0.6, 0.35)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A hypothesis laid on the image.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Sky to camera.
+    log_f : float
+        Natural logarithm of the factor on the camera's focal length.
+    detection, star : ndarray, shape (m,)
+        Pairs that agree: rows of the positions and of the stars.
+    sigma_px : float
+        Robust standard deviation of their residuals along each axis.
+    log10_false_alarm : float
+        Bound of the probability that chance does as well, over all that was tried.
+    """
+
+    rotation: F8
+    log_f: float
+    detection: NDArray[np.intp]
+    star: NDArray[np.intp]
+    sigma_px: float
+    log10_false_alarm: float
+
+
+def rotation_of(vector: F8) -> F8:
+    """Return the rotation matrix of a rotation vector (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    cross = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]])
+    if angle < 1e-12:
+        return np.asarray(np.eye(3) + cross)
+    return np.asarray(np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross))
+
+
+def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
+    """Derivatives of pixel positions by a small turn of the sky, shape (n, 2, 3): J (w x d) for each axis w."""
+    x, y, z = dirs.T
+    a, b, c = by_direction[:, :, 0], by_direction[:, :, 1], by_direction[:, :, 2]
+    x, y, z = x[:, None], y[:, None], z[:, None]
+    return np.stack((c * y - b * z, a * z - c * x, b * x - a * y), axis=2)
+
+
+def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows of `seen` (n, 2) and `predicted` (k, 2) that are each other's nearest, within a radius."""
+    if len(seen) == 0 or len(predicted) == 0:
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    if len(seen) * len(predicted) <= 60_000:
+        square = (seen[:, 0, None] - predicted[:, 0]) ** 2
+        square += (seen[:, 1, None] - predicted[:, 1]) ** 2
+        to_star = square.argmin(axis=1)
+        to_seen = square.argmin(axis=0)
+        rows = np.flatnonzero(to_seen[to_star] == np.arange(len(seen)))
+        rows = rows[square[rows, to_star[rows]] <= radius_px**2]
+        return rows, to_star[rows]
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(predicted, balanced_tree=False, compact_nodes=False)
+    distance, to_star = (np.asarray(found) for found in tree.query(seen, distance_upper_bound=radius_px))
+    rows = np.flatnonzero(np.isfinite(distance))
+    # Of the detections that name one star the nearest has it.
+    rows = rows[np.argsort(distance[rows], kind="stable")]
+    stars, first = np.unique(to_star[rows], return_index=True)
+    return rows[first], stars
+
+
+def log10_chance(agreeing: int, tried: int, chance: float) -> float:
+    """Chernoff's bound, decimal logarithm, of `agreeing` or more successes in `tried` of probability `chance`."""
+    if agreeing <= 0 or tried <= 0:
+        return 0.0
+    part = min(agreeing / tried, 1.0)
+    if part <= chance:
+        return 0.0
+    divergence = part * math.log(part / chance)
+    if part < 1:
+        divergence += (1 - part) * math.log((1 - part) / (1 - chance))
+    return -tried * divergence / math.log(10)
+
+
+def verify(
+    camera: Camera,
+    uv: F8,
+    xyz: F8,
+    rotation: F8,
+    tolerance_px: float,
+    *,
+    log10_tried: float,
+    free_stars: int,
+) -> Alignment:
+    """Refine a hypothesis on the field and bound its false-alarm probability.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    uv : ndarray, shape (m, 2)
+        Detections, refraction taken off.
+    xyz : ndarray, shape (n, 3)
+        Stars of the sky that may be seen.
+    rotation : ndarray, shape (3, 3)
+        Sky to camera.
+    tolerance_px : float
+        How far the hypothesis may be off.
+    log10_tried : float
+        Decimal logarithm of how many hypotheses were looked at.
+    free_stars : int
+        Agreements that the hypothesis has for nothing, because it was made of them.
+    """
+    log_f, radius = 0.0, tolerance_px
+    rounds = 3 if tolerance_px <= 6 else 4
+    centre = np.array([camera.cx_px, camera.cy_px])
+    middle, reach = field_cone(camera)
+    reach += 0.1
+    near = xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach, math.pi))
+    rows = np.flatnonzero(near)
+    sky = xyz[rows]
+    none = np.empty(0, dtype=np.intp)
+    detection, star, sigma, inside = none, none, tolerance_px, np.zeros(len(rows), dtype=bool)
+    residual = np.empty((0, 2))
+    for round_ in range(rounds):
+        dirs = sky @ rotation.T
+        ideal, by_direction = camera.project_with_derivatives(dirs)
+        factor = math.exp(log_f)
+        predicted = centre + factor * (ideal - centre)
+        inside = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), radius)
+        kept = np.flatnonzero(inside)
+        detection, star = mutual_nearest(uv, predicted[kept], radius)
+        star = kept[star]
+        if len(detection) < max(3, free_stars):
+            return Alignment(rotation, log_f, detection, rows[star], sigma, 0.0)
+        residual = uv[detection] - predicted[star]
+        sigma = 1.4826 * float(np.median(np.abs(residual)))
+        if round_ == rounds - 1:
+            break
+        design = np.empty((len(star), 2, 4))
+        design[:, :, :3] = factor * turning_derivatives(dirs[star], by_direction[star])
+        design[:, :, 3] = factor * (ideal[star] - centre)
+        scale = max(sigma, 0.1)
+        weight = 1.0 / (1.0 + np.einsum("ni,ni->n", residual, residual) / (3 * scale) ** 2)
+        weighted = design * weight[:, None, None]
+        normal = np.einsum("nik,nil->kl", weighted, design)
+        normal[3, 3] += (scale / FOCAL_PRIOR) ** 2
+        gradient = np.einsum("nik,ni->k", weighted, residual)
+        gradient[3] -= (scale / FOCAL_PRIOR) ** 2 * log_f
+        try:
+            step = np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(4), gradient)
+        except np.linalg.LinAlgError:
+            break
+        rotation = rotation_of(step[:3]) @ rotation
+        log_f = float(np.clip(log_f + step[3], -0.12, 0.12))
+        radius = min(radius, max(3.5 * sigma, 1.2))
+    length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
+    n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
+    crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
+    best = 0.0
+    for part in _RADII:
+        r = part * radius
+        chance = float(np.mean(1 - np.exp(-crowding * math.pi * r * r)))
+        best = min(best, log10_chance(int((length <= r).sum()) - n_free, len(uv), max(chance, 1e-12)))
+    # The fit could choose among the places that the tolerance holds, in each of its dimensions.
+    choices = 3 * math.log10(max(tolerance_px / radius, 1.0))
+    total = min(0.0, best + log10_tried + choices + math.log10(len(_RADII)))
+    return Alignment(rotation, log_f, detection, rows[star], sigma, total)
+
+
+def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
+    """Predicted stars per square pixel around each detection, shape (n,).
+
+    Where the sky is crowded, both crowd: chance has to be judged there and not on the mean of the frame.
+    """
+    square = (seen[:, 0, None] - predicted[:, 0]) ** 2 + (seen[:, 1, None] - predicted[:, 1]) ** 2
+    return np.asarray((square < radius_px**2).sum(axis=1) / (math.pi * radius_px**2))
+
+
+@lru_cache(maxsize=32)
+def field_cone(camera: Camera) -> tuple[tuple[float, float, float], float]:
+    """Direction of the middle of the frame, and the largest angle from it to the frame's border, radians."""
+    middle = camera.to_rays(np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]]))[0]
+    u, v = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
+    border = np.concatenate(
+        [np.column_stack((u, np.full(9, y))) for y in (v[0], v[-1])]
+        + [np.column_stack((np.full(9, x), v)) for x in (u[0], u[-1])]
+    )
+    cosine = camera.to_rays(border) @ middle
+    reach = math.pi if np.isnan(cosine).any() else float(np.arccos(np.clip(cosine.min(), -1, 1)))
+    return (float(middle[0]), float(middle[1]), float(middle[2])), reach

@@ -1,0 +1,69 @@
+"""What a solver is given, and the protocol that solvers follow."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from celnav.attitude import Attitude
+from celnav.errors import ConfigError
+from celnav.fix import Fix
+from celnav.history import History
+from celnav.matching.protocol import Observation
+from celnav.position import Weather
+from celnav.utc import Utc
+
+
+@dataclass(frozen=True)
+class LastKnown:
+    """A position known from before: geodetic latitude and longitude, and the radius (km) that surely holds the answer."""
+
+    lat_deg: float
+    lon_deg: float
+    radius_km: float
+
+    def __post_init__(self) -> None:
+        if not (abs(self.lat_deg) <= 90 and math.isfinite(self.lon_deg)):
+            raise ConfigError(f"last known position ({self.lat_deg}, {self.lon_deg}) is not on the Earth")
+        if not self.radius_km > 0:
+            raise ConfigError(f"radius_km = {self.radius_km} must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One frame's question, validated."""
+
+    observation: Observation
+    utc: Utc
+    attitude: Attitude | None
+    weather: Weather
+    dut1_s: float | None
+    near: LastKnown | None = None
+
+
+class Solver(Protocol):
+    """Turns a problem into a fix."""
+
+    def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
+        """Solve; stages are timed with `clock`."""
+        ...
+
+
+@dataclass
+class Stopwatch:
+    """Times stages, in milliseconds."""
+
+    time_ms: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what runs inside under `name`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.time_ms[name] = self.time_ms.get(name, 0.0) + 1000 * (time.perf_counter() - start)

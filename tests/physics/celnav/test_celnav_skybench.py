@@ -1,0 +1,233 @@
+"""The solver ``skybench`` on fields of the independent forward model (ERFA and OpenCV)."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import skyfield_data
+from skyfield.api import Loader
+
+import celnav
+from benchmark.solver_bars import attitude_of, camera_of
+from benchmark.solver_fields import HEIGHT, WIDTH, Condition, make_field
+from celnav.adjustment import CameraPriors
+from celnav.planets import planet_directions, planet_ids, planet_name
+from celnav.refraction import bennett_arcmin, refract, refraction_rad, unrefract_rays
+from celnav.utc import parse_utc
+
+CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
+UP = celnav.Attitude.up([0, 0, 1])
+
+
+def error_km(sky, frame, fix):
+    return sky.distance_km(frame.lat_deg, frame.lon_deg, fix.lat_deg, fix.lon_deg)
+
+
+def solve(frame, attitude, n=150, **options):
+    return celnav.solve(frame.uv[:n], CAMERA, frame.utc, attitude, flux=frame.flux[:n], **options)
+
+
+def test_it_is_the_default():
+    assert celnav.solvers()[0] == "skybench"
+    fix = celnav.solve(np.zeros((0, 2)), CAMERA, "2020-01-01T00:00:00Z", None)
+    assert (fix.solver, fix.reason) == ("skybench", "too_few_detections")
+
+
+@pytest.mark.parametrize(
+    "attitude", [UP, celnav.Attitude.zenith_north_up(), celnav.Attitude.up([0, 0, 1], tilt_deg=0.01)]
+)
+def test_noise_free_frames_are_fixed_within_20_m_and_all_stars_named(sky, frames, attitude):
+    for frame in frames[:10]:
+        fix = solve(frame, attitude)
+        assert fix.ok, fix.message
+        assert error_km(sky, frame, fix) < 0.02
+        assert len(fix.matches) >= 145
+        assert np.mean(frame.star_id[fix.matches[:, 0]] == fix.matches[:, 1]) > 0.98
+        assert fix.log10_false_alarm < -50
+        assert fix.residuals_px.shape == fix.matches.shape
+        assert np.abs(fix.residuals_px).max() < 0.5
+
+
+def test_without_brightness_in_random_order(sky, frames):
+    rng = np.random.default_rng(1)
+    for frame in frames[:5]:
+        uv = rng.permutation(frame.uv[:400]) + rng.normal(0, 0.3, (400, 2))
+        fix = celnav.solve(uv, CAMERA, frame.utc, UP)
+        assert fix.ok, fix.message
+        assert error_km(sky, frame, fix) < 2
+
+
+def test_lost_in_space_gives_the_inertial_attitude_and_asks_for_the_vertical(sky, frames):
+    frame = frames[0]
+    fix = solve(frame, None)
+    assert (fix.ok, fix.reason) == (False, "vertical_required")
+    assert np.isnan(fix.lat_deg)
+    known = solve(frame, UP)
+    turn = known.R_icrs_to_camera @ fix.R_icrs_to_camera.T
+    # Refraction, which is not taken off without a vertical, is symmetrical about the zenith: 0.02 deg is plenty.
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 0.02
+
+
+def test_inertial_attitude_takes_apparent_places_to_pixels(sky, frames):
+    frame = frames[2]
+    fix = solve(frame, UP)
+    catalog = celnav.catalog.load_catalog()
+    stars = catalog.take(catalog.rows_of(fix.matches[:, 1]))
+    uv = CAMERA.project(stars.vectors @ fix.R_icrs_to_camera.T)
+    # Aberration (20 arcsec), proper motion and refraction are not in the catalogue's places: a pixel is plenty.
+    assert np.abs(uv - frame.uv[fix.matches[:, 0]]).max() < 1.0
+
+
+def test_attitude_with_uncertainty_is_weighed(sky, frames):
+    """With a heading uncertain by 5 deg the stars give it; with a tilt of 0.1 deg the fix is uncertain by 11 km."""
+    frame = frames[3]
+    turn = np.radians(3.0)
+    off = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    attitude = celnav.Attitude.with_sigma(sky.ZENITH_NORTH_UP @ off, tilt_deg=0.0, heading_deg=5.0)
+    fix = solve(frame, attitude)
+    assert fix.ok
+    assert error_km(sky, frame, fix) < 0.05
+    assert abs(abs(fix.details["heading_off_deg"]) - 3.0) < 0.01
+    tilted = solve(frame, celnav.Attitude.with_sigma(sky.ZENITH_NORTH_UP, tilt_deg=0.1, heading_deg=20))
+    np.testing.assert_allclose(np.sqrt(np.diag(tilted.cov_km2)), 11.1, rtol=0.35)
+    wrong = solve(frame, celnav.Attitude.with_sigma(sky.ZENITH_NORTH_UP @ off, tilt_deg=0.0, heading_deg=0.1))
+    assert (wrong.ok, wrong.reason) in {(False, "no_hypothesis"), (False, "inconsistent")}
+
+
+def test_last_known_position(sky, frames):
+    frame = frames[4]
+    near = celnav.LastKnown(frame.lat_deg, frame.lon_deg, 200.0)
+    assert error_km(sky, frame, solve(frame, UP, near=near)) < 0.05
+    far = celnav.LastKnown(-frame.lat_deg, frame.lon_deg + 90, 500.0)
+    assert solve(frame, UP, near=far).reason in {"no_hypothesis", "inconsistent"}
+
+
+def test_limiting_magnitude_is_that_of_the_faintest_stars(frames):
+    for frame in frames[:6]:
+        faintest = -2.5 * np.log10(frame.flux[299])
+        assert solve(frame, UP, n=300).limiting_mag == pytest.approx(faintest, abs=0.15)
+
+
+@pytest.mark.parametrize("model", ["brown_conrady", "kannala_brandt"])
+def test_distorted_cameras(sky, frames, model):
+    """The frame's directions through OpenCV's projection; celnav is given the camera."""
+    frame = frames[5]
+    rays = CAMERA.to_rays(frame.uv[:250])
+    matrix = np.array([[300.0, 0, 539.5], [0, 300.0, 359.5], [0, 0, 1]])
+    if model == "brown_conrady":
+        camera = celnav.Camera(model, 1080, 720, f_px=300.0, k=(-0.03, 0.004), p=(0.001, -0.001))
+        uv = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, np.array([-0.03, 0.004, 0.001, -0.001]))[0][:, 0]
+    else:
+        camera = celnav.Camera(model, 1080, 720, f_px=300.0, k=(0.02, -0.003, 0.0, 0.0))
+        plane = (rays[:, :2] / rays[:, 2:])[:, None]
+        uv = cv2.fisheye.distortPoints(plane, matrix, np.array([0.02, -0.003, 0, 0]))[:, 0]
+    seen = camera.in_frame(uv)
+    fix = celnav.solve(uv[seen], camera, frame.utc, UP, flux=frame.flux[:250][seen])
+    assert fix.ok, fix.message
+    assert error_km(sky, frame, fix) < 0.03
+
+
+def test_self_calibration_reports_focal_length_centre_and_distortion():
+    """A camera 3 % off, its axis moved and its corners bent: the values come back within five of their sigmas.
+
+    The attitude is exact, so that the principal point can be told from a tilt.
+    """
+    condition = Condition("x", noise_px=0.3, focal_error=0.03, exact_attitude=True, tilt_deg=5.0)
+    field = make_field(condition, 8, 1)
+    r2 = np.sum((field.uv - [539.5, 359.5]) ** 2, axis=1) / ((WIDTH**2 + HEIGHT**2) / 4)
+    bent = [539.5, 359.5] + (field.uv - [539.5, 359.5]) * (1 + 0.01 * r2)[:, None] + [1.5, -1.0]
+    inside = camera_of(condition).in_frame(bent)
+    config = celnav.SkybenchConfig(calibrate="full", priors=CameraPriors(focal=0.03, centre_px=2.0, distortion=0.02))
+    fix = celnav.solve(
+        bent[inside], camera_of(condition), field.utc, attitude_of(condition, field),
+        celnav.SkybenchSolver(config), flux=field.flux[inside],
+    )  # fmt: skip
+    assert fix.ok, fix.message
+    expected = {"log_f": np.log(1.03), "q1": 0.01, "q2": 0.0}
+    for name, value in expected.items():
+        assert abs(fix.details[name] - value) < 5 * fix.details[f"{name}_sigma"] + 2e-3, name
+
+
+def test_a_focal_length_that_is_off_is_reported(sky):
+    condition = Condition("x", noise_px=0.5, focal_error=-0.03)
+    field = make_field(condition, 3, 0)
+    fix = celnav.solve(field.uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=field.flux)
+    assert sky.distance_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg) < 2
+    assert fix.details["log_f"] == pytest.approx(np.log(0.97), abs=5 * fix.details["log_f_sigma"])
+    told = celnav.solve(
+        field.uv, dataclasses.replace(camera_of(condition), f_px=0.97 * condition.f_px, fy_px=float("nan")),
+        field.utc, attitude_of(condition, field), flux=field.flux,
+    )  # fmt: skip
+    assert "log_f" not in told.details
+
+
+def test_refraction_series_meets_bennett_and_the_literature():
+    """58.294 tan z - 0.0668 tan^3 z arcsec at 1013.25 hPa and 10 C (Smart 1977, Spherical Astronomy): 58.04 at 1010."""
+    assert np.degrees(refraction_rad(np.radians([45.0]), 1010, 10))[0] * 3600 == pytest.approx(58.04, abs=0.2)
+    zenith_distance = np.radians([10.0, 40.0, 60.0, 75.0, 80.0, 88.0])
+    ours = np.degrees(refraction_rad(zenith_distance, 1010, 10)) * 60
+    np.testing.assert_allclose(ours, bennett_arcmin(90 - np.degrees(zenith_distance)), atol=0.08, rtol=0.03)
+    ray = np.array([[0.6, 0.0, 0.8]])
+    lowered = unrefract_rays(ray, np.array([0.0, 0.0, 1.0]), 1010, 10)
+    assert np.degrees(np.arccos(lowered[0, 2]) - np.arccos(0.8)) * 3600 == pytest.approx(58.04 * 0.75, abs=0.3)
+
+
+@pytest.mark.parametrize("year", [2000, 2012, 2025])
+def test_planets_against_de421(year):
+    from pathlib import Path
+
+    loader = Loader(Path(skyfield_data.__file__).parent / "data", verbose=False)
+    planets = loader("de421.bsp")
+    try:
+        time = loader.timescale(builtin=True).utc(year, 4, 5, 6, 7, 8)
+        dirs = planet_directions(parse_utc(time.utc_iso()))
+        for direction, star_id in zip(dirs, planet_ids(), strict=True):
+            name = planet_name(star_id)
+            target = planets[f"{name} barycenter" if name in {"Mars", "Jupiter", "Saturn"} else name]
+            expected = planets["earth"].at(time).observe(target).apparent().position.au
+            cosine = direction @ expected / np.linalg.norm(expected)
+            assert np.degrees(np.arccos(min(cosine, 1.0))) * 60 < 1.0, name
+    finally:
+        planets.close()
+    assert planet_name(32349) is None
+
+
+def test_a_planet_is_named_and_leaves_the_fix_alone(sky, frames):
+    for frame in frames:
+        fix = solve(frame, UP)
+        dirs = planet_directions(parse_utc(frame.utc))
+        seen = refract(dirs @ fix.R_icrs_to_camera.T @ sky.ZENITH_NORTH_UP, 1010, 10)
+        uv = CAMERA.project(seen @ sky.ZENITH_NORTH_UP.T)
+        inside = np.flatnonzero(CAMERA.in_frame(np.nan_to_num(uv, nan=-1e9), -20))
+        if len(inside):
+            break
+    planet = inside[0]
+    uv_all = np.vstack((uv[planet], frame.uv[:150]))
+    with_planet = celnav.solve(uv_all, CAMERA, frame.utc, UP, flux=np.append(99.0, frame.flux[:150]))
+    assert with_planet.ok
+    assert [0, planet_ids()[planet]] in with_planet.matches.tolist()
+    assert sky.distance_km(fix.lat_deg, fix.lon_deg, with_planet.lat_deg, with_planet.lon_deg) < 0.005
+
+
+@pytest.mark.parametrize("condition", [Condition("p", v_max=4.5), Condition("f", 180, 4.5, equidistant=True)])
+def test_fields_of_the_benchmark_are_those_of_the_independent_model(sky, condition):
+    """The benchmark's projection against OpenCV's, its apparent places against the other chain."""
+    from celnav.earth_rotation import earth_orientation
+
+    field = make_field(condition, 1, 0)
+    if not condition.equidistant:
+        frame = sky.make_frame(
+            field.utc, field.lat_deg, field.lon_deg, 4.5, earth_orientation(parse_utc(field.utc)), field.R_cam
+        )
+        common, ours, theirs = np.intersect1d(field.star_id, frame.star_id, return_indices=True)
+        assert len(common) == len(frame.star_id)
+        np.testing.assert_allclose(field.uv[ours], frame.uv[theirs], atol=1e-6)
+    else:
+        rays = camera_of(condition).to_rays(field.uv)
+        front = rays[:, 2] > 0.2
+        matrix = np.array([[condition.f_px, 0, 539.5], [0, condition.f_px, 359.5], [0, 0, 1]])
+        plane = (rays[front, :2] / rays[front, 2:])[:, None]
+        np.testing.assert_allclose(
+            cv2.fisheye.distortPoints(plane, matrix, np.zeros(4))[:, 0], field.uv[front], atol=1e-6
+        )
