@@ -22,6 +22,7 @@ app.add_typer(bench_cli.app, name="bench")
 app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.plan)
 app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
 app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
+app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(dataset_cli.export)
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
 

@@ -179,3 +179,19 @@ def verify(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset f
     if not found:
         typer.echo(f"{folder}: whole")
     raise typer.Exit(1 if found else 0)
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")],
+    to: Annotated[str, typer.Option("--to", help="files, coco, fits, or withheld (without its truth).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
+) -> None:
+    """Write a dataset in another form."""
+    from generator.dataset.export import export as write
+
+    try:
+        with Console(stderr=True).status("writing") as status:
+            write(folder, to, out, lambda frame_id: status.update(f"writing {frame_id}"))
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{to} in {out}")

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 SCENARIO = BASE | {
     "name": "cluster",
     "frames": 12,
-    "site": {"latitude_deg": {"uniform": [-60, 60]}, "longitude_deg": {"uniform": [-180, 180]}},
+    "site": {"latitude_deg": {"uniform": [0, 60]}, "longitude_deg": {"uniform": [0, 60]}},
     "camera": BASE["camera"] | {"width": 96, "height": 64},
     "stars": {"limiting_magnitude": 5.0},
 }
