@@ -22,7 +22,8 @@ from generator.dataset_writer import png_bytes
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 
-SIP_DEGREE = 5
+SIP_DEGREE = 3
+TANGENT_ROUNDS = 5
 LARGEST_WCS_RESIDUAL_PX = 0.5
 FEWEST_WCS_STARS = 60
 WIDEST_WCS_FIELD_DEG = 130.0
@@ -136,7 +137,12 @@ def _world_coordinates(stars: pd.DataFrame | None, camera: dict[str, Any]) -> fi
         return header
     pixels = (stars["u_px"].to_numpy(), stars["v_px"].to_numpy())
     places = SkyCoord(stars["ra_deg"].to_numpy() * u.deg, stars["dec_deg"].to_numpy() * u.deg)
-    system = fit_wcs_from_points(pixels, places, sip_degree=SIP_DEGREE)
+    # The tangent point must be where the principal point looks, or distortion terms would have to make up for it.
+    tangent: Any = "center"
+    for _ in range(TANGENT_ROUNDS):
+        system = fit_wcs_from_points(pixels, places, proj_point=tangent)
+        tangent = system.pixel_to_world(camera["cx_px"], camera["cy_px"])
+    system = fit_wcs_from_points(pixels, places, proj_point=tangent, sip_degree=SIP_DEGREE)
     apart = system.pixel_to_world(*pixels).separation(places).to_value(u.rad)
     residual = float(np.sqrt(np.mean(apart**2))) * camera["f_px"]
     if not residual < LARGEST_WCS_RESIDUAL_PX:
