@@ -28,12 +28,15 @@ class Observation:
         Brightness in any linear unit.
     camera : Camera
         The camera.
+    R_cam : ndarray, shape (3, 3), or None
+        Takes ENU to camera, where that is known; patterns do not need it, only rejection by the fix's geometry does.
     """
 
     uv: NDArray[np.float64]
     rays: NDArray[np.float64]
     flux: NDArray[np.float64] | None
     camera: Camera
+    R_cam: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
