@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmark import bench_cli
+from benchmark import bench_cli, study_cli
 
 app = typer.Typer(
     help="Render synthetic night skies, solve them, and compare solvers.",
@@ -18,6 +18,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.add_typer(bench_cli.app, name="bench")
+app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
 EXIT_BAD_INPUT = 2
