@@ -27,7 +27,8 @@ def _group() -> None:
 @app.command(epilog="Example: skybench study thesis --frames 24")
 def thesis(
     frames: Annotated[
-        int | None, typer.Option("--frames", min=2, help="Frames per limiting magnitude; the scenario's 200 if left out.")
+        int | None,
+        typer.Option("--frames", min=2, help="Frames per limiting magnitude; the scenario's 200 if left out."),
     ] = None,
     dataset: Annotated[
         Path | None, typer.Option("--dataset", help="Frames rendered before; rendered now if left out.")
@@ -46,7 +47,13 @@ def thesis(
         typer.echo("skybench: --frames is for rendering; leave it out with --dataset", err=True)
         raise typer.Exit(EXIT_BAD_INPUT)
     command = _command(frames, dataset, sites)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True)) as bar:
         tasks = []
 
@@ -55,7 +62,14 @@ def thesis(
 
         try:
             study = run_study(
-                scenario, frames, dataset, work, out, sites, command, StudyProgress(begin, lambda: bar.advance(tasks[-1]))
+                scenario,
+                frames,
+                dataset,
+                work,
+                out,
+                sites,
+                command,
+                StudyProgress(begin, lambda: bar.advance(tasks[-1])),
             )
         except (BenchmarkError, GeneratorError) as error:
             typer.echo(f"skybench: {error}", err=True)

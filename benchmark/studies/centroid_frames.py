@@ -60,9 +60,7 @@ def list_stars(scenario: Scenario, index: int) -> StarList:
     """Return the stars over the site of frame `index` of a scenario, down to the frame's limiting magnitude."""
     plan = plan_frame(scenario, index)
     azimuth, altitude = np.radians(plan.middle.azimuth_deg), np.radians(plan.middle.altitude_deg)
-    enu = np.column_stack(
-        (np.cos(altitude) * np.sin(azimuth), np.cos(altitude) * np.cos(azimuth), np.sin(altitude))
-    )
+    enu = np.column_stack((np.cos(altitude) * np.sin(azimuth), np.cos(altitude) * np.cos(azimuth), np.sin(altitude)))
     rays = enu @ np.asarray(plan.spec.R_cam).T
     return StarList(plan, rays, plan.stars.star_id.astype(np.int64), plan.stars.v_mag.astype(np.float64), plan.dec_deg)
 

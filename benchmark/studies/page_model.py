@@ -59,7 +59,7 @@ class Comparison:
         """The test in words."""
         return (
             f"{self.name}: {self.test.only_first} to {self.test.only_second} of {self.test.n}, "
-            f"p = {p_text(self.test.p)}, after Holm {p_text(self.p_holm)}"
+            f"p {p_text(self.test.p)}, after Holm {p_text(self.p_holm)}"
         )
 
     @property
@@ -80,8 +80,8 @@ def family(tests: Sequence[tuple[str, PairedTest]]) -> tuple[Comparison, ...]:
 
 
 def p_text(p: float) -> str:
-    """Print a p-value."""
-    return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+    """Print a p-value with its sign of relation."""
+    return "< 0.0001" if p < 1e-4 else f"= {p:.2g}"
 
 
 @dataclass(frozen=True)

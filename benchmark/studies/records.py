@@ -88,9 +88,7 @@ class Rows:
 
     rows: tuple[Row, ...]
 
-    def of(
-        self, part: str | None = None, contestant: str | None = None, depths: Iterable[float] | None = None
-    ) -> Rows:
+    def of(self, part: str | None = None, contestant: str | None = None, depths: Iterable[float] | None = None) -> Rows:
         """Keep the rows of an experiment, a contestant, some depths."""
         wanted = None if depths is None else set(depths)
         kept = (

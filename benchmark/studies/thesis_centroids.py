@@ -6,6 +6,7 @@ pairs. "True star" experiments leave identification out: the solver is told whic
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ NOISE_PX = 0.3
 NOISES_PX = (0.0, 0.1, 0.3)
 ATTITUDE_ERRORS_DEG = (0.0, 0.01, 0.03, 0.1, 0.3)
 FIX_DEPTH_MAG = 4.0
+ONE_STAR_DEPTHS_MAG = (4.0, 3.0)
 POLAR_DEG = 75.0
 CHOICES = ("most central", "|dec| <= 75", "det J >= cos 75", "largest det J of 10", "all stars")
 DISTURBANCES = ("none", "20 % missing", "20 % false", "50 hot pixels", "half clouded")
@@ -45,10 +47,13 @@ class OneStar:
     ----------
     projection : str
         How the frame was made; it is solved as a pinhole's.
+    depth_mag : float
+        The most central star down to this magnitude.
     noise_px, off_axis_deg, error_km : float
     """
 
     projection: Projection
+    depth_mag: float
     noise_px: float
     off_axis_deg: float
     error_km: float
@@ -95,10 +100,19 @@ def sites_of(scenario: Scenario, n_sites: int) -> list[StarList]:
     return [list_stars(deep, index) for index in range(n_sites)]
 
 
-def solve_centroids(sites: Sequence[StarList]) -> CentroidPart:
-    """Run all experiments on centroids."""
+def solve_centroids(sites: Sequence[StarList], n_identified: int) -> CentroidPart:
+    """Run all experiments on centroids.
+
+    Parameters
+    ----------
+    sites : sequence of StarList
+        Experiments with true names use all of them.
+    n_identified : int
+        Experiments that identify stars, which cost more, use the first of them.
+    """
     one_star = [fix for stars in sites for fix in _one_star_fixes(stars)]
     true_stars = [fix for number, stars in enumerate(sites) for fix in _true_star_fixes(number, stars)]
+    sites = sites[:n_identified]
     rows = [*_by_depth(sites), *_histories(sites), *_projections(sites), *_disturbances(sites)]
     return CentroidPart(len(sites), tuple(rows), tuple(one_star), tuple(true_stars))
 
@@ -225,12 +239,12 @@ def _off_axis_deg(made: CentroidFrame, projection: Projection) -> F8:
 def _one_star_fixes(stars: StarList) -> list[OneStar]:
     fixes = []
     projections: tuple[Projection, ...] = ("pinhole", "stereographic")
-    for projection in projections:
+    for projection, depth in itertools.product(projections, ONE_STAR_DEPTHS_MAG):
         for noise_px in NOISES_PX:
-            made = make_frame(stars, FIX_DEPTH_MAG, projection, noise_px)
+            made = make_frame(stars, depth, projection, noise_px)
             off_axis = _off_axis_deg(made, projection)
             star = int(np.argmin(off_axis))
-            fixes.append(OneStar(projection, noise_px, float(off_axis[star]), _error_km(made, [star])))
+            fixes.append(OneStar(projection, depth, noise_px, float(off_axis[star]), _error_km(made, [star])))
     return fixes
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import celnav
 from benchmark.studies.contestants import Contestant
 from celnav.matching import thesis_config as configs
+from celnav.matching.patterns import PatternConfig
 from celnav.solver import SOLVERS
 
 BASELINE, ADAPTIVE = "thesis-baseline", "thesis-adaptive"
@@ -46,5 +47,5 @@ def one_star() -> Contestant:
 
 def adaptive_of_radius(name: str, radius_deg: float) -> Contestant:
     """The literal adaptive variant with another neighbour radius."""
-    patterns = configs.PatternConfig(radius_deg=radius_deg)
+    patterns = PatternConfig(radius_deg=radius_deg)
     return Contestant(name, celnav.ddr_solver(replace(configs.LITERAL_ADAPTIVE, patterns=patterns)))

@@ -55,7 +55,9 @@ def figure_5(rows: Rows) -> str:
 
 def figure_depth(rows: Rows, depths: Sequence[float]) -> str:
     """Recall of the literal reading against the depth of the frame."""
-    axis = Axis("faintest star in the frame, mag", max(depths) + 0.2, min(depths) - 0.2, tuple((d, f"{d:g}") for d in depths))
+    axis = Axis(
+        "faintest star in the frame, mag", max(depths) + 0.2, min(depths) - 0.2, tuple((d, f"{d:g}") for d in depths)
+    )
     series = []
     for name, shape, line, shift in (
         (who.LITERAL_ADAPTIVE, "circle", "solid", -3.0),
@@ -93,12 +95,24 @@ def figure_swap(part: CentroidPart) -> str:
     largest = max(12.0, *(f.off_axis_deg for f in part.one_star)) * 1.05
     curve = np.linspace(0.2, largest, 60)
     series = [Series("prediction of the mix-up", list(curve), list(swap_error_km(curve)), shape="none")]
-    for projection, noise_px, shape, filled in (("stereographic", 0.0, "circle", True), ("pinhole", 0.3, "triangle", False)):
+    for projection, noise_px, shape, filled in (
+        ("stereographic", 0.0, "circle", True),
+        ("pinhole", 0.3, "triangle", False),
+    ):
         fixes = [f for f in part.one_star if f.projection == projection and f.noise_px == noise_px]
         name = "mix-up, no noise" if noise_px == 0 else f"right projection, {noise_px:g} px"
         series.append(
-            Series(name, [f.off_axis_deg for f in fixes], [f.error_km for f in fixes], shape=shape, filled=filled, line="none")
+            Series(
+                name,
+                [f.off_axis_deg for f in fixes],
+                [f.error_km for f in fixes],
+                shape=shape,
+                filled=filled,
+                line="none",
+            )
         )
-    x = Axis("angle of the star off the axis, deg", 0.0, largest, tuple((t, f"{t}") for t in range(0, int(largest) + 1, 2)))
+    x = Axis(
+        "angle of the star off the axis, deg", 0.0, largest, tuple((t, f"{t}") for t in range(0, int(largest) + 1, 2))
+    )
     y = Axis("error, km", 0.001, 1e4, tuple((10.0**n, f"{10.0**n:g}") for n in range(-3, 5)), log=True)
     return plot(series, x, y, "One-star error against the angle off the axis")

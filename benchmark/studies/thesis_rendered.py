@@ -1,4 +1,4 @@
-"""The part of the replication that looks at pictures: rendering, detection, all contestants, and a history in three orders."""
+"""The part of the replication that looks at pictures: rendering, detection, all contestants, three orders of history."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from benchmark.errors import DatasetError
 from benchmark.studies import thesis_contestants as who
 from benchmark.studies.contestants import Contestant, judge_detections
 from benchmark.studies.records import Row, row_of
+from celnav.solver import SOLVERS
 from generator.scenario_file import Scenario, load_scenario
 from generator.seeds import random_stream
 
@@ -107,12 +108,14 @@ def _label(folder: Path, frame: Frame) -> float:
     try:
         return float(record["stars"]["limiting_mag"])
     except (KeyError, TypeError, ValueError):
-        raise DatasetError(f"{folder / frame.frame_id}.json: has no stars.limiting_mag, which the study sorts by") from None
+        raise DatasetError(
+            f"{folder / frame.frame_id}.json: has no stars.limiting_mag, which the study sorts by"
+        ) from None
 
 
 def _with_history(seen: list[tuple[Frame, celnav.Detections, float, float]]) -> list[Row]:
     """`thesis-adaptive` with its history reset for each frame, carried through set after set, and carried shuffled."""
-    solver = who.SOLVERS[who.ADAPTIVE]
+    solver = SOLVERS[who.ADAPTIVE]
     shuffled = random_stream(1, "study.order_of_frames", 0).permutation(len(seen))
     rows = []
     for order in HISTORY_ORDERS:
@@ -134,12 +137,13 @@ def _depths(folder: Path, seen: list[tuple[Frame, celnav.Detections, float, floa
     uv = np.column_stack((table["u_px"].to_numpy(), table["v_px"].to_numpy()))
     by_label: dict[float, list[tuple[NDArray[np.float64], NDArray[np.bool_], int]]] = {}
     for frame, detections, label, _ in seen:
-        rows = frame_ids == frame.frame_id
         camera = frame.observation.camera
-        rows &= (uv > 0).all(axis=1) & (uv[:, 0] < camera.width - 1) & (uv[:, 1] < camera.height - 1)
-        found = np.zeros(int(rows.sum()), dtype=bool)
-        if len(detections) and rows.any():
-            found = cKDTree(detections.uv).query(uv[rows])[0] <= DETECTED_PX
+        within = (uv > 0).all(axis=1) & (uv[:, 0] < camera.width - 1) & (uv[:, 1] < camera.height - 1)
+        rows = np.flatnonzero(within & (frame_ids == frame.frame_id))
+        nearest_px = np.full(len(rows), np.inf)
+        if len(detections) and len(rows):
+            nearest_px = np.asarray(cKDTree(detections.uv).query(uv[rows])[0], dtype=np.float64)
+        found = np.asarray(nearest_px <= DETECTED_PX)
         by_label.setdefault(label, []).append((v_mag[rows], found, len(detections)))
     depths = []
     for label in sorted(by_label, reverse=True):

@@ -172,7 +172,7 @@ def table_labels(rows: Rows, depths: Sequence[Depth]) -> Table:
 def table_depths(rows: Rows, depths: Sequence[float]) -> Table:
     """Recall against the depth of the frame, on centroids."""
     names = (who.LITERAL_BASELINE, who.LITERAL_ADAPTIVE, who.BASELINE, who.ADAPTIVE, who.DAI, who.BRIGHTEST_N)
-    body = tuple(
+    body: tuple[tuple[Cell, ...], ...] = tuple(
         (f"{depth:g}", *(Number(rows.of(CENTROIDS, name, (depth,)).recall(), "percent") for name in names))
         for depth in depths
     )

@@ -39,6 +39,8 @@ from celnav.matching.protocol import Identification, Observation
 
 F8 = NDArray[np.float64]
 _TURN = 2 * math.pi
+# Three neighbours or fewer agree with some star under some scale and rotation.
+LEAST_DETECTIONS = 5
 
 
 @dataclass(frozen=True)
@@ -237,8 +239,11 @@ class DaiMatcher:
         config = self.config
         catalogue = load_patterns(config.patterns)[0]
         table = load_ratios(config)
-        if len(observation.rays) < 4:
-            return Identification(Reason.TOO_FEW_DETECTIONS, "ddr-dai needs a reference star and three neighbours")
+        if len(observation.rays) < LEAST_DETECTIONS:
+            return Identification(
+                Reason.TOO_FEW_DETECTIONS,
+                f"{len(observation.rays)} detections; ddr-dai needs a reference star and {LEAST_DETECTIONS - 1} neighbours",
+            )
         rank = np.arange(len(observation.rays)) if observation.flux is None else np.argsort(-observation.flux)
         # The image is cut where the catalogue ends, so that reference stars are stars of the catalogue.
         if observation.flux is not None:
@@ -249,14 +254,20 @@ class DaiMatcher:
         best, best_degree, best_count = None, 0.0, 0
         for reference in central[: config.references]:
             neighbour = self._neighbours(observation, rank, int(reference))
-            if len(neighbour) < 3:
+            if len(neighbour) < LEAST_DETECTIONS - 1:
                 continue
             theta = separations(observation.rays[reference], observation.rays[neighbour])
             bearing = bearings(observation.rays[reference], observation.rays[neighbour])
             votes = table.votes(config.features(theta, bearing), len(catalogue))
             for star in np.argsort(-votes, kind="stable")[: config.candidates]:
                 rows = slice(catalogue.start[star], catalogue.start[star + 1])
-                found = agree(theta, bearing, catalogue.theta_rad[rows], catalogue.bearing_rad[rows], config)
+                found = agree(
+                    theta,
+                    bearing,
+                    catalogue.theta_rad[rows].astype(np.float64),
+                    catalogue.bearing_rad[rows].astype(np.float64),
+                    config,
+                )
                 if (found.degree, len(found.image)) > (best_degree, best_count):
                     best = (int(reference), neighbour, int(star), found)
                     best_degree, best_count = found.degree, len(found.image)
