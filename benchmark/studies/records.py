@@ -31,7 +31,7 @@ class Row:
         Experiment of the study.
     depth_mag : float
         Limiting magnitude of the frame: the scenario's label for pictures, where the star list ends for centroids.
-    frame_id, contestant, status : str
+    frame_id, contestant, status, reason : str
     error_km : float
         Infinite without a fix.
     n_matches, n_correct : int
@@ -45,6 +45,7 @@ class Row:
     frame_id: str
     contestant: str
     status: str
+    reason: str
     error_km: float
     n_matches: int
     n_correct: int
@@ -73,6 +74,7 @@ def row_of(part: str, depth_mag: float, contestant: str, outcome: SolverOutcome,
         score.frame_id,
         contestant,
         score.status,
+        score.reason,
         score.error_km,
         score.n_matches,
         score.n_correct,

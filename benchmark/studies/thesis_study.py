@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from benchmark import provenance
 from benchmark.errors import DatasetError
+from benchmark.formatting import number
 from benchmark.results import write_atomically
 from benchmark.studies import thesis_answers as answers
 from benchmark.studies import thesis_answers_position as position
@@ -160,7 +161,7 @@ def _answers(rows: Rows, rendered: RenderedPart, centroids: CentroidPart) -> tup
 
 def label_answer(rows: Rows, rendered: RenderedPart) -> Answer:
     """Whether the magnitude label says how deep a frame is."""
-    deepest = max((d for d in rendered.depths if not math.isnan(d.half_mag)), key=lambda d: d.label_mag)
+    deepest = max(rendered.depths, key=lambda d: d.label_mag)
     true_labels = [d for d in rendered.depths if abs(d.half_mag - d.label_mag) <= 0.25]
     best = max(DEPTHS_MAG, key=lambda depth: rows.of("centroids", who.LITERAL_BASELINE, (depth,)).recall().value)
     at_best = rows.of("centroids", who.LITERAL_BASELINE, (best,)).recall()
@@ -171,8 +172,8 @@ def label_answer(rows: Rows, rendered: RenderedPart) -> Answer:
         "no" if len(true_labels) < len(rendered.depths) else "yes",
         (
             "Here the label cuts the list of stars. Up to label "
-            f"{max((d.label_mag for d in true_labels), default=math.nan):g} at least half of its faintest stars are "
-            f"detected; the sets above are all alike, since the camera sees to {deepest.half_mag:g} "
+            f"{number(max((d.label_mag for d in true_labels), default=math.nan))} at least half of its faintest stars are "
+            f"detected; the sets above are all alike, since the camera sees to {number(deepest.half_mag)} "
             f"({deepest.detections:.0f} detections a frame at label {deepest.label_mag:g}).",
             "The thesis' label must mean something else. Its baseline with a catalogue to 4.0 is best at label "
             "8.0 and dead "

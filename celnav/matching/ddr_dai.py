@@ -175,7 +175,8 @@ def accumulated_angle(bearing_rad: F8, agrees: NDArray[np.bool_]) -> float:
     if len(bearing) < 2:
         return 0.0
     step = (np.roll(bearing, -1) - bearing) % _TURN
-    return float(step[good & np.roll(good, -1)].sum() / _TURN)
+    # A sum over the whole turn may exceed it by rounding.
+    return min(float(step[good & np.roll(good, -1)].sum() / _TURN), 1.0)
 
 
 def agree(image_theta: F8, image_bearing: F8, pattern_theta: F8, pattern_bearing: F8, config: DaiConfig) -> Agreement:
