@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmark import bench_cli, dataset_cli
+from benchmark import bench_cli, dataset_cli, study_cli
 from benchmark.cli_errors import fail
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.
 app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
 app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
 app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(dataset_cli.export)
+app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
 

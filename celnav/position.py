@@ -56,8 +56,10 @@ class PositionConfig:
         Step of the coarse grid in latitude and longitude.
     grid_stars : int
         The grid uses at most this many stars, evenly chosen.
+    loss : str
+        ``soft-l1``, ``huber``, ``cauchy`` or ``squares``. The thesis leaves its robust loss open.
     loss_scale_deg : float
-        Where the soft-L1 loss turns from square to linear. The thesis leaves its robust loss open.
+        Where the loss turns from square to less.
     weights : str
         ``angle``: every star's angular error counts alike, as equation 3.10 has it; ``pixel``: errors are measured in
         pixels, which is what centroid noise is uniform in.
@@ -74,6 +76,7 @@ class PositionConfig:
 
     grid_step_deg: float = 5.0
     grid_stars: int = 24
+    loss: Literal["soft-l1", "huber", "cauchy", "squares"] = "soft-l1"
     loss_scale_deg: float = 0.1
     weights: Literal["angle", "pixel"] = "angle"
     clip_sigma: float = 5.0
@@ -226,21 +229,48 @@ def _residuals(
     return residual, jacobian
 
 
+def robust_loss(squares: F8, config: PositionConfig) -> tuple[F8, F8]:
+    """Loss of squared residuals and the weights of iterative reweighting, its derivative by the square.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (n,)
+        Squared residuals, rad^2.
+    config : PositionConfig
+        Which loss, and its scale.
+
+    References
+    ----------
+    B. Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000, section 3.3; the names follow SciPy's
+    ``least_squares``.
+    """
+    scale = math.radians(config.loss_scale_deg) ** 2
+    z = squares / scale
+    if config.loss == "squares":
+        return squares, np.ones_like(squares)
+    if config.loss == "cauchy":
+        return scale * np.log1p(z), 1.0 / (1.0 + z)
+    if config.loss == "huber":
+        root = np.sqrt(np.maximum(z, 1.0))
+        return scale * np.where(z <= 1, z, 2 * root - 1), 1.0 / root
+    root = np.sqrt(1.0 + z)
+    return 2 * scale * (root - 1.0), 1.0 / root
+
+
 def _solve(
     observed: _Observed, stars: TerrestrialStars, config: PositionConfig, start: tuple[float, float] | None = None
 ) -> tuple[float, float] | None:
-    """Latitude and longitude in degrees that minimise the mean soft-L1 loss, or None when it does not converge."""
-    scale = math.radians(config.loss_scale_deg)
+    """Latitude and longitude in degrees that minimise the mean robust loss, or None when it does not converge."""
     lat, lon = _grid_minimum(observed, stars, config) if start is None else start
 
     def loss(residual: F8) -> F8:
-        return 2 * scale**2 * (np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2) - 1)
+        return robust_loss(np.sum(residual**2, axis=1), config)[0]
 
     damping = 1e-3
     residual, jacobian = _residuals((lat, lon), observed, stars, config)
     cost = float(loss(residual).sum())
     for _ in range(config.max_iterations):
-        weight = 1.0 / np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2)
+        weight = robust_loss(np.sum(residual**2, axis=1), config)[1]
         normal = np.einsum("n,nij,nik->jk", weight, jacobian, jacobian)
         gradient = np.einsum("n,nij,ni->j", weight, jacobian, residual)
         try:
@@ -305,8 +335,7 @@ def _covariance(
         squares = float(np.sum(_errors_px(solution, observed, stars) ** 2))
         sigma_px = max(math.sqrt(squares / (2 * n - 2)), config.min_sigma_px)
     residual, jacobian = _residuals(solution, observed, stars, config)
-    scale = math.radians(config.loss_scale_deg)
-    weight = 1.0 / np.sqrt(1 + np.sum(residual**2, axis=1) / scale**2)
+    weight = robust_loss(np.sum(residual**2, axis=1), config)[1]
     try:
         bread = np.linalg.inv(np.einsum("n,nij,nik->jk", weight, jacobian, jacobian))
     except np.linalg.LinAlgError:

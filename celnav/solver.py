@@ -15,7 +15,19 @@ from celnav.detection import Detections, as_detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
 from celnav.history import History
-from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig, DdrMatcher, Matcher, Observation
+from celnav.matching import (
+    BRIGHTEST_N,
+    THESIS_ADAPTIVE,
+    THESIS_BASELINE,
+    THESIS_BASELINE_SI,
+    THESIS_BASELINE_SI_PR,
+    THESIS_CATALOGUE_ONLY,
+    DaiMatcher,
+    DdrConfig,
+    DdrMatcher,
+    Matcher,
+    Observation,
+)
 from celnav.position import PositionConfig, Weather, fix_position
 from celnav.problem import LastKnown, Problem, Solver, Stopwatch
 from celnav.skybench_solver import SkybenchSolver
@@ -53,7 +65,7 @@ class MatchThenFix:
                 Reason.ATTITUDE_REQUIRED, "this solver needs the whole attitude, heading included: give R_cam"
             )
         with clock.stage("identify"):
-            found = self.matcher.identify(problem.observation, history)
+            found = self.matcher.identify(replace(problem.observation, R_cam=attitude.R_cam), history)
         if found.reason is not Reason.OK:
             refusal = Fix.refusal(found.reason, found.message, found.confidence)
             return replace(refusal, details=found.details)
@@ -92,7 +104,12 @@ SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
     {
         "skybench": SkybenchSolver(),
         "thesis-baseline": ddr_solver(THESIS_BASELINE),
+        "thesis-baseline+si": ddr_solver(THESIS_BASELINE_SI),
+        "thesis-baseline+si+pr": ddr_solver(THESIS_BASELINE_SI_PR),
+        "thesis-catalogue-only": ddr_solver(THESIS_CATALOGUE_ONLY),
         "thesis-adaptive": ddr_solver(THESIS_ADAPTIVE),
+        "ddr-dai": MatchThenFix(DaiMatcher()),
+        "brightest-n": ddr_solver(BRIGHTEST_N),
     }
 )
 

@@ -47,16 +47,21 @@ class CelnavSolver:
         fix = celnav.solve(
             detections, camera, utc=observation.utc, attitude=observation.R_cam, solver=self.name, history=None
         )
-        return Answer(
-            ok=bool(fix.ok),
-            reason="" if fix.ok else str(fix.reason),
-            lat_deg=float(fix.lat_deg) if fix.ok else None,
-            lon_deg=float(fix.lon_deg) if fix.ok else None,
-            cov_km2=None if fix.cov_km2 is None else np.asarray(fix.cov_km2, dtype=np.float64),
-            confidence=_finite_or_none(fix.confidence),
-            matches=np.asarray(fix.matches, dtype=np.int64).reshape(-1, 2),
-            time_ms={str(stage): float(ms) for stage, ms in fix.time_ms.items()},
-        )
+        return answer_of(fix)
+
+
+def answer_of(fix: celnav.Fix) -> Answer:
+    """Put a fix of celnav into the benchmark's terms."""
+    return Answer(
+        ok=bool(fix.ok),
+        reason="" if fix.ok else str(fix.reason),
+        lat_deg=float(fix.lat_deg) if fix.ok else None,
+        lon_deg=float(fix.lon_deg) if fix.ok else None,
+        cov_km2=None if fix.cov_km2 is None else np.asarray(fix.cov_km2, dtype=np.float64),
+        confidence=_finite_or_none(fix.confidence),
+        matches=np.asarray(fix.matches, dtype=np.int64).reshape(-1, 2),
+        time_ms={str(stage): float(ms) for stage, ms in fix.time_ms.items()},
+    )
 
 
 def _finite_or_none(value: float | None) -> float | None:

@@ -1,8 +1,9 @@
 """Confirmation of a candidate by the relative bearings of its neighbours.
 
-The thesis encodes "relative bearing angles between neighbours" beside distances without saying how they are compared.
-Here: the one rotation about the reference star that brings most neighbours of the image onto neighbours of the
-pattern. The sense of rotation is kept, so that a mirror image does not pass.
+The thesis (section 4.i) encodes "relative bearing angles between neighbors" beside distances without saying how they are
+compared. Two readings: `align` finds the one rotation about the reference star that brings most neighbours of the image
+onto neighbours of the pattern; `compare_differences` compares the angle from each neighbour to the next. Both keep the
+sense of rotation, so that a mirror image does not pass.
 """
 
 from __future__ import annotations
@@ -84,10 +85,59 @@ def align(
             return nothing
         off = near
     distance = np.hypot(_wrap(turn[off] - rotation) * sine[off], image_theta[i[off]] - pattern_theta[j[off]])
-    rows, columns = _one_to_one(i[off], j[off], distance)
+    rows, columns = keep_mutually_nearest(i[off], j[off], distance)
     trials = n_bins
     expected = len(image_theta) * len(pattern_theta) * 2 * tolerance_rad**2 / (math.pi * (1 - math.cos(radius_rad)))
     return Alignment(rotation, rows, columns, log10_chance(len(rows), expected) + math.log10(trials))
+
+
+def compare_differences(
+    image_theta: F8,
+    image_bearing: F8,
+    pattern_theta: F8,
+    pattern_bearing: F8,
+    tolerance_rad: float,
+) -> Alignment:
+    """Compare sorted bearing differences.
+
+    Each neighbour in the image is paired with the one of the pattern that is nearest to it in distance (and to which it
+    is the nearest). The pairs are sorted by their bearing in the image, and the angle from each to the next is compared
+    with the same angle of the pattern. A neighbour agrees when the step that leads to it or the step that leaves it does.
+
+    Parameters
+    ----------
+    image_theta, image_bearing, pattern_theta, pattern_bearing, tolerance_rad
+        As for `align`.
+    """
+    nothing = Alignment(0.0, np.empty(0, np.intp), np.empty(0, np.intp), 0.0)
+    if len(image_theta) == 0 or len(pattern_theta) == 0:
+        return nothing
+    right = np.clip(np.searchsorted(pattern_theta, image_theta), 1, max(len(pattern_theta) - 1, 1))
+    right = np.minimum(right, len(pattern_theta) - 1)
+    left = np.maximum(right - 1, 0)
+    nearer_left = np.abs(pattern_theta[left] - image_theta) <= np.abs(pattern_theta[right] - image_theta)
+    nearest = np.where(nearer_left, left, right)
+    apart = np.abs(pattern_theta[nearest] - image_theta)
+    close = np.flatnonzero(apart <= tolerance_rad)
+    rows, columns = keep_mutually_nearest(close, nearest[close], apart[close])
+    if len(rows) < 2:
+        return nothing
+    order = np.argsort(image_bearing[rows] % _TURN, kind="stable")
+    rows, columns = rows[order], columns[order]
+    step_image = np.roll(image_bearing[rows], -1) - image_bearing[rows]
+    step_pattern = np.roll(pattern_bearing[columns], -1) - pattern_bearing[columns]
+    # A bearing is known to the tolerance divided by the sine of the distance; a step has two ends.
+    wide = tolerance_rad / np.maximum(np.sin(image_theta[rows]), tolerance_rad)
+    allowed = np.minimum(np.hypot(wide, np.roll(wide, -1)), np.pi)
+    agrees = np.abs(_wrap(step_image - step_pattern)) <= allowed
+    member = agrees | np.roll(agrees, 1)
+    if not agrees.any():
+        return nothing
+    rows, columns = rows[member], columns[member]
+    offset = image_bearing[rows] - pattern_bearing[columns]
+    rotation = float(np.angle(np.mean(np.exp(1j * offset))))
+    chance = log10_chance(int(agrees.sum()), float(np.sum(allowed) / np.pi))
+    return Alignment(rotation % _TURN, rows, columns, chance)
 
 
 def log10_chance(n: int, expected: float) -> float:
@@ -101,7 +151,7 @@ def _wrap(angle: F8) -> F8:
     return (angle + np.pi) % _TURN - np.pi
 
 
-def _one_to_one(
+def keep_mutually_nearest(
     rows: NDArray[np.intp], columns: NDArray[np.intp], distance: F8
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Keep pairs that are each other's nearest."""

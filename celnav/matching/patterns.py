@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,18 +37,24 @@ class PatternConfig:
         Neighbours are the stars within this distance of the reference star.
     theta_bin_deg, rho_bin : float
         Bins of the look-up table; 0.5 deg and 0.02 in the thesis.
+    theta_max : str
+        What rho is the ratio to: the farthest neighbour of the ``pattern``, in the image that of the image's own, or
+        the ``radius``, which no missing star can change.
     """
 
     limits_decimag: tuple[int, ...] = tuple(range(20, 46))
     radius_deg: float = 45.0
     theta_bin_deg: float = 0.5
     rho_bin: float = 0.02
+    theta_max: Literal["pattern", "radius"] = "pattern"
 
     def __post_init__(self) -> None:
         if not self.limits_decimag or list(self.limits_decimag) != sorted(set(self.limits_decimag)):
             raise ConfigError("limits_decimag must hold at least one limit, in rising order")
         if not (0 < self.radius_deg <= 90 and self.theta_bin_deg > 0 and 0 < self.rho_bin <= 1):
             raise ConfigError("patterns need 0 < radius_deg <= 90, theta_bin_deg > 0 and 0 < rho_bin <= 1")
+        if self.theta_max not in ("pattern", "radius"):
+            raise ConfigError(f"theta_max = {self.theta_max!r} is neither 'pattern' nor 'radius'")
 
     @property
     def n_theta(self) -> int:
@@ -105,12 +112,15 @@ class Patterns:
 
     def votes(self, bins: NDArray[np.int64]) -> NDArray[np.int64]:
         """Count, for each star, the given bins in which it has a neighbour; shape (n,)."""
+        return np.bincount(self.stars_in(bins)[0], minlength=len(self)).astype(np.int64)
+
+    def stars_in(self, bins: NDArray[np.int64]) -> tuple[NDArray[np.int16], NDArray[np.intp]]:
+        """Return the stars listed in the given bins, one list after the other, and for each the row in `bins`."""
         first, last = self.lut_start[bins].astype(np.int64), self.lut_start[bins + 1].astype(np.int64)
         length = last - first
-        total = int(length.sum())
         # Every list's positions, one list after the other, without a loop.
-        positions = np.arange(total) + np.repeat(first - np.cumsum(length) + length, length)
-        return np.bincount(self.lut_star[positions], minlength=len(self)).astype(np.int64)
+        positions = np.arange(int(length.sum())) + np.repeat(first - np.cumsum(length) + length, length)
+        return self.lut_star[positions], np.repeat(np.arange(len(bins)), length)
 
 
 def bearings(reference: F8, dirs: F8) -> F8:
@@ -144,9 +154,7 @@ def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
         Radius and bins.
     """
     n = len(vectors)
-    cosine = np.clip(vectors @ vectors.T, -1, 1)
-    np.fill_diagonal(cosine, -2)
-    reference, neighbour = np.nonzero(cosine >= np.cos(np.radians(config.radius_deg)))
+    reference, neighbour = _neighbours(vectors, np.cos(np.radians(config.radius_deg)))
     a, b = vectors[reference], vectors[neighbour]
     theta = 2 * np.arcsin(np.minimum(np.linalg.norm(b - a, axis=1) / 2, 1.0))
     order = np.lexsort((theta, reference))
@@ -158,8 +166,10 @@ def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
     bearing = np.arctan2(np.sum(b * east, axis=1), np.sum(b * north, axis=1))
     count = np.bincount(reference, minlength=n)
     start = np.concatenate(([0], np.cumsum(count)))
-    farthest = np.zeros(n)
-    np.maximum.at(farthest, reference, theta)
+    # Sorted by distance within each reference star, so that its last row holds the farthest.
+    farthest = np.full(n, np.radians(config.radius_deg))
+    if config.theta_max == "pattern":
+        farthest[count > 0] = theta[start[1:][count > 0] - 1]
     # Two stars of one place (a double) give theta_max = 0 only where a star has no other neighbour.
     rho = theta / np.maximum(farthest[reference], 1e-12)
     n_bins = config.n_theta * config.n_rho
@@ -177,10 +187,31 @@ def build_patterns(vectors: F8, star_id: I4, config: PatternConfig) -> Patterns:
     )
 
 
+def _neighbours(vectors: F8, cosine: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs of different stars at most an angle of that cosine apart: rows of the one and of the other."""
+    # In blocks of rows: the whole matrix of a deep catalogue does not fit into memory.
+    block = 1024
+    first, second = [], []
+    for start in range(0, len(vectors), block):
+        near = vectors[start : start + block] @ vectors.T >= cosine
+        np.fill_diagonal(near[:, start:], False)
+        i, j = np.nonzero(near)
+        first.append(i + start)
+        second.append(j)
+    if not first:
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    return np.concatenate(first), np.concatenate(second)
+
+
 def pattern_stars(catalog: StarCatalog, limit_decimag: int) -> StarCatalog:
     """Return the stars of the Bright Star Catalogue down to a magnitude limit, brightest first."""
     # The catalogue gives magnitudes to 0.01; half of that keeps the limit itself in, whatever the rounding.
     return catalog.take(np.flatnonzero((catalog.hr > 0) & (catalog.v_mag <= limit_decimag / 10 + 0.005)))
+
+
+# The thesis' 26 catalogues, and on to the end of the Bright Star Catalogue: patterns grow with the square of the number
+# of stars, so that the deep ones come in steps of half a magnitude and with a smaller neighbourhood.
+EXTENDED_PATTERNS = PatternConfig(limits_decimag=(*range(20, 46), 50, 55, 60, 65), radius_deg=30.0)
 
 
 @lru_cache(maxsize=8)

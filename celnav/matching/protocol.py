@@ -30,6 +30,8 @@ class Observation:
         The camera.
     sigma_px : ndarray, shape (n,), or None
         Standard deviation of each position along each axis, where known.
+    R_cam : ndarray, shape (3, 3), or None
+        Takes ENU to camera, where that is known; patterns do not need it, only rejection by the fix's geometry does.
     """
 
     uv: NDArray[np.float64]
@@ -37,6 +39,7 @@ class Observation:
     flux: NDArray[np.float64] | None
     camera: Camera
     sigma_px: NDArray[np.float64] | None = None
+    R_cam: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

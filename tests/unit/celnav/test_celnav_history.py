@@ -55,7 +55,7 @@ def test_the_baseline_ignores_the_history():
 
 def test_every_choice_can_be_changed():
     one = celnav.ddr_solver(replace(celnav.THESIS_ADAPTIVE, stars_in_fix="one"))
-    votes_only = celnav.ddr_solver(replace(celnav.THESIS_ADAPTIVE, confirm_by_bearing=False))
+    votes_only = celnav.ddr_solver(replace(celnav.THESIS_ADAPTIVE, bearings="ignored"))
     for solver in (one, votes_only):
         fix = solve(None, solver)
         assert len(fix.matches) == 1

@@ -1,0 +1,1 @@
+"""Replications of published work, as commands of `skybench study`."""

@@ -1,0 +1,165 @@
+"""Choices of the thesis' matcher, and the configurations of its section 5.
+
+docs/thesis.md lists what the thesis leaves open beside the field that decides it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from celnav.errors import ConfigError
+from celnav.matching.patterns import PatternConfig
+
+
+@dataclass(frozen=True)
+class DdrConfig:
+    """Choices of the DDR matcher. Frozen and hashable.
+
+    Attributes
+    ----------
+    patterns : PatternConfig
+        Catalogues, neighbour radius, theta_max and bins.
+    fixed_limit_decimag : int or None
+        Use this catalogue alone (the thesis' baseline: 40); None selects among all.
+    probe_steps : int
+        Catalogues on either side of the density's that are probed.
+    density_statistic : str
+        ``median`` or ``mean`` of the neighbour counts.
+    density_references : int or None
+        The density is taken over this many most central detections; None: over all.
+    iterate : bool
+        Similarity iteration: go on to further reference stars while the similarity is below `similarity_threshold`.
+    similarity_threshold : float
+        tau_c of the thesis.
+    below_threshold : str
+        What becomes of the best reference star when none reaches the threshold: ``refuse`` or ``accept``.
+    reference_order : str
+        Reference stars by ``centrality`` or by ``brightness`` (centrality where fluxes are unknown).
+    max_references : int or None
+        Reference stars that the iteration may try; None: all detections.
+    reject_polar_deg : float or None
+        A reference star nearer to a pole than this |declination| is not accepted; None accepts all.
+    polar_criterion : str
+        ``declination``: |dec| decides; ``determinant``: |det J| = |cos dec cos H| / cos lat does, which needs the
+        attitude, and the limit is the cosine of `reject_polar_deg` (where a star on the meridian of an observer at the
+        equator has that declination).
+    vote_normalisation : str
+        Votes are divided by the number of features of the ``image``, of the ``pattern``, or of the ``larger``.
+    tolerance_bins : int
+        A feature votes for its own bin and this many on either side in theta and rho.
+    candidates : int
+        The stars with most votes that are confirmed by bearings; 1 takes the vote's word.
+    effort : int
+        At most this many neighbours times candidates are confirmed for a reference star: among thousands of detections
+        fewer candidates are looked at, instead of taking more time.
+    bearings : str
+        How candidates are confirmed by relative bearings: one ``rotation`` for all neighbours, ``sorted-differences``
+        from each neighbour to the next, or ``ignored``: the votes decide alone, and the reference star is the only
+        match.
+    match_tolerance_deg : float
+        Distance within which a neighbour in the image and one in the pattern fall together.
+    max_log10_false_alarm : float
+        A candidate is confirmed when chance would do as well with at most this probability (decimal logarithm, all
+        stars of the catalogue and all rotations counted).
+    min_matches : int
+        Neighbours that must agree.
+    min_features : int
+        Neighbours that a reference star must have.
+    brightest : bool
+        Where fluxes are known, keep the brightest detections only, as many as the deepest catalogue has stars in the
+        camera's solid angle, on the mean of the sky.
+    brightest_factor : float
+        Times this.
+    brightest_count : int or None
+        Keep this many instead.
+    consensus_min_matches : int
+        Good matches in the history that make a consensus.
+    consensus_min_similarity : float
+        Similarity of a good match.
+    consensus_margin : float
+        The consensus catalogue overrides the best one when its similarity is at most this much lower.
+    consensus_fast_share : float
+        Above this share of the good matches the consensus catalogue is used without probing.
+    stars_in_fix : str
+        ``all``: all confirmed matches (equation 3.10); ``one``: the reference star alone (section 4.v).
+    """
+
+    patterns: PatternConfig = field(default_factory=PatternConfig)
+    fixed_limit_decimag: int | None = None
+    probe_steps: int = 1
+    density_statistic: Literal["median", "mean"] = "median"
+    density_references: int | None = 5
+    iterate: bool = True
+    similarity_threshold: float = 0.45
+    below_threshold: Literal["refuse", "accept"] = "refuse"
+    reference_order: Literal["centrality", "brightness"] = "centrality"
+    max_references: int | None = 30
+    reject_polar_deg: float | None = 75.0
+    polar_criterion: Literal["declination", "determinant"] = "declination"
+    vote_normalisation: Literal["image", "pattern", "larger"] = "image"
+    tolerance_bins: int = 0
+    candidates: int = 30
+    effort: int = 6000
+    bearings: Literal["rotation", "sorted-differences", "ignored"] = "rotation"
+    match_tolerance_deg: float = 0.5
+    max_log10_false_alarm: float = -4.0
+    min_matches: int = 3
+    min_features: int = 4
+    brightest: bool = True
+    brightest_factor: float = 1.0
+    brightest_count: int | None = None
+    consensus_min_matches: int = 5
+    consensus_min_similarity: float = 0.6
+    consensus_margin: float = 0.05
+    consensus_fast_share: float = 0.8
+    stars_in_fix: Literal["all", "one"] = "all"
+
+    def __post_init__(self) -> None:
+        if self.fixed_limit_decimag is not None and self.fixed_limit_decimag not in self.patterns.limits_decimag:
+            raise ConfigError(f"fixed_limit_decimag = {self.fixed_limit_decimag} is none of the catalogues' limits")
+        if self.candidates < 1 or self.min_features < 2 or self.min_matches < 1:
+            raise ConfigError("the DDR matcher needs candidates >= 1, min_features >= 2 and min_matches >= 1")
+        for name, least in (("density_references", 1), ("max_references", 1), ("brightest_count", 3)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise ConfigError(f"{name} = {value} must be {least} or more, or None")
+        if self.tolerance_bins < 0 or self.probe_steps < 0:
+            raise ConfigError("tolerance_bins and probe_steps must be 0 or more")
+        allowed = {
+            "density_statistic": ("median", "mean"),
+            "below_threshold": ("refuse", "accept"),
+            "reference_order": ("centrality", "brightness"),
+            "polar_criterion": ("declination", "determinant"),
+            "vote_normalisation": ("image", "pattern", "larger"),
+            "bearings": ("rotation", "sorted-differences", "ignored"),
+            "stars_in_fix": ("all", "one"),
+        }
+        for name, values in allowed.items():
+            if getattr(self, name) not in values:
+                raise ConfigError(f"{name} = {getattr(self, name)!r} is none of {', '.join(values)}")
+
+
+# The configurations of the thesis, section 5, with our readings of what it leaves open.
+THESIS_BASELINE = DdrConfig(fixed_limit_decimag=40, iterate=False, reject_polar_deg=None)
+THESIS_BASELINE_SI = replace(THESIS_BASELINE, iterate=True)
+THESIS_BASELINE_SI_PR = replace(THESIS_BASELINE_SI, reject_polar_deg=75.0)
+THESIS_ADAPTIVE = DdrConfig()
+# The ablation that Table 1.1 lacks: the catalogue is selected, nothing else is added to the baseline.
+THESIS_CATALOGUE_ONLY = DdrConfig(iterate=False, reject_polar_deg=None)
+
+# The same to the letter: votes alone decide and always claim a match, no use of brightness, one star makes the fix,
+# the neighbourhood is the field of view's half-width.
+LITERAL_ADAPTIVE = DdrConfig(
+    patterns=PatternConfig(radius_deg=60.0),
+    density_statistic="mean",
+    density_references=None,
+    below_threshold="accept",
+    bearings="ignored",
+    brightest=False,
+    stars_in_fix="one",
+)
+LITERAL_BASELINE = replace(LITERAL_ADAPTIVE, fixed_limit_decimag=40, iterate=False, reject_polar_deg=None)
+LITERAL_BASELINE_SI = replace(LITERAL_BASELINE, iterate=True)
+LITERAL_BASELINE_SI_PR = replace(LITERAL_BASELINE_SI, reject_polar_deg=75.0)
+LITERAL_CATALOGUE_ONLY = replace(LITERAL_ADAPTIVE, iterate=False, reject_polar_deg=None)
