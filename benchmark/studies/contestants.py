@@ -15,7 +15,7 @@ from benchmark.provenance import distribution_version
 from benchmark.run import SolverOutcome, judge_frame
 from benchmark.solvers.celnav_solver import answer_of
 from benchmark.solvers.protocol import Answer, Detections, Observation
-from celnav.solver import Solver
+from celnav.problem import Solver
 
 
 @dataclass(frozen=True, eq=False)

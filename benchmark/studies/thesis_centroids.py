@@ -95,7 +95,7 @@ def sites_of(scenario: Scenario, n_sites: int) -> list[StarList]:
 
     Sites are drawn as the scenario draws its own, in frames after its last.
     """
-    tree = {**scenario.template, "stars": {"limiting_mag": DEEPEST_MAG}}
+    tree = {**scenario.template, "stars": {"limiting_magnitude": DEEPEST_MAG}}
     deep = replace(scenario, name=f"{scenario.name}-centroids", template=tree, axes=(), repeats=n_sites)
     return [list_stars(deep, index) for index in range(n_sites)]
 

@@ -106,10 +106,10 @@ def solve_pictures(folder: Path, progress: Callable[[], None]) -> RenderedPart:
 def _label(folder: Path, frame: Frame) -> float:
     record = json.loads((folder / f"{frame.frame_id}.json").read_text(encoding="utf-8"))
     try:
-        return float(record["stars"]["limiting_mag"])
+        return float(record["stars"]["limiting_magnitude"])
     except (KeyError, TypeError, ValueError):
         raise DatasetError(
-            f"{folder / frame.frame_id}.json: has no stars.limiting_mag, which the study sorts by"
+            f"{folder / frame.frame_id}.json: has no stars.limiting_magnitude, which the study sorts by"
         ) from None
 
 

@@ -280,7 +280,7 @@ def test_adaptive_recall_on_rendered_frames_of_magnitude_seven(tmp_path):
     from generator.dataset_writer import render_dataset
 
     scenario = study_scenario(SCENARIO, 12)
-    tree = {**scenario.template, "stars": {"limiting_mag": 7.0}}
+    tree = {**scenario.template, "stars": {"limiting_magnitude": 7.0}}
     render_dataset(dataclasses.replace(scenario, template=tree, axes=()), tmp_path / "frames")
     rows = Rows(solve_pictures(tmp_path / "frames", lambda: None).rows)
     found = rows.of(PART, who.ADAPTIVE)
