@@ -25,7 +25,7 @@ class Series:
     low, high : sequence of float or None
         Intervals in y.
     shape : str
-        ``circle``, ``square``, ``triangle``, ``diamond`` or ``none``.
+        ``circle``, ``square``, ``triangle``, ``diamond``, ``dot`` (small, for many) or ``none``.
     filled : bool
     line : str
         ``solid``, ``dashed``, ``dotted`` or ``none``.
@@ -153,7 +153,7 @@ def _mark(x: float, y: float, one: Series) -> str:
     if one.shape == "circle":
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r}" {ink}/>'
     if one.shape == "dot":
-        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.8" {ink}/>'
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.8" fill="{fill}" stroke="currentColor" stroke-width="0.8"/>'
     corners = {
         "square": [(-r, -r), (r, -r), (r, r), (-r, r)],
         "triangle": [(0, -r - 1), (r + 1, r), (-r - 1, r)],

@@ -95,22 +95,11 @@ def figure_swap(part: CentroidPart) -> str:
     largest = max(12.0, *(f.off_axis_deg for f in part.one_star)) * 1.05
     curve = np.linspace(0.2, largest, 60)
     series = [Series("prediction of the mix-up", list(curve), list(swap_error_km(curve)), shape="none")]
-    for projection, noise_px, shape, filled in (
-        ("stereographic", 0.0, "circle", True),
-        ("pinhole", 0.3, "triangle", False),
-    ):
+    for projection, noise_px, filled in (("stereographic", 0.0, True), ("pinhole", 0.3, False)):
         fixes = [f for f in part.one_star if f.projection == projection and f.noise_px == noise_px]
         name = "mix-up, no noise" if noise_px == 0 else f"right projection, {noise_px:g} px"
-        series.append(
-            Series(
-                name,
-                [f.off_axis_deg for f in fixes],
-                [f.error_km for f in fixes],
-                shape=shape,
-                filled=filled,
-                line="none",
-            )
-        )
+        places, errors = [f.off_axis_deg for f in fixes], [f.error_km for f in fixes]
+        series.append(Series(name, places, errors, shape="dot", filled=filled, line="none"))
     x = Axis(
         "angle of the star off the axis, deg", 0.0, largest, tuple((t, f"{t}") for t in range(0, int(largest) + 1, 2))
     )

@@ -250,7 +250,7 @@ def page(study: Study) -> str:
             "The same against the depth of the frame",
             "Centroid frames with 0.3 px of noise that end at a magnitude. The literal baseline lives only "
             "where the frame is as "
-            "deep as its catalogue, which is the shape of the thesis' figure 5.",
+            "deep as its catalogue, much as the thesis' baseline does over its labels.",
             figures.figure_depth(study.rows, DEPTHS_MAG),
         ),
         (
@@ -263,9 +263,8 @@ def page(study: Study) -> str:
         ),
         (
             "What the projection mix-up does to one star",
-            "Centroid frames; the most central star above magnitude 4, its name known. Dots of the right "
-            "projection show 0.3 px of "
-            "noise; points far above are the second latitude that one star allows.",
+            "Centroid frames; the most central star above magnitude 3 or 4, its name known. Hollow dots have 0.3 px of noise "
+            "and the right projection. Points far above are the second latitude that one star allows, or a small det J.",
             figures.figure_swap(study.centroids),
         ),
     )
