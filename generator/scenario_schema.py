@@ -88,7 +88,7 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def _with_variations(model: dict[str, Any]) -> dict[str, Any]:
-    """Let each property of a model be a variation, or the name of something (a curve, an attitude, a preset)."""
+    """Let each property of a model be a variation, or the name of something (a curve, an attitude, a file)."""
     if "properties" not in model:
         return model
     properties = {}
@@ -101,5 +101,5 @@ def _with_variations(model: dict[str, Any]) -> dict[str, Any]:
 
 
 def _may_be_named(value: dict[str, Any]) -> bool:
-    """Whether a value is a structure that also has named examples."""
-    return value.get("type") == "array" or "Pointing" in str(value.get("$ref", ""))
+    """Whether a value is a structure that a scenario may name instead."""
+    return value.get("type") == "array" or str(value.get("$ref", "")).endswith(("/Pointing", "/InputFile"))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import celnav
 from benchmark.dataset import Frame, FrameConditions, TruthStars
 from benchmark.solvers.protocol import CameraRecord, Observation
+from generator.ephemeris import PLANET_ID_BASE
 from generator.frame_plan import FramePlan, plan_frame
 from generator.scenario_file import Scenario
 from generator.seeds import random_stream
@@ -57,12 +58,14 @@ class CentroidFrame:
 
 
 def list_stars(scenario: Scenario, index: int) -> StarList:
-    """Return the stars over the site of frame `index` of a scenario, down to the frame's limiting magnitude."""
+    """Return the stars (no planets) over the site of frame `index` of a scenario, down to the frame's limiting magnitude."""
     plan = plan_frame(scenario, index)
-    azimuth, altitude = np.radians(plan.middle.azimuth_deg), np.radians(plan.middle.altitude_deg)
+    stars = plan.stars.star_id < PLANET_ID_BASE
+    azimuth, altitude = np.radians(plan.middle.azimuth_deg[stars]), np.radians(plan.middle.altitude_deg[stars])
     enu = np.column_stack((np.cos(altitude) * np.sin(azimuth), np.cos(altitude) * np.cos(azimuth), np.sin(altitude)))
     rays = enu @ np.asarray(plan.spec.R_cam).T
-    return StarList(plan, rays, plan.stars.star_id.astype(np.int64), plan.stars.v_mag.astype(np.float64), plan.dec_deg)
+    chosen = plan.stars[stars]
+    return StarList(plan, rays, chosen.star_id.astype(np.int64), chosen.v_mag.astype(np.float64), plan.dec_deg[stars])
 
 
 def project(rays: F8, camera: CameraRecord, projection: Projection) -> F8:

@@ -40,7 +40,10 @@ def test_uniform_normal_and_sphere_follow_their_laws() -> None:
     assert stats.kstest(values(scenario, "camera", "psf_sigma_px"), truncated.cdf).pvalue > FALSE_ALARM
     counts = np.bincount(values(scenario, "sky", "bortle"), minlength=10)[1:]
     assert stats.chisquare(counts).pvalue > FALSE_ALARM
-    assert stats.chisquare(np.unique(values(scenario, "camera", "aperture_mm"), return_counts=True)[1]).pvalue > FALSE_ALARM
+    assert (
+        stats.chisquare(np.unique(values(scenario, "camera", "aperture_mm"), return_counts=True)[1]).pvalue
+        > FALSE_ALARM
+    )
 
 
 def test_times_keep_the_sun_below() -> None:
@@ -97,7 +100,9 @@ def test_frames_multiply_with_sweeps_and_differ() -> None:
 
 def test_one_distribution_does_not_disturb_another() -> None:
     alone = small_scenario(frames=4, site__latitude_deg={"uniform": [0, 60]})
-    beside = small_scenario(frames=4, site__latitude_deg={"uniform": [0, 60]}, camera__aperture_mm={"uniform": [2.0, 5.0]})
+    beside = small_scenario(
+        frames=4, site__latitude_deg={"uniform": [0, 60]}, camera__aperture_mm={"uniform": [2.0, 5.0]}
+    )
     assert values(alone, "site", "latitude_deg").tolist() == values(beside, "site", "latitude_deg").tolist()
 
 
