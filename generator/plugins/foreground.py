@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
@@ -10,12 +10,15 @@ import mitsuba as mi
 import numpy as np
 from scipy.stats import qmc
 
+GREY_NM = 550.0
+"""Where a surface's reflectance is taken; it counts as the same at every wavelength."""
 
-def lit_radiance(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
-    """Split the radiance that geometry sends back along rays into one part per direction of the sky.
 
-    Light from the environment, from directions of a Hammersley-like Sobol set (the same for every pixel, so the same bytes
-    come again), unless other geometry blocks it; one bounce.
+def lit_directions(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Any]]:
+    """Split the light that geometry sends back along rays into one part per direction of the sky.
+
+    Directions are those of a Sobol set (the same for every pixel, so the same bytes come again), unless other geometry
+    blocks them; one bounce, grey reflectance.
 
     Parameters
     ----------
@@ -28,13 +31,14 @@ def lit_radiance(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Call
     Yields
     ------
     weight : Float
-        What the radiance is to be multiplied with; 0 where there is no geometry.
-    radiance : callable
-        Wavelengths (Spectrum) to radiance (Spectrum).
+        What the sky's radiance from the direction is to be multiplied with; 0 where there is no geometry.
+    direction : Vector3f
+        Towards the sky.
     """
     environment = scene.environment()
     si = scene.ray_intersect(ray)
     hit = si.is_valid()
+    si.wavelengths = mi.Spectrum(GREY_NM)
     dr.eval(si, hit)
     points = qmc.Sobol(2, scramble=False).random_base2(int(np.ceil(np.log2(max(samples, 2)))))
     points = (points + 0.5 / len(points)) % 1.0
@@ -44,13 +48,7 @@ def lit_radiance(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Call
         sample = dr.zeros(mi.Point2f, dr.width(si)) + sample
         ds, _ = environment.sample_direction(si, sample, hit)
         seen = hit & (dr.dot(ds.d, si.n) != 0) & ~scene.ray_test(si.spawn_ray(ds.d), hit)
-        weight = dr.select(seen, 1 / (ds.pdf * len(points)), 0)
+        reflected = si.bsdf().eval(context, si, si.to_local(ds.d), seen)[0]
+        weight = dr.select(seen, reflected / (ds.pdf * len(points)), 0)
         dr.eval(weight, ds)
-
-        def radiance(wavelengths: Any, ds: Any = ds, seen: Any = seen) -> Any:
-            here = mi.SurfaceInteraction3f(si)
-            here.wavelengths = wavelengths
-            reflected = here.bsdf().eval(context, here, here.to_local(ds.d), seen)
-            return reflected * environment.eval_direction(here, ds, seen)
-
-        yield weight, radiance
+        yield weight, ds.d

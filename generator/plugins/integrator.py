@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from generator.photometry import GRID_START_NM
 from generator.plugins.camera import FLOAT64, NightSkyCamera
-from generator.plugins.foreground import lit_radiance
+from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 from generator.plugins.star_splats import (
@@ -122,20 +122,24 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            # The sky is a sum of terms, each a value by direction times a spectrum; the spectra are integrated once.
-            values = environment.coefficients(ray.d)
-            for channel in range(channels):
-                light = dr.zeros(mi.Float, width * height)
-                for term, value in enumerate(values):
-                    light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
-                dr.scatter_add(image, dr.maximum(light, 0) * etendue, pixel * channels + channel)
-            dr.eval(image)
+            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
-                for lit, radiance in lit_radiance(scene, ray, self.lit_samples):
-                    self._collect(camera, image, etendue * lit / self.coverage_moments, radiance, pixel, channels)
+                etendue /= self.coverage_moments
+                for weight, direction in lit_directions(scene, ray, self.lit_samples):
+                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel)
         return mi.TensorXf(image, (height, width, channels))
+
+    def _add_sky(self, image: Any, coefficients: list[Any], terms: list[Any], etendue: Any, pixel: Any) -> None:
+        """Add light of the sky to an image: a sum of terms, each a value by direction times an integrated spectrum."""
+        channels = len(terms)
+        for channel in range(channels):
+            light = dr.zeros(mi.Float, dr.width(pixel))
+            for term, value in enumerate(coefficients):
+                light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
+            dr.scatter_add(image, dr.maximum(light, 0) * etendue, pixel * channels + channel)
+        dr.eval(image)
 
     def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
         """Part of the exposure (Float) during which no geometry stands before each pixel."""
@@ -147,32 +151,6 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             free += dr.select(scene.ray_test(ray), 0, mi.Float(1 / self.coverage_moments))
             dr.eval(free)
         return free
-
-    def _collect(
-        self, camera: NightSkyCamera, image: Any, etendue: Any, radiance: Any, pixel: Any, channels: int
-    ) -> None:
-        """Add etendue x radiance, integrated over wavelength and weighted by the film's channels, to an image."""
-        film = camera.film()
-        dr.eval(etendue)
-        group = mi.UInt32(0)
-        total = [dr.zeros(mi.Float, dr.width(pixel)) for _ in range(channels)]
-
-        def in_range(group: Any, *total: Any) -> Any:
-            del total
-            return group < self.wavelength_groups
-
-        def add_group(group: Any, *total: Any) -> tuple[Any, ...]:
-            wavelengths = stratified_wavelengths((mi.Float(group) + 0.5) / (4 * self.wavelength_groups))
-            weight = etendue * camera.spectral_weight(wavelengths)
-            values = film.prepare_sample(radiance(wavelengths) * weight, wavelengths, channels + 1)
-            return (group + 1, *(so_far + value for so_far, value in zip(total, values, strict=False)))
-
-        # State variables that share a label share a value.
-        labels = ("group", *(f"channel{channel}" for channel in range(channels)))
-        _, *total = dr.while_loop((group, *total), in_range, add_group, labels=labels)
-        for channel, value in enumerate(total):
-            dr.scatter_add(image, value / self.wavelength_groups, pixel * channels + channel)
-        dr.eval(image)
 
     def term_electrons(self, camera: NightSkyCamera, environment: Any, channels: int) -> list[Any]:
         """Spectrum of each term of the sky integrated over the film's response, a Float (terms) per channel."""
