@@ -8,6 +8,7 @@ UT1, polar motion and diurnal aberration are ERFA's ``apco13``, ``atciq`` and ``
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import erfa
 import numpy as np
@@ -20,6 +21,7 @@ from generator.times import EarthOrientation, Instant
 MAS_TO_RAD = np.pi / (180 * 3600 * 1000)
 J2000_MJD = 51544.5
 DAYS_PER_JULIAN_YEAR = 365.25
+HORIZON_MARGIN_DEG = 3.0
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,12 @@ def apparent_places(
     ApparentPlaces
         In the order of `stars`.
     """
+    places = intermediate_places(stars, site, instant, orientation)
+    return observed_places(places, site, instant, orientation, air)
+
+
+def _context(site: Site, instant: Instant, orientation: EarthOrientation) -> Any:
+    """ERFA's star-independent parameters, without refraction."""
     astrom, _ = erfa.apco13(
         instant.utc1,
         instant.utc2,
@@ -98,6 +106,27 @@ def apparent_places(
         0.0,
         0.55,
     )
+    return astrom
+
+
+@dataclass(frozen=True)
+class IntermediatePlaces:
+    """Places in the celestial intermediate system (CIRS), rad: everything applied but the Earth's rotation and the air.
+
+    They change by less than 0.1 arcsec an hour (diurnal aberration turns with the observer), which exposures neglect.
+    """
+
+    ri: NDArray[np.float64]
+    di: NDArray[np.float64]
+
+    def __getitem__(self, selection: NDArray[np.bool_]) -> IntermediatePlaces:
+        return IntermediatePlaces(self.ri[selection], self.di[selection])
+
+
+def intermediate_places(
+    stars: StarCatalogue, site: Site, instant: Instant, orientation: EarthOrientation
+) -> IntermediatePlaces:
+    """Intermediate places of n catalogue stars; parameters as in :func:`apparent_places`."""
     declination = np.radians(stars.dec_deg)
     ri, di = erfa.atciq(
         np.radians(stars.ra_deg),
@@ -106,9 +135,16 @@ def apparent_places(
         stars.pm_dec_mas_yr * MAS_TO_RAD,
         np.maximum(stars.parallax_mas, 0.0) / 1000,
         np.zeros(len(stars)),
-        astrom,
+        _context(site, instant, orientation),
     )
-    azimuth, zenith_distance, *_ = erfa.atioq(ri, di, astrom)
+    return IntermediatePlaces(ri, di)
+
+
+def observed_places(
+    places: IntermediatePlaces, site: Site, instant: Instant, orientation: EarthOrientation, air: Air
+) -> ApparentPlaces:
+    """Apparent places of n stars at an instant from their intermediate places near it (same hour)."""
+    azimuth, zenith_distance, *_ = erfa.atioq(places.ri, places.di, _context(site, instant, orientation))
     true_altitude = 90 - np.degrees(zenith_distance)
     lift = refraction_deg(
         true_altitude,
@@ -117,6 +153,20 @@ def apparent_places(
         relative_humidity=air.relative_humidity,
     )
     return ApparentPlaces(np.degrees(azimuth) % 360, true_altitude + lift)
+
+
+def possibly_up(stars: StarCatalogue, site: Site, instant: Instant) -> NDArray[np.bool_]:
+    """Which of n stars can stand above the horizon: all that do, and none deeper than about 4 deg below it.
+
+    The zenith is taken at the Earth rotation angle, in ICRS axes; precession since J2000.0 and UT1-UTC stay within the margin
+    for a century.
+    """
+    right_ascension = erfa.era00(instant.utc1, instant.utc2) + np.radians(site.longitude_deg)
+    latitude = np.radians(site.latitude_deg)
+    declination = np.radians(stars.dec_deg)
+    hour_angle = right_ascension - np.radians(stars.ra_deg)
+    sine = np.sin(latitude) * np.sin(declination) + np.cos(latitude) * np.cos(declination) * np.cos(hour_angle)
+    return sine > np.sin(np.radians(-HORIZON_MARGIN_DEG))
 
 
 def places_of_date(stars: StarCatalogue, instant: Instant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

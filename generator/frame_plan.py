@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, places_of_date
+from generator.astrometry import (
+    Air,
+    ApparentPlaces,
+    Site,
+    intermediate_places,
+    observed_places,
+    places_of_date,
+    possibly_up,
+)
 from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
 from generator.catalogue import StarCatalogue, load_catalogue
 from generator.ephemeris import planets
@@ -111,12 +119,14 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         catalogue = catalogue.joined(planets(site, utc_mid, orientation))
     stars = catalogue[catalogue.v_mag <= spec.stars.limiting_magnitude]
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
-    middle = apparent_places(stars, site, utc_mid, orientation, air)
+    stars = stars[possibly_up(stars, site, utc_mid)]
+    places = intermediate_places(stars, site, utc_mid, orientation)
+    middle = observed_places(places, site, utc_mid, orientation, air)
     up = middle.altitude_deg > 0
-    stars = stars[up]
+    stars, places = stars[up], places[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
     path = [
-        apparent_places(stars, site, utc_start.plus(float(after)), orientation, air)
+        observed_places(places, site, utc_start.plus(float(after)), orientation, air)
         for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
     ]
     middle = ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up])

@@ -146,3 +146,31 @@ def test_bright_stars_have_their_published_places() -> None:
         across = (catalogue.ra_deg[row] - ra_deg) * np.cos(np.radians(dec_deg))
         assert np.hypot(across, catalogue.dec_deg[row] - dec_deg) * 3600 < 0.1
         assert catalogue.v_mag[row] == pytest.approx(v_mag, abs=0.005)
+
+
+def test_choice_of_stars_that_can_be_up_loses_none() -> None:
+    """Against the places of all stars, at ten sites and times from 1975 to 2027."""
+    from generator.astrometry import Air, Site, apparent_places, possibly_up
+
+    catalogue = load_catalogue()[np.arange(0, 60000, 5)]
+    for number, (latitude, longitude, utc) in enumerate(PLACES[:10]):
+        instant = Instant.parse(f"{1975 + 5 * number if number < 9 else 2027}{utc[4:]}")
+        if number == 9:
+            instant = Instant.parse("2027-06-01T03:00:00Z")
+        site = Site(latitude, longitude)
+        places = apparent_places(catalogue, site, instant, earth_orientation(instant), Air(1010, 10, 0.5))
+        chosen = possibly_up(catalogue, site, instant)
+        assert not ((places.altitude_deg > 0) & ~chosen).any()
+        assert places.altitude_deg[chosen].min() > -5
+
+
+def test_intermediate_places_serve_the_whole_exposure() -> None:
+    """An hour later, places from one set of intermediate places differ from those computed afresh by under 0.1 arcsec."""
+    from generator.astrometry import Air, Site, apparent_places, intermediate_places, observed_places
+
+    catalogue = load_catalogue()[np.arange(0, 5000, 5)]
+    instant, site, air = Instant.parse("2022-03-04T20:00:00Z"), Site(52.0, 4.36), Air(0.0, 10, 0.5)
+    later, orientation = instant.plus(3600.0), earth_orientation(instant)
+    reused = observed_places(intermediate_places(catalogue, site, instant, orientation), site, later, orientation, air)
+    afresh = apparent_places(catalogue, site, later, orientation, air)
+    assert np.degrees(np.linalg.norm(reused.enu - afresh.enu, axis=1)).max() * 3600 < 0.1
