@@ -26,7 +26,7 @@ from generator.seeds import random_stream
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
 
-PNG_COMPRESSION = 4
+PNG_COMPRESSION = 2
 TEMPORARY = ("frame-*", ".frame-*", ".stars-*", ".objects-*")
 STARS_FILE = "stars.parquet"
 OBJECTS_FILE = "objects.parquet"
