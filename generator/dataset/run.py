@@ -68,6 +68,8 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
     """
     try:
         copy = target.read(SCENARIO_COPY)
+        if copy == text.encode():
+            return  # files that it names may have changed; each shard's receipt has the hash that sees them
         if copy is not None:
             try:
                 same = parse_scenario(copy.decode(), SCENARIO_COPY).sha256 == scenario.sha256
