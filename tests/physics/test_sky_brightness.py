@@ -46,7 +46,7 @@ def test_lamps_of_a_bortle_class_bring_a_natural_zenith_to_the_table(bortle) -> 
     )
 
 
-@pytest.mark.parametrize("wanted", [22.5, 21.0, 17.0])
+@pytest.mark.parametrize("wanted", [22.5, 21.0, 17.0, *BORTLE_ZENITH_MAG.values()])
 def test_target_zenith_brightness_is_the_frame_s(wanted) -> None:
     """A brightness that is asked for directly is that of the very frame, natural light included."""
     assert zenith_mag_of_frame({"zenith_mag_arcsec2": wanted}) == pytest.approx(wanted, abs=0.05)
