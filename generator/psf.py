@@ -39,6 +39,8 @@ BAND_COUNT = 4
 REFERENCE_NM = 550.0
 CHROMATIC_SPAN_NM = 200.0
 MARGIN_PX = 4
+PSF_REACH_SIGMAS = 6.0
+"""Equivalent standard deviations from a star within which its light counts."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def psf_table(camera: CameraSpec) -> PsfTable:
     return PsfTable(stamps, shift, edges)
 
 
+@functools.lru_cache(maxsize=64)
 def equivalent_sigma_px(camera: CameraSpec) -> float:
     """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
 
