@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
 from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
+from generator.camera_spec import CameraSpec
 from generator.flying_objects import FlyingObjects
 from generator.foreground import shape_dicts
 from generator.frame_plan import FramePlan, dimming_atmosphere
@@ -235,8 +237,19 @@ def integrator_dict(plan: FramePlan) -> dict[str, Any]:
     }
     if spec.camera.psf is None:
         return description | {"psf_sigma_px": spec.camera.psf_sigma_px}
-    table = psf_table(spec.camera)
-    return description | {"psf_stamps": tensor(table.stamps), "psf_shift": tensor(table.shift)}
+    return description | _psf_tensors(spec.camera)
+
+
+@functools.lru_cache(maxsize=1)
+def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
+    """The tabulated point spread function of a camera, for the integrator."""
+    table = psf_table(camera)
+    return {
+        "psf_stamps": tensor(table.stamps),
+        "psf_shift": tensor(table.shift),
+        "psf_inside": tensor(table.inside),
+        "psf_beyond": tensor(table.beyond),
+    }
 
 
 def _swept_px(plan: FramePlan) -> float:

@@ -11,6 +11,8 @@ parameter                type     meaning
 ``psf_sigma_px``         float    standard deviation of a Gaussian point spread function, px; or
 ``psf_stamps``           tensor   (bands, rows, columns, n, n): see :class:`generator.plugins.psf_atlas.PsfAtlas`
 ``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
+``psf_inside``           tensor   (radius + 1, bands, rows, columns): light within squares of 1, 3, 5 … px
+``psf_beyond``           tensor   (radius + 1,): largest share of a pixel outside of them
 ``wavelength_groups``    int      wavelengths per pixel over four (default 33: one every 4.9 nm)
 ``largest_step_px``      float    longest step of a star between two moments of the exposure
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
@@ -41,6 +43,7 @@ from generator.plugins.star_splats import (
     splat_atlas,
     splat_gaussian,
 )
+from generator.plugins.stamp_light import StampLight, gaussian_light
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
@@ -53,7 +56,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: Any) -> None:
         super().__init__(props)
-        self.stamps = np.array(props["psf_stamps"], dtype=np.float64) if "psf_stamps" in props else None
+        self.stamps = mi.TensorXf(props["psf_stamps"]) if "psf_stamps" in props else None
         self.band_shift = np.array(props["psf_shift"], dtype=np.float64) if "psf_shift" in props else np.zeros(1)
         self.psf_sigma_px = float(props.get("psf_sigma_px", 0.0))
         if self.stamps is None and self.psf_sigma_px <= 0:
@@ -68,13 +71,16 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         self.sky_moments = int(props.get("sky_moments", 1))
         self.lit_samples = int(props.get("lit_samples", 0))
         self.radius_px = math.ceil(PSF_RADIUS_SIGMAS * self.psf_sigma_px + 0.5)
-        if self.stamps is not None:
-            self.radius_px = PsfAtlas(self.stamps, self.band_shift, 1, 1, 0.0, 0.0, 1.0).radius_px
+        if self.stamps is None:
+            self.stamp_light = gaussian_light(self.psf_sigma_px, self.radius_px)
+        else:
+            self.stamp_light = StampLight(np.array(props["psf_inside"], float), np.array(props["psf_beyond"], float))
+            self.radius_px = self.stamp_light.radius_px
 
     @property
     def bands(self) -> int:
         """Wavelength bands of the point spread function."""
-        return 1 if self.stamps is None else len(self.stamps)
+        return 1 if self.stamps is None else self.stamps.shape[0]
 
     def render(
         self,
@@ -192,11 +198,12 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         width, height = camera.width, camera.height
         electrons = self.electrons_by_band(camera, emitter, self.bands)
         channels = electrons.shape[1]
+        radius = self.stamp_light.radii(electrons.sum(axis=2).max(axis=1))
         total = dr.zeros(UINT64, width * height * channels)
         if self.stamps is None:
-            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, self.radius_px)
+            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, radius, self.stamp_light)
         else:
-            splat_atlas(total, camera, tracks, electrons, self.atlas(camera))
+            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), radius, self.stamp_light)
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
         return mi.TensorXf(image, (height, width, channels))
 
