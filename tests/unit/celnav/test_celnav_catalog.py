@@ -115,7 +115,9 @@ def test_cache_gives_back_what_it_was_given(tmp_path, monkeypatch):
         assert not found[name].flags.writeable
 
 
-@pytest.mark.parametrize("content", [b"", b"{}\n", b"[1]\n", b"PK\x03\x04", b'{"format": "celnav-cache/1", "bytes": 0}\n'])
+@pytest.mark.parametrize(
+    "content", [b"", b"{}\n", b"[1]\n", b"PK\x03\x04", b'{"format": "celnav-cache/1", "bytes": 0}\n']
+)
 def test_cache_builds_what_is_no_table(tmp_path, monkeypatch, content):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     celnav.cache.cached("t", "k", lambda: {"a": np.arange(4)})
