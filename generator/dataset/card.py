@@ -115,6 +115,14 @@ def card_text(
         if frames[column].notna().any()
     )
     objects = "" if not counts["objects"] else f", {counts['objects']} of satellites, aircraft, meteors and the Moon"
+    # `datasets` refuses a table without any row.
+    listed_objects = (
+        ""
+        if not counts["objects"]
+        else (
+            f"- config_name: objects\n  data_files: [{{split: {spec.split}, path: objects/{spec.split}/*.parquet}}]\n"
+        )
+    )
     electrons = ", `.exr` (expected electrons)" if spec.exr else ""
     options = f"--split {spec.split} --shard-size {spec.shard_size}" + (" --exr" if spec.exr else "")
     options += f" --codec {spec.codec}" if spec.codec != "png" else ""
@@ -128,9 +136,7 @@ configs:
   data_files: [{{split: {spec.split}, path: frames/{spec.split}/*.parquet}}]
 - config_name: stars
   data_files: [{{split: {spec.split}, path: stars/{spec.split}/*.parquet}}]
-- config_name: objects
-  data_files: [{{split: {spec.split}, path: objects/{spec.split}/*.parquet}}]
----
+{listed_objects}---
 
 # {scenario.name}
 

@@ -224,8 +224,10 @@ def _exr_bytes(frame: RenderedFrame) -> bytes:
 
 
 def _write_table(path: Path, table: pa.Table) -> None:
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, table.schema, compression="zstd") as writer:
+        # A row group without rows stops the readers of `datasets`; a file without row groups does not.
+        if table.num_rows:
+            writer.write_table(table)
 
 
 def stored_file(folder: Path, place: str) -> StoredFile:

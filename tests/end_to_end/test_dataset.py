@@ -30,7 +30,7 @@ from generator.dataset.run import Part
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
 from generator.object_table import OBJECT_SCHEMA
-from generator.scenario_file import load_scenario
+from generator.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[2]
 TINY = BASE | {
@@ -421,6 +421,28 @@ def test_loads_with_hugging_face_datasets(dataset, tmp_path) -> None:
         code, str(dataset), HF_HOME=str(tmp_path), HF_HUB_OFFLINE="1", HF_DATASETS_OFFLINE="1"
     )
     assert printed.split() == ["12", "2", "True", "satellite"]
+
+
+def test_hugging_face_datasets_reads_objects_past_shards_without_any(tmp_path) -> None:
+    """Of three shards the middle one alone has an object; a set without objects does not offer the table."""
+    few = BASE | {
+        "camera": WITH_FILE["camera"],
+        "stars": {"limiting_magnitude": 2.0},
+        "foreground": {"trails": {"sweep": [[], TINY["foreground"]["trails"], []]}},
+    }
+    count = "import sys, datasets; print(len(datasets.load_dataset(sys.argv[1], 'objects', split='train')))"
+    offline = {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
+    generate(
+        parse_scenario(yaml.safe_dump(few), "few.yaml"),
+        yaml.safe_dump(few),
+        tmp_path / "few",
+        DatasetSpec(shard_size=1),
+    )
+    assert in_a_process_of_its_own(count, str(tmp_path / "few"), **offline).split() == ["1"]
+    none = few | {"foreground": {}}
+    generate(parse_scenario(yaml.safe_dump(none), "none.yaml"), yaml.safe_dump(none), tmp_path / "none", DatasetSpec())
+    assert "config_name: objects" not in (tmp_path / "none/README.md").read_text()
+    assert Dataset.open(tmp_path / "none").objects().num_rows == 0
 
 
 def test_croissant_is_valid_and_yields_records(dataset) -> None:
