@@ -23,6 +23,7 @@ app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.
 app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
 app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
 app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(dataset_cli.export)
+app.command(epilog="Example: skybench show out/set, then open out/set-show/index.html")(dataset_cli.show)
 app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
