@@ -8,7 +8,8 @@ from markupsafe import Markup
 
 from benchmark.formatting import interval, number, percent
 from benchmark.intervals import Estimate
-from benchmark.site.boards import Condition, Level
+from benchmark.site.boards import Level
+from benchmark.site.tree import TaskFacts
 from benchmark.site.figure import Panel, Point, Scale, level_scale, log_scale, share_scale
 
 SHAPES = ("circle", "square", "triangle", "diamond")
@@ -40,10 +41,10 @@ class Mark:
 
 
 def success_curve(
-    levels: Sequence[Level], others: Sequence[Sequence[Level]], condition: Condition, style: Style, label: str
+    levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts, style: Style, label: str
 ) -> Markup:
     """Success against the condition with its interval, the other solvers in grey behind."""
-    panel = Panel(_conditions((levels, *others), condition), share_scale(""), *SMALL_PX, label)
+    panel = Panel(_conditions((levels, *others), task), share_scale(""), *SMALL_PX, label)
     panel.across(0.5)
     for other in others:
         panel.line([(level.condition, level.success.value) for level in other], "ghost")
@@ -54,7 +55,7 @@ def success_curve(
     )
     panel.line([(level.condition, level.success.value) for level in levels], f"line {style.css}")
     for level in levels:
-        words = f"{condition.name} {level.condition:g}: {percent(level.success.value)}"
+        words = f"{task.condition} {level.condition:g}: {percent(level.success.value)}"
         words += f" ({interval(level.success, percent)}), {level.n_frames} frames"
         panel.dot((level.condition, level.success.value), f"dot {style.css}", words, shape=style.shape)
     return panel.svg()
@@ -63,20 +64,20 @@ def success_curve(
 def error_curve(
     levels: Sequence[Level],
     others: Sequence[Sequence[Level]],
-    condition: Condition,
+    task: TaskFacts,
     scale: Scale,
     style: Style,
     label: str,
 ) -> Markup:
     """Median error against the condition with its interval, over the Cramér-Rao bound (dashed)."""
-    panel = Panel(_conditions((levels, *others), condition), scale, *SMALL_PX, label)
+    panel = Panel(_conditions((levels, *others), task), scale, *SMALL_PX, label)
     for other in others:
         panel.line([(level.condition, level.median_error_km.value) for level in other], "ghost")
     panel.line([(level.condition, level.bound_km) for level in levels], "floor")
     panel.line([(level.condition, level.median_error_km.value) for level in levels], f"line {style.css}")
     for level in levels:
         error = level.median_error_km
-        words = f"{condition.name} {level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
+        words = f"{task.condition} {level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
         panel.whisker((level.condition, error.low), (level.condition, error.high), f"whisker {style.css}")
         panel.dot((level.condition, error.value), f"dot {style.css}", words, shape=style.shape)
     return panel.svg()
@@ -118,7 +119,7 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
     label : str
     """
     x = log_scale([end for _, _, time, _ in points for end in (time.value, time.low, time.high)], "median time, ms")
-    panel = Panel(x, share_scale(""), 190, 250, label)
+    panel = Panel(x, share_scale(""), 190, 210, label)
     panel.right = 128
     front = _front([(time.value, success.value) for _, _, time, success in points])
     panel.steps([*front, (x.ticks[-1][0], front[-1][1])] if front else [], "limit")
@@ -137,7 +138,7 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
 
 def reliability(bins: Sequence[tuple[float, Estimate]], style: Style, label: str) -> Markup:
     """Share of right answers against the confidence claimed; on the diagonal, the claim is true."""
-    panel = Panel(share_scale("confidence claimed"), share_scale(""), 150, 128, label)
+    panel = Panel(share_scale("confidence claimed", 0.5), share_scale("", 0.5), 150, 128, label)
     panel.line([(0.0, 0.0), (1.0, 1.0)], "limit")
     panel.line([(confidence, share.value) for confidence, share in bins], f"line {style.css}")
     for confidence, share in bins:
@@ -149,15 +150,15 @@ def reliability(bins: Sequence[tuple[float, Estimate]], style: Style, label: str
 
 def risk_coverage(points: Sequence[Point], style: Style, label: str) -> Markup:
     """Share of wrong answers among those kept, against the share kept, the most confident first."""
-    panel = Panel(share_scale("answers kept"), share_scale(""), 150, 128, label)
+    panel = Panel(share_scale("frames accepted", 0.5), share_scale("", 0.5), 150, 128, label)
     panel.steps(points, f"line {style.css}")
     return panel.svg()
 
 
-def _conditions(curves: Sequence[Sequence[Level]], condition: Condition) -> Scale:
+def _conditions(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
     levels = sorted({level.condition for curve in curves for level in curve})
-    scale = level_scale(levels, condition.title)
-    if condition.larger_is_harder:
+    scale = level_scale(levels, task.axis)
+    if task.harder > 0:
         return scale
     return Scale(lambda value: 1.0 - scale.place(value), scale.ticks, scale.title)
 

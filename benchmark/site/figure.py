@@ -15,6 +15,7 @@ from benchmark.formatting import number
 
 Point = tuple[float, float]
 Tick = tuple[float, str]
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def log_scale(values: Iterable[float], title: str, refused: bool = False) -> Sca
     stride = max(1, math.ceil((high - low) / 5))
     ticks = [(10.0**n, _power(n)) for n in range(low, high + 1, stride)]
     if refused:
-        ticks.append((math.inf, "none"))
+        ticks.append((math.inf, "∞"))
     return Scale(place, tuple(ticks), title)
 
 
@@ -77,7 +78,7 @@ def level_scale(levels: Sequence[float], title: str, most: int = 7) -> Scale:
 
 
 def _power(n: int) -> str:
-    return f"{10.0**n:g}" if -4 <= n <= 3 else f"1e{n}"
+    return f"{10.0**n:g}" if -2 <= n <= 3 else "10" + str(n).translate(_SUPERSCRIPTS)
 
 
 class Panel:

@@ -1,16 +1,17 @@
 """A tree of results in the documented layout, made of random numbers with a known law, and pictures to go with it."""
 
 import hashlib
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
+from benchmark.frame_conditions import FrameConditions
+from benchmark.metrics import FIX, REFUSED, FrameScore
 from benchmark.preview import preview_webp
+from benchmark.result_tables import DetectionRow, FrameDetails
+from benchmark.results import ResultFiles, RunProvenance, write_result
 
 ROOT_SEED = 20260808
 WIDTH, HEIGHT = 480, 320
@@ -48,7 +49,7 @@ SOLVERS = (
     FakeSolver("ruststartracker", "peers", 1.2, 64.0, 0.08),
     FakeSolver("thesis-adaptive", "thesis", -0.2, 420.0, 0.3),
     FakeSolver("brightest-n", "celnav", -1.0, 12.0, 0.4),
-    FakeSolver("never<i>", "submission", -50.0, 3.0, 0.0),
+    FakeSolver("never", "submission", -50.0, 3.0, 0.0),
 )
 
 
@@ -79,77 +80,97 @@ def _write_one(
     middle = (len(task.levels) - 1) / 2.0 + solver.strength
     chance = 1.0 / (1.0 + np.exp(1.7 * (difficulty - middle)))
     right = rng.uniform(size=n) < chance
-    wrong = ~right & (rng.uniform(size=n) < solver.wrong)
-    fix = right | wrong
+    fix = right | (rng.uniform(size=n) < solver.wrong)
     bound = 0.05 * 1.35**difficulty
     error = np.where(right, np.minimum(bound * 10.0 ** rng.normal(0.25, 0.3, n), 9.0), 10.0 ** rng.uniform(1.2, 3.9, n))
-    angle = rng.uniform(0.0, 2.0 * math.pi, n)
-    nothing = np.full(n, None)
-    found = rng.integers(8, 40, n)
-    matched = np.where(fix, (found * rng.uniform(0.5, 0.95, n)).astype(int), 0)
-    time_ms = solver.time_ms * np.exp(rng.normal(0.0, 0.35, n))
-
-    def where_fixed(values: np.ndarray) -> np.ndarray:
-        return np.where(fix, values, nothing)
-
-    sites = rng.uniform((-60.0, -180.0), (65.0, 180.0), (max(1, n // 3), 2))[np.arange(n) // 3 % max(1, n // 3)]
-    columns: dict[str, tuple[pa.DataType, object]] = {
-        "frame_id": (pa.string(), [f"frame-{i:05d}" for i in range(n)]),
-        "index": (pa.int32(), range(n)),
-        "bortle": (pa.int32(), [int(v) if task.name == "bortle" else 4 for v in np.array(task.levels)[order]]),
-        "width_px": (pa.int32(), [WIDTH] * n),
-        "height_px": (pa.int32(), [HEIGHT] * n),
-        "zenith_mag_arcsec2": (pa.float64(), 22.0 - 0.5 * difficulty),
-        "true_latitude_deg": (pa.float64(), sites[:, 0]),
-        "true_longitude_deg": (pa.float64(), sites[:, 1]),
-        "utc_mid": (pa.string(), ["2024-01-01T00:00:00Z"] * n),
-        "exposure_s": (pa.float64(), [0.5] * n),
-        "n_in_field": (pa.int32(), [400] * n),
-        "status": (pa.string(), np.where(fix, "fix", "refused")),
-        "reason": (pa.string(), np.where(fix, "", np.where(order % 2, "too few stars", "no <b>consensus</b>"))),
-        "lat_deg": (pa.float64(), where_fixed(sites[:, 0])),
-        "lon_deg": (pa.float64(), where_fixed(sites[:, 1])),
-        "error_km": (pa.float64(), where_fixed(error)),
-        "cov_ee_km2": (pa.float64(), where_fixed((1.4 * bound) ** 2)),
-        "cov_en_km2": (pa.float64(), where_fixed(np.zeros(n))),
-        "cov_nn_km2": (pa.float64(), where_fixed((1.4 * bound) ** 2)),
-        "confidence": (pa.float64(), where_fixed(np.clip(0.25 * chance + 0.72 * right + rng.normal(0, 0.05, n), 0, 1))),
-        "n_detections": (pa.int32(), found + 6),
-        "n_detected_stars": (pa.int32(), found),
-        "n_matches": (pa.int32(), matched),
-        "n_correct": (pa.int32(), np.where(right, (matched * 0.98).astype(int), 0)),
-        "time_ms": (pa.float64(), time_ms),
-        "detect_ms": (pa.float64(), 0.4 * time_ms),
-        "solve_ms": (pa.float64(), 0.6 * time_ms),
-        "condition": (pa.float64(), np.array(task.levels)[order]),
-        "site": (pa.string(), [f"{a:+.4f} {b:+.4f} 2024-01-01" for a, b in sites]),
-        "error_east_km": (pa.float64(), where_fixed(error * np.cos(angle))),
-        "error_north_km": (pa.float64(), where_fixed(error * np.sin(angle))),
-        "crlb_km": (pa.float64(), bound),
-        "peak_memory_mib": (pa.float64(), 120.0 + 0.1 * solver.time_ms + rng.uniform(0, 5, n)),
-        "stage_ms": (pa.map_(pa.string(), pa.float64()), [[("match", float(t))] for t in time_ms]),
-    }
-    schema = pa.schema([pa.field(name, kind) for name, (kind, _) in columns.items()])
-    arrays = [pa.array(list(values), type=kind) for kind, values in columns.values()]  # type: ignore[call-overload]
+    confidence = np.clip(0.25 * chance + 0.72 * right + rng.normal(0.0, 0.05, n), 0.0, 1.0)
+    scores, details, rows = [], [], []
+    for i in range(n):
+        # Three frames a site; a site is the same for all solvers.
+        place = np.random.default_rng(np.random.SeedSequence(ROOT_SEED, spawn_key=(i // 3, 77)))
+        lat, lon = float(place.uniform(-60.0, 65.0)), float(place.uniform(-180.0, 180.0))
+        found = int(rng.integers(8, 40))
+        matched = int(found * rng.uniform(0.5, 0.95)) if fix[i] else 0
+        angle, time_ms = float(rng.uniform(0.0, 2.0 * math.pi)), solver.time_ms * math.exp(rng.normal(0.0, 0.35))
+        uv = rng.uniform((0.0, 0.0), (WIDTH - 1.0, HEIGHT - 1.0), (found + 6, 2))
+        scores.append(
+            FrameScore(
+                frame_id=f"frame-{i:05d}",
+                index=i,
+                bortle=int(task.levels[order[i]]) if task.name == "bortle" else 4,
+                width_px=WIDTH,
+                height_px=HEIGHT,
+                status=FIX if fix[i] else REFUSED,
+                reason="" if fix[i] else ("too few stars" if i % 3 else "no <b>consensus</b>"),
+                lat_deg=lat if fix[i] else None,
+                lon_deg=lon if fix[i] else None,
+                error_km=float(error[i]) if fix[i] else math.inf,
+                n_detections=found + 6,
+                n_detected_stars=found,
+                n_matches=matched,
+                n_correct=int(0.98 * matched) if right[i] else 0,
+                time_ms=time_ms,
+            )
+        )
+        variance = float((1.4 * bound[i]) ** 2)
+        details.append(
+            FrameDetails(
+                cov_km2=(variance, 0.0, variance) if fix[i] else None,
+                confidence=float(confidence[i]) if fix[i] else None,
+                detect_ms=0.4 * time_ms,
+                solve_ms=0.6 * time_ms,
+                stage_ms={"match": 0.3 * time_ms},
+                utc="2024-01-01T00:00:00Z",
+                conditions=FrameConditions(lat, lon, scores[-1].bortle, 21.0, 0.5, 400),
+                condition=task.levels[order[i]],
+                site=f"{lat:+.4f} {lon:+.4f} 2024-01-01",
+                error_east_km=float(error[i]) * math.cos(angle) if fix[i] else None,
+                error_north_km=float(error[i]) * math.sin(angle) if fix[i] else None,
+                crlb_km=float(bound[i]),
+                peak_memory_mib=120.0 + 0.1 * solver.time_ms + float(rng.uniform(0.0, 5.0)),
+            )
+        )
+        rows += [
+            DetectionRow(
+                f"frame-{i:05d}",
+                k,
+                float(u),
+                float(v),
+                100.0,
+                1000 + k if k < matched else None,
+                bool(right[i]) if k < matched else None,
+            )
+            for k, (u, v) in enumerate(uv)
+        ]
     key = hashlib.sha256(f"{solver.name}{task.name}{mode}".encode()).hexdigest()[:12]
-    folder = split / mode / f"{solver.name.replace('<', '').replace('>', '')}-{key}"
-    folder.mkdir(parents=True)
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / "frames.parquet")
-    pq.write_table(_matches(found + 6, matched, right, rng), folder / "matches.parquet")
-    summary = {"solver": solver.name, "family": solver.family, "task": task.name}
-    (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    files = ResultFiles.within(split / mode / f"{solver.name}-{key}")
+    write_result(files, solver.name, scores, details, rows, _provenance(task, solver, mode))
 
 
-def _matches(found: np.ndarray, matched: np.ndarray, right: np.ndarray, rng: np.random.Generator) -> pa.Table:
-    rows = []
-    for frame, (n, m, good) in enumerate(zip(found, matched, right, strict=True)):
-        uv = rng.uniform((0.0, 0.0), (WIDTH - 1.0, HEIGHT - 1.0), (n, 2))
-        for i, (u, v) in enumerate(uv):
-            known = i < m
-            rows.append((f"frame-{frame:05d}", i, u, v, 100.0, 1000 + i if known else None, bool(good) if known else None))
-    names = ("frame_id", "detection", "u_px", "v_px", "flux", "star_id", "correct")
-    kinds = (pa.string(), pa.int32(), pa.float64(), pa.float64(), pa.float64(), pa.int32(), pa.bool_())
-    return pa.table({name: pa.array([row[i] for row in rows], type=kinds[i]) for i, name in enumerate(names)})
+def _provenance(task: FakeTask, solver: FakeSolver, mode: str) -> RunProvenance:
+    return RunProvenance(
+        dataset="dev",
+        scenario_name=task.name,
+        scenario_sha256="ab" * 32,
+        truth_sha256="cd" * 32,
+        dataset_provenance={"skybench": "0.1.0", "mitsuba": "3.9.1"},
+        solver_version="1.0",
+        detector="truth <i>",
+        versions={"skybench": "0.1.0", "python": "3.11.7"},
+        machine={"cpu": "a processor", "cores": "2", "system": "Linux x86_64"},
+        date_utc="2026-01-01T00:00:00Z",
+        jobs=1,
+        task={
+            "name": task.name,
+            "revision": 1,
+            "title": task.title,
+            "condition": task.condition,
+            "unit": task.unit,
+            "harder": "higher" if task.larger_is_harder else "lower",
+            "licence": "CC-BY-4.0",
+            "family": solver.family,
+        },
+    )
 
 
 def _write_previews(folder: Path, n: int, place: int) -> None:
