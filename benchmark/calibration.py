@@ -16,7 +16,7 @@ from scipy import stats
 
 from benchmark.clustered import Resamples, expanded_levels, percentile_interval, proportion_estimate
 from benchmark.frame_metrics import UNDEFINED, Metric, column, fixed, resamples_of, succeeded
-from benchmark.intervals import Estimate
+from benchmark.intervals import CONFIDENCE, Estimate
 
 F8 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,6 +24,7 @@ Bools = NDArray[np.bool_]
 RELIABILITY_BINS = 10
 ELLIPSE_LEVELS = (0.50, 0.95, 0.99)
 NEES_DIMENSIONS = 2
+_GAP_FACTORS = np.linspace(0.0, 1.0, 41)
 
 
 @dataclass(frozen=True)
@@ -128,14 +129,16 @@ def reliability(frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS) -> tuple[R
 def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = RELIABILITY_BINS) -> Estimate:
     """Expected calibration error over the fixes: the mean gap of success and confidence over the bins of `reliability`.
 
-    The gaps' absolute values make the error of a sample larger than that of the solver, and larger still in
-    resamples of it. The value is therefore the sample's less the bias that the resamples show, not below 0, and the
-    interval is the basic (reflected) bootstrap interval, which takes the bias off both ends.
+    The value is that of the sample, as is the custom; the gaps' absolute values make it larger than that of the solver,
+    the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: the smallest error,
+    among solvers whose gaps are those of the sample times a factor, that would not give the sample's error too rarely;
+    the noise of the gaps is taken from the resamples. The upper end, which the bias does not threaten, lies as many
+    standard deviations above the value as the t distribution says.
 
     References
     ----------
-    Guo et al. 2017, equation 3. A. C. Davison and D. V. Hinkley, Bootstrap Methods and their Application, 1997,
-    section 2.1.2 (bias), section 5.2.1 (basic interval). J. Bröcker, Climate Dynamics 39, 655-667, 2012 (the bias).
+    Guo et al. 2017, equation 3. J. Bröcker, Climate Dynamics 39, 655-667, 2012 (the bias). J. Carpenter, J. R.
+    Statist. Soc. B 61, 159-172, 1999 (test inversion with the bootstrap).
     """
     confidence, known = _confident(frames)
     n = int(known.sum())
@@ -143,16 +146,19 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
         return UNDEFINED
     gap = np.where(known, succeeded(frames) - np.nan_to_num(confidence), 0.0)
     place = _bins(np.nan_to_num(confidence), n_bins)
-    in_bin = (place[:, None] == np.arange(n_bins)) & known[:, None]
-    sample = float(np.abs((gap[:, None] * in_bin).sum(axis=0)).sum() / n)
-    sums = np.abs(resamples.sums(gap[:, None] * in_bin)).sum(axis=1)
-    counts = resamples.sums(known)
-    replicates = (sums / np.where(counts > 0, counts, np.nan))[counts > 0]
-    if resamples.n_clusters < 2 or len(replicates) == 0:
+    gaps = (gap[:, None] * ((place[:, None] == np.arange(n_bins)) & known[:, None])).sum(axis=0) / n
+    sample = float(np.abs(gaps).sum())
+    if resamples.n_clusters < 2:
         return Estimate(sample, 0.0, 1.0, n)
-    low, high = np.quantile(replicates, expanded_levels(resamples.n_clusters))
-    value = max(0.0, 2.0 * sample - float(replicates.mean()))
-    return Estimate(value, max(0.0, 2.0 * sample - float(high)), min(1.0, max(0.0, 2.0 * sample - float(low))), n)
+    by_bin = np.column_stack((gap[:, None] * (place[:, None] == np.arange(n_bins)) * known[:, None], known))
+    sums = resamples.sums(by_bin)
+    sums = sums[sums[:, -1] > 0]
+    noise = sums[:, :-1] / sums[:, -1:] - gaps
+    errors = np.abs(_GAP_FACTORS[:, None, None] * gaps + noise).sum(axis=2)
+    at_least = (errors >= sample).mean(axis=1)
+    low = _GAP_FACTORS[np.argmax(at_least >= expanded_levels(resamples.n_clusters)[0])]
+    spread = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, resamples.n_clusters - 1)) * float(errors[-1].std(ddof=1))
+    return Estimate(sample, sample * float(low), min(1.0, sample + spread), n)
 
 
 def overconfidence(frames: pd.DataFrame, resamples: Resamples) -> Estimate:

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from scipy.special import erf, spence
 
 import celnav
-from benchmark.dataset import Frame
 from benchmark.geodesy import WGS84_A_M, WGS84_F
 from benchmark.solvers.protocol import CameraRecord
 
@@ -191,7 +190,7 @@ def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     """Fisher information on the horizontal position, east-north, shape (2, 2), 1/km^2."""
     camera = celnav.Camera.from_dict(dataclasses.asdict(light.camera))
     rays = camera.to_rays(light.uv)
-    seen = camera.in_frame(light.uv) & np.isfinite(rays).all(axis=1) & (light.electrons_e > 0)
+    seen = camera.in_frame(light.uv) & np.isfinite(rays).all(axis=1) & np.isfinite(light.background_e2)
     uv_by_ray = camera.project_with_derivatives(rays[seen])[1]
     enu = rays[seen] @ light.R_cam
     turns = np.stack([np.cross(axis, enu) for axis in np.eye(3)])  # about east, north, up
@@ -223,7 +222,7 @@ def position_bound(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     Parameters
     ----------
     light : StarLight
-        Of the frame, see `star_light`.
+        Of the frame, see `benchmark.frame_bounds`.
     prior : AttitudePrior
         What the solver was told.
 
@@ -244,34 +243,15 @@ def bound_km(light: StarLight, prior: AttitudePrior = EXACT) -> float:
     return math.sqrt(float(np.trace(position_bound(light, prior))))
 
 
-def star_light(frame: Frame, psf_sigma_px: float, streak_px: F8 | None = None) -> StarLight:
-    """Gather a frame's light.
+def background_variance(electrons_e: F8, snr: F8, sigma_px: float) -> F8:
+    """Variance per pixel of all but the star's own light, e^2, that a matched-filter signal-to-noise ratio holds.
 
-    The truth table's signal-to-noise ratio E / sqrt(E + 4 pi (s^2 + 1/12) b) holds the background's variance b.
-
-    Parameters
-    ----------
-    frame : Frame
-    psf_sigma_px : float
-        ``optics.psf_sigma_px`` of its record.
-    streak_px : ndarray, shape (n, 2), optional
-        Of the truth stars, in their order; without it nothing moves.
+    The truth table's ratio is E / sqrt(E + 4 pi (s^2 + 1/12) b); NaN for a star without light.
     """
-    truth = frame.truth
-    area = 4.0 * math.pi * (psf_sigma_px**2 + PIXEL_VARIANCE_PX2)
+    area = 4.0 * math.pi * (sigma_px**2 + PIXEL_VARIANCE_PX2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.where(truth.snr > 0, (truth.electrons_e / truth.snr) ** 2, math.inf)
-    background = np.maximum(total - truth.electrons_e, 0.0) / area
-    return StarLight(
-        uv=truth.uv,
-        electrons_e=np.where(np.isfinite(background), truth.electrons_e, 0.0),
-        background_e2=np.where(np.isfinite(background), background, 1.0),
-        streak_px=np.zeros_like(truth.uv) if streak_px is None else streak_px,
-        psf_sigma_px=psf_sigma_px,
-        camera=frame.observation.camera,
-        R_cam=frame.observation.R_cam,
-        latitude_deg=frame.conditions.latitude_deg,
-    )
+        total = np.where(snr > 0, (electrons_e / snr) ** 2, math.nan)
+    return np.asarray(np.maximum(total - electrons_e, 0.0) / area)
 
 
 def _part(light: StarLight, rows: NDArray[np.bool_]) -> StarLight:
