@@ -55,7 +55,7 @@ class Metric:
     measure: Callable[[pd.DataFrame, Resamples], Estimate]
 
 
-def read_frame_table(path: Path) -> pd.DataFrame:
+def read_frames(path: Path) -> pd.DataFrame:
     """Read ``frames.parquet`` without the solver's own account of its stages.
 
     Raises

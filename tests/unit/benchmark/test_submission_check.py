@@ -1,6 +1,6 @@
 """The checker of submissions: what it accepts, what it refuses and in which words, and that nothing breaks it."""
 
-import datetime
+import datetime as dt
 import gzip
 import math
 import os
@@ -185,7 +185,7 @@ def test_parquet(file, compression):
         ({"lat_deg": [[1.0], [2.0]]}, "column 3 is nested or of a type other than text, integer or float"),
         ({"lat_deg": [{"a": 1}, {"a": 2}]}, "column 3 is nested or of a type other than text, integer or float"),
         ({"lat_deg": [True, False]}, "column 3 is nested or of a type other than text, integer or float"),
-        ({"lat_deg": [datetime.date(2020, 1, 1), None]}, "column 3 is nested or of a type"),
+        ({"lat_deg": [dt.date(2020, 1, 1), None]}, "column 3 is nested or of a type"),
         ({"extra": [1, 2]}, "line 1: column 7 has no known name"),
         ({"frame_id": ["x" * 5000, "y"]}, "has a text of 5000 bytes, more than 800"),
         ({f"c{i}": [0, 0] for i in range(40)}, "has more than 32 columns or 10000 row groups"),
