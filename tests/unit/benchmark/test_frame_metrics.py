@@ -115,7 +115,7 @@ def test_resampled_quantiles_are_quantiles_of_the_resampled_frames():
 
 
 def test_expanded_levels_of_hesterberg():
-    """By hand for n = 10: t_0.975,9 = 2.262 times sqrt(10/9) is 2.3845, which the normal distribution exceeds with 0.855 %."""
+    """By hand for n = 10: t_0.975,9 = 2.262 times sqrt(10/9) is 2.3845, which a normal deviate exceeds with 0.855 %."""
     assert expanded_levels(10) == pytest.approx((0.00855, 0.99145), abs=1e-4)
     assert expanded_levels(100_000) == pytest.approx((0.025, 0.975), abs=1e-5)
 
