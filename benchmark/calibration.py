@@ -157,6 +157,8 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
     errors = np.abs(_GAP_FACTORS[:, None, None] * gaps + noise).sum(axis=2)
     at_least = (errors >= sample).mean(axis=1)
     low = _GAP_FACTORS[np.argmax(at_least >= expanded_levels(resamples.n_clusters)[0])]
+    if not noise.any():
+        return Estimate(sample, *percentile_interval([sample], resamples.n_clusters, (0.0, 1.0)), n=n)
     spread = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, resamples.n_clusters - 1)) * float(errors[-1].std(ddof=1))
     return Estimate(sample, sample * float(low), min(1.0, sample + spread), n)
 
