@@ -6,9 +6,11 @@ from typing import Annotated, NoReturn
 import typer
 from rich.console import Console
 
+from benchmark import submission_cli
 from benchmark.errors import BenchmarkError
 
 app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
+submission_cli.add_to(app)
 
 _DEFAULT_OUT = Path("results/demo")
 _Out = Annotated[Path, typer.Option("--out", help="Results folder.")]
