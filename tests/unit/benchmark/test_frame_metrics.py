@@ -196,7 +196,7 @@ def test_a_comparison_by_hand():
     tables = two([1] * 8 + [0] * 2, [1, 1] + [0] * 8)
     (found,) = compare(tables)
     assert found.difference.value == pytest.approx(0.6)
-    assert (found.success_test.p, found.success_p_holm) == (2 / 2**6, 2 / 2**6)
+    assert (found.success_test.p, found.success_p_holm) == pytest.approx((2 / 2**6, 2 / 2**6))
     assert found.error_ratio.value == pytest.approx(100**-0.6)
     assert found.closer.value == pytest.approx(0.8)
     assert (found.n_frames, found.n_sites, found.design_effect) == (10, 10, 1.0)
