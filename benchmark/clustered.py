@@ -68,7 +68,7 @@ class Resamples:
         x = np.asarray(values, dtype=np.float64)
         columns = x.reshape(len(x), -1).T
         by_cluster = np.stack([np.bincount(self.cluster, weights=one, minlength=self.n_clusters) for one in columns])
-        return self.cluster_sums(by_cluster.T).reshape(self.n_resamples, *x.shape[1:])
+        return self.cluster_sums(np.asarray(by_cluster.T, dtype=np.float64)).reshape(self.n_resamples, *x.shape[1:])
 
     def cluster_sums(self, by_cluster: F8) -> F8:
         """Sum of per-cluster values, shape (n_clusters, k), in each resample, shape (n_resamples, k)."""
