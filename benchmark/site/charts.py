@@ -44,7 +44,7 @@ def success_curve(
     levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts, style: Style, label: str
 ) -> Markup:
     """Success against the condition with its interval, the other solvers in grey behind."""
-    panel = Panel(_conditions((levels, *others), task), share_scale(""), *SMALL_PX, label)
+    panel = Panel(condition_scale((levels, *others), task), share_scale(""), *SMALL_PX, label)
     panel.across(0.5)
     for other in others:
         panel.line([(level.condition, level.success.value) for level in other], "ghost")
@@ -70,7 +70,7 @@ def error_curve(
     label: str,
 ) -> Markup:
     """Median error against the condition with its interval, over the Cramér-Rao bound (dashed)."""
-    panel = Panel(_conditions((levels, *others), task), scale, *SMALL_PX, label)
+    panel = Panel(condition_scale((levels, *others), task), scale, *SMALL_PX, label)
     for other in others:
         panel.line([(level.condition, level.median_error_km.value) for level in other], "ghost")
     panel.line([(level.condition, level.bound_km) for level in levels], "floor")
@@ -94,7 +94,7 @@ def forest(marks: Sequence[Mark], x: Scale, label: str, limit: float | None = No
     """One row to a solver: its number and interval."""
     rows = len(marks)
     y = Scale(lambda row: 1.0 - (row + 0.5) / rows, ())
-    panel = Panel(x, y, 372 - left - 14, rows * _ROW_PX, label, left)
+    panel = Panel(x, y, 372 - left - 20, rows * _ROW_PX, label, left)
     for value, _ in x.ticks:
         panel.upright(value, "grid")
     if limit is not None:
@@ -155,7 +155,8 @@ def risk_coverage(points: Sequence[Point], style: Style, label: str) -> Markup:
     return panel.svg()
 
 
-def _conditions(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
+def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
+    """Axis of a task's condition, harder to the right."""
     levels = sorted({level.condition for curve in curves for level in curve})
     scale = level_scale(levels, task.axis)
     if task.harder > 0:

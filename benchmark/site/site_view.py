@@ -44,6 +44,7 @@ class SolverView:
     """One solver over all boards."""
 
     name: str
+    title: str
     family: str
     version: str
     detector: str
@@ -75,16 +76,11 @@ def solver_page(name: str) -> str:
 
 
 def make_styles(boards: Sequence[Board]) -> dict[str, Style]:
-    """Colour by family, shape by place within it, so that a solver looks alike in every figure."""
-    members: defaultdict[str, list[str]] = defaultdict(list)
-    for board in boards:
-        for entry in board.entries:
-            if entry.stored.solver not in members[entry.stored.family]:
-                members[entry.stored.family].append(entry.stored.solver)
+    """Each solver's colour and shape, the same in every figure: all colours with one shape, then with the next."""
+    names = {(entry.stored.family, entry.stored.solver) for board in boards for entry in board.entries}
     return {
-        name: Style(colour % COLOURS, SHAPES[place % len(SHAPES)])
-        for colour, family in enumerate(sorted(members))
-        for place, name in enumerate(sorted(members[family]))
+        name: Style(place % COLOURS, SHAPES[place // COLOURS % len(SHAPES)])
+        for place, (_, name) in enumerate(sorted(names))
     }
 
 
@@ -120,6 +116,7 @@ def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
         views.append(
             SolverView(
                 name=name,
+                title=first.title,
                 family=first.family,
                 version=_joined(entry.stored.provenance.solver_version for _, entry in entries),
                 detector=_joined(entry.stored.provenance.detector for _, entry in entries),
