@@ -117,4 +117,3 @@ def _plus(u: float, v: float, radius: float) -> str:
 def _cross(row: DetectionRow, radius: float) -> str:
     d = f"{1.6 * radius:.0f}"
     return f"M{row.u_px - 0.8 * radius:.0f} {row.v_px - 0.8 * radius:.0f}l{d} {d}m0-{d}l-{d} {d}"
-

@@ -93,9 +93,7 @@ def _cell(left: float, v: float, estimate: Estimate, style: Style, words: str) -
 
 
 def _text(u: float, v: float, words: str, css: str, anchor: str = "start") -> Markup:
-    return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(
-        css, u, v, anchor, words
-    )
+    return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(css, u, v, anchor, words)
 
 
 def _short(words: str, most: int = 19) -> str:

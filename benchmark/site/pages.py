@@ -249,4 +249,3 @@ def _differences(board: Board) -> list[dict[str, Any]]:
         known[(pair.second, pair.first)] = {"value": -pair.difference.value, "sure": sure}
     labels = [entry.label for entry in board.entries]
     return [{"label": row, "cells": [known.get((row, column)) for column in labels]} for row in labels]
-

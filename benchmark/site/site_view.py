@@ -152,7 +152,9 @@ def _matrices(boards: Sequence[Board], tasks: Sequence[TaskFacts], styles: Mappi
             )
         )
     success = "Share of all frames with a fix less than 10 km off. Bars: intervals, from 0 to 100 %."
-    broken = "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
+    broken = (
+        "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
+    )
     return tuple(
         Matrix(key, title, explained, column.first if column else "descending", column, tuple(rows))
         for key, title, explained, column in (
@@ -183,7 +185,11 @@ def site_verdict(boards: Sequence[Board]) -> str:
     parts = [f"{name} leads {count}" for name, count in leads.most_common()]
     if shared:
         parts.append(f"in {shared} the first place is not decided")
-    return f"Of {compared} comparison{'s' if compared != 1 else ''} (task and mode of detections) " + ", ".join(parts) + "."
+    return (
+        f"Of {compared} comparison{'s' if compared != 1 else ''} (task and mode of detections) "
+        + ", ".join(parts)
+        + "."
+    )
 
 
 def board_verdict(board: Board) -> str:
@@ -220,7 +226,9 @@ def detectable_words(board: Board) -> str:
 def run_words(entry: Entry) -> str:
     """Where one result comes from."""
     run = entry.stored.provenance
-    machine = f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    machine = (
+        f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    )
     versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
     return (
         f"key {entry.stored.key}, version {run.solver_version}, detector {run.detector}, run {run.date_utc} with "
