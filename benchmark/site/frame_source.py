@@ -52,14 +52,14 @@ class FrameSource:
             if path.is_file():
                 return path.read_bytes()
         folder = self._folder(result)
-        path = folder / "unpacked" / f"{rendered.group()}.png" if folder else None
-        if path is None or not path.is_file():
+        image = folder / "unpacked" / f"{rendered.group()}.png" if folder else None
+        if image is None or not image.is_file():
             return None
         try:
-            with Image.open(path, formats=["PNG"]) as opened:
+            with Image.open(image, formats=["PNG"]) as opened:
                 return preview_webp(np.asarray(opened).astype(np.uint16))
         except (UnidentifiedImageError, OSError, ValueError) as error:
-            raise ResultsError(f"{path}: not a readable image ({error}); delete it and run the task again") from error
+            raise ResultsError(f"{image}: not a readable image ({error}); delete it and run the task again") from error
 
     def true_stars(self, result: StoredResult, frame_id: str) -> list[tuple[float, float]]:
         """Positions (px) of a frame's brightest stars that leave a trace; none where the truth is not at hand.

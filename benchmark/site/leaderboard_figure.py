@@ -59,7 +59,7 @@ def _left(column: int) -> int:
 
 
 def _heads(view: SiteView, height: int) -> list[str]:
-    parts = []
+    parts: list[str] = []
     for n, task in enumerate(view.tasks):
         left, base = _left(n), height - _FOOT_PX
         parts.append(_text(left, 28, task.name, "head"))
@@ -73,7 +73,7 @@ def _heads(view: SiteView, height: int) -> list[str]:
 
 def _row(matrix: Matrix, row: MatrixRow, n: int) -> list[str]:
     v = _HEAD_PX + _ROW_PX * (n + 0.5)
-    parts = [_text(_EDGE_PX, v + 4, _short(row.label, 26), "name")]
+    parts: list[str] = [_text(_EDGE_PX, v + 4, _short(row.label, 26), "name")]
     for column, (_, entry) in enumerate(row.cells):
         if entry is None:
             parts.append(_text(_left(column) + _CELL_PX / 2, v + 4, "not run", "soft", "middle"))
