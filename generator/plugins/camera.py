@@ -86,6 +86,8 @@ class NightSkyCamera(mi.Sensor):
                 quaternions[row] *= -1
         self.keyframes = len(quaternions)
         self.quaternions = FLOAT64(quaternions.ravel())
+        still = Rotation.from_quat(quaternions[0]).as_matrix()
+        self.still_rotation = [[dr.opaque(FLOAT64, float(value)) for value in row] for row in still]
         self.width, self.height = (int(size) for size in self.film().size())
         self.response = self.film().sensor_response_function()
 
@@ -95,6 +97,8 @@ class NightSkyCamera(mi.Sensor):
         Between keyframes the quaternions are blended linearly and normalised, which differs from uniform rotation by less
         than a hundred-thousandth of the step for steps under 5 degrees.
         """
+        if self.keyframes == 1:
+            return self.still_rotation
         position = dr.clip(FLOAT64(time), 0, 1) * (self.keyframes - 1)
         lower = dr.minimum(mi.UInt32(position), max(self.keyframes - 2, 0))
         upper = dr.minimum(lower + 1, self.keyframes - 1)
