@@ -1,4 +1,4 @@
-"""Commands on datasets: plan, generate, verify."""
+"""Commands on datasets: plan, generate, verify, export, show."""
 
 from __future__ import annotations
 
@@ -195,3 +195,26 @@ def export(
     except GeneratorError as error:
         fail(error)
     typer.echo(f"{to} in {out}")
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
+    frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+) -> None:
+    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms."""
+    from benchmark.show.page import write_page
+
+    place = folder.resolve()
+    try:
+        with Progress(console=Console(stderr=True)) as progress:
+            task = progress.add_task("drawing", total=frames)
+            written = write_page(
+                folder,
+                out or place.with_name(f"{place.name}-show"),
+                frames,
+                lambda done, of: progress.update(task, completed=done, total=of),
+            )
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{written.shown} of {written.frames} frames, {written.size / 1e6:.1f} MB: open {written.page}")

@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -20,6 +21,7 @@ from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario import FrameSpec
 from generator.seeds import random_stream
+from generator.strict import InputFile, named_files
 from generator.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 
 LARGEST_FILE_BYTES = 1_000_000
@@ -132,17 +134,27 @@ class Scenario:
 
     def check(self) -> None:
         """Validate every swept value, and both ends of every distribution, before any work. Raises ScenarioError."""
+        for _ in self._representatives():
+            pass
+
+    def input_files(self) -> tuple[InputFile, ...]:
+        """Files that the scenario names in any of its frames, each once, by path."""
+        named = {file.path: file for frame in self._representatives() for file in named_files(frame)}
+        return tuple(named[path] for path in sorted(named))
+
+    def _representatives(self) -> Iterator[FrameSpec]:
+        """Validated frames in which every swept value, and both ends of every distribution, occur."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
         for axis in reversed(self.axes):
             for position in range(len(axis[0].values)):
-                _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
+                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
             stride *= len(axis[0].values)
         for draw, values in zip(self.draws, ends, strict=True):
             for value in values:
-                _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
-        _validate(_resolve(self.template, self._swept(0) | first), self.source)
+                yield _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
+        yield _validate(_resolve(self.template, self._swept(0) | first), self.source)
 
     @functools.cached_property
     def sha256(self) -> str:

@@ -64,6 +64,8 @@ class ExpectedFrame:
         Whether something in front of the sky hides more than half of the star's light.
     objects : StarTruth
         The same of the plan's flying objects.
+    moon : StarTruth
+        The same of the Moon's disk as one source (n = 1); n = 0 where no Moon is drawn.
     zenith_mag_arcsec2 : float or None
         Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
     layers : dict of (height, width) float32 arrays
@@ -82,6 +84,7 @@ class ExpectedFrame:
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
     objects: StarTruth
+    moon: StarTruth
     zenith_mag_arcsec2: float | None
     layers: dict[str, NDArray[np.float32]]
 
@@ -302,7 +305,7 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
             parts[emitter.id()] = mosaic(points, sensor)
         on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
         truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
-    # The emitter holds the Moon's disk behind the stars; the disk has no rows in the table of stars.
+    # The emitter holds the Moon's disk behind the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(
         electrons=mosaic(image, sensor),
@@ -317,6 +320,7 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
         objects=truths["objects"],
+        moon=truths["stars"].together_from(len(plan.stars)),
         zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,
         layers=parts,
     )

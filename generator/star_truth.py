@@ -33,6 +33,31 @@ class StarTruth:
         """Truth of the first `count` stars."""
         return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
 
+    def together_from(self, first: int) -> StarTruth:
+        """Truth of what the rows from `first` on are together: one source, or none where there are no such rows."""
+        rows = slice(first, None)
+        electrons = self.electrons[rows]
+        if not len(electrons):
+            return self.first(0)
+        weight = electrons if electrons.sum() > 0 else np.ones(len(electrons))
+
+        def mean(values: Floats) -> Floats:
+            lit = np.isfinite(values.sum(axis=-1) if values.ndim > 1 else values) & (weight > 0)
+            if not lit.any():
+                return np.full((1, *values.shape[1:]), np.nan)
+            return np.average(values[lit], axis=0, weights=weight[lit])[None]
+
+        return StarTruth(
+            mean(self.u_px[rows]),
+            mean(self.v_px[rows]),
+            mean(self.start_px[rows]),
+            mean(self.end_px[rows]),
+            mean(self.centroid_px[rows]),
+            np.array([electrons.sum()]),
+            mean(self.fraction_in_frame[rows]),
+            np.array([self.occluded[rows].mean() > 0.5]),
+        )
+
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     """Truth of stars.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -102,7 +103,7 @@ def _opened(value: object, info: ValidationInfo) -> object:
         return value
     folder = Path((info.context or {}).get("folder", ".")).resolve()
     location = (folder / value).resolve()
-    if not location.is_relative_to(folder):
+    if Path(value).is_absolute() or not location.is_relative_to(folder):
         raise ValueError(f"found {value!r}, which leaves the scenario's folder")
     try:
         size = location.stat().st_size
@@ -112,6 +113,18 @@ def _opened(value: object, info: ValidationInfo) -> object:
     except OSError as error:
         raise ValueError(f"found {value!r}, which cannot be read ({error.strerror})") from error
     return InputFile(path=value, sha256=digest, location=str(location))
+
+
+def named_files(part: object) -> Iterator[InputFile]:
+    """All files that a part of a scenario names."""
+    if isinstance(part, InputFile):
+        yield part
+    elif isinstance(part, BaseModel):
+        for name in type(part).model_fields:
+            yield from named_files(getattr(part, name))
+    elif isinstance(part, tuple):
+        for item in part:
+            yield from named_files(item)
 
 
 File = Annotated[InputFile, BeforeValidator(_opened)]

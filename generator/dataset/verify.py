@@ -56,10 +56,8 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
     if scenario.sha256 != manifest.scenario_sha256:
         return [f"{MANIFEST}: belongs to another scenario than {SCENARIO_COPY} (or to another version of skybench)"]
     listed = {file.path for file in manifest.files}
-    wanted = [place for shard in shards for place in (shard.tar, shard.frames, shard.stars)] + [
-        SCENARIO_COPY,
-        CROISSANT,
-    ]
+    wanted = [place for shard in shards for place in shard.files] + [SCENARIO_COPY, CROISSANT]
+    wanted += [file.path for file in scenario.input_files()]
     return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
 
 
@@ -82,6 +80,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
     """Where tables and archives, with all files as listed, do not agree with each other."""
     try:
         dataset.stars()
+        dataset.objects()
         frames = dataset.frames().to_pylist()
         stored = list(dataset.stored_frames())
     except (GeneratorError, OSError, pa.ArrowException) as error:
