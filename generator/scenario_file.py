@@ -21,7 +21,7 @@ from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario import FrameSpec
 from generator.seeds import random_stream
-from generator.strict import InputFile, named_files
+from generator.strict import InputFile
 from generator.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 
 LARGEST_FILE_BYTES = 1_000_000
@@ -139,22 +139,27 @@ class Scenario:
 
     def input_files(self) -> tuple[InputFile, ...]:
         """Files that the scenario names in any of its frames, each once, by path."""
-        named = {file.path: file for frame in self._representatives() for file in named_files(frame)}
+        found: list[InputFile] = []
+        for _ in self._representatives(found):
+            pass
+        named = {file.path: file for file in found}
         return tuple(named[path] for path in sorted(named))
 
-    def _representatives(self) -> Iterator[FrameSpec]:
-        """Validated frames in which every swept value, and both ends of every distribution, occur."""
+    def _representatives(self, files: list[InputFile] | None = None) -> Iterator[FrameSpec]:
+        """Validated frames in which every swept value, and both ends of every distribution, occur; adds to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
         for axis in reversed(self.axes):
             for position in range(len(axis[0].values)):
-                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
+                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source, files)
             stride *= len(axis[0].values)
         for draw, values in zip(self.draws, ends, strict=True):
             for value in values:
-                yield _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
-        yield _validate(_resolve(self.template, self._swept(0) | first), self.source)
+                yield _validate(
+                    _resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source, files
+                )
+        yield _validate(_resolve(self.template, self._swept(0) | first), self.source, files)
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -265,9 +270,12 @@ def _observer(site: Any) -> Observer | None:
     return Observer(float(latitude), float(longitude))
 
 
-def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
+def _validate(tree: dict[str, Any], source: str, files: list[InputFile] | None = None) -> FrameSpec:
+    """Check a frame's tree of values; the files that it names are added to `files`."""
     try:
-        return FrameSpec.model_validate(tree, context={"folder": Path(source).parent})
+        return FrameSpec.model_validate(
+            tree, context={"folder": Path(source).parent, "files": [] if files is None else files}
+        )
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
