@@ -112,6 +112,12 @@ class StarCatalogue:
         named = np.where(self.hip > 0, self.hip, -self.hr)
         return np.where(named == 0, self.other_id, named).astype(np.int32)
 
+    @functools.cached_property
+    def icrs(self) -> Floats:
+        """Unit vectors at J2000.0, (n, 3) array."""
+        ra, dec = np.radians(self.ra_deg), np.radians(self.dec_deg)
+        return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
     def joined(self, other: StarCatalogue) -> StarCatalogue:
         """Both catalogues' stars, this one's first."""
         return StarCatalogue(

@@ -20,6 +20,7 @@ from generator.files import atomic_path, write_bytes
 from generator.frame_plan import FramePlan, plan_frame
 from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes, star_table
 from generator.object_table import object_table
+from generator.png import png16
 from generator.scenario_file import Scenario
 from generator.scene import ExpectedFrame, render_expected
 from generator.seeds import random_stream
@@ -98,6 +99,8 @@ def hud_lines(plan: FramePlan) -> tuple[str, ...]:
 
 def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
     """Encode DN as a 16-bit greyscale PNG, or an 8-bit picture as grey or colour."""
+    if pixels.dtype == np.uint16:
+        return png16(pixels)
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()

@@ -16,11 +16,10 @@ from generator.ephemeris import PLANET_ID_BASE
 from generator.frame_plan import FramePlan
 from generator.mitsuba_runtime import choose_variant
 from generator.motion import Motion
-from generator.psf import equivalent_sigma_px
+from generator.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.scene import ExpectedFrame
 
 FORMAT = "skybench-frame/1"
-PSF_REACH_SIGMAS = 6.0
 
 STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),

@@ -105,14 +105,9 @@ def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
     That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
     """
     camera = plan.spec.camera
-    stamps = psf_table(camera).stamps[band].astype(np.float64)
-    rows, columns, size = stamps.shape[:3]
-    # Sums over whole pixels: fine samples integrate to the light, each for 1/FINE_PER_PX^2 of it.
-    fine = stamps / FINE_PER_PX**2
-    fine[..., [0, -1]] *= 0.5
-    fine[..., [0, -1], :] *= 0.5
-    cumulated = np.zeros((rows, columns, size + 1, size + 1))
-    cumulated[..., 1:, 1:] = fine.cumsum(axis=-1).cumsum(axis=-2)
+    table = psf_table(camera)
+    cumulated = table.cumulated[band]
+    rows, columns, size = table.stamps.shape[1:4]
     half = (size - 1) / 2
 
     def edges(position: Floats, extent: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

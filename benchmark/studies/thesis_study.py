@@ -18,6 +18,8 @@ from benchmark.errors import DatasetError
 from benchmark.formatting import number
 from benchmark.results import write_atomically
 from benchmark.studies import thesis_answers as answers
+from benchmark.studies import thesis_answers_confidence as confidence
+from benchmark.studies import thesis_answers_disturbed as disturbed_answers
 from benchmark.studies import thesis_answers_position as position
 from benchmark.studies import thesis_contestants as who
 from benchmark.studies import thesis_figures as figures
@@ -26,6 +28,7 @@ from benchmark.studies import thesis_tables as tables
 from benchmark.studies.page_model import Answer, Table, plain
 from benchmark.studies.records import Rows, write_rows
 from benchmark.studies.thesis_centroids import DEPTHS_MAG, CentroidPart, sites_of, solve_centroids
+from benchmark.studies.thesis_disturbed import MOST_FRAMES, SETTINGS, solve_disturbed
 from benchmark.studies.thesis_rendered import PART, RenderedPart, render_scenario, solve_pictures, study_scenario
 
 FORMAT = "skybench-study/1"
@@ -44,7 +47,7 @@ class Study:
     rendered : RenderedPart
     centroids : CentroidPart
     rows : Rows
-        Of both.
+        Of both, and of disturbed pictures.
     tables : tuple of Table
     answers : tuple of Answer
         H1 to H11, and the one about the label.
@@ -92,7 +95,7 @@ def run_study(
     dataset : Path or None
         A dataset rendered before; rendered into `work` if None.
     work, out : Path
-        Where frames and results go.
+        Where frames and results go; disturbed pictures go to a folder beside `work`.
     n_sites : int
         Sites of the centroid frames.
     command : str
@@ -112,9 +115,13 @@ def run_study(
         render_scenario(scenario_path, frames, folder, lambda frame: progress.advance())
     progress.begin("solving pictures", len(list(folder.glob("frame-*.json"))))
     rendered = solve_pictures(folder, progress.advance)
+    scenario = study_scenario(scenario_path, frames)
+    n_disturbed = min(scenario.repeats, MOST_FRAMES)
+    progress.begin("disturbed pictures", n_disturbed * len(SETTINGS))
+    disturbed = solve_disturbed(scenario, n_disturbed, work.with_name(f"{work.name}-disturbed"), progress.advance)
     progress.begin("solving centroids", 0)
     centroids = solve_centroids(sites_of(study_scenario(scenario_path, None), TRUE_NAMES_FACTOR * n_sites), n_sites)
-    rows = Rows((*rendered.rows, *centroids.rows))
+    rows = Rows((*rendered.rows, *disturbed, *centroids.rows))
     if len(rows.of(PART, who.BASELINE, (thesis.TABLE_LABEL_MAG,))) == 0:
         raise DatasetError(f"{folder}: has no frames of limiting magnitude 7, which Table 1.1 is about")
     study = Study(
@@ -151,9 +158,9 @@ def _answers(rows: Rows, rendered: RenderedPart, centroids: CentroidPart) -> tup
         position.h5(rows, centroids),
         answers.h6(rows),
         position.h7(centroids),
-        answers.h8(rows),
+        confidence.h8(rows),
         position.h9(centroids),
-        answers.h10(rows),
+        disturbed_answers.h10(rows),
         answers.h11(rows),
         label_answer(rows, rendered),
     )

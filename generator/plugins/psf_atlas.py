@@ -19,8 +19,8 @@ class PsfAtlas:
 
     Parameters
     ----------
-    stamps : (bands, rows, columns, n, n) array
-        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
+    stamps : TensorXf
+        (bands, rows, columns, n, n): share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
         radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
     shift : (bands,) array
         Lateral chromatic shift away from the principal point at distance `corner_px` from it, px; linear in the distance.
@@ -31,11 +31,11 @@ class PsfAtlas:
     """
 
     def __init__(
-        self, stamps: Floats, shift: Floats, width: int, height: int, cx_px: float, cy_px: float, corner_px: float
+        self, stamps: Any, shift: Floats, width: int, height: int, cx_px: float, cy_px: float, corner_px: float
     ) -> None:
         self.bands, self.rows, self.columns, self.size = stamps.shape[:4]
         self.radius_px = ((self.size - 1) // FINE_PER_PX - 1) // 2
-        self.values = [mi.Float(np.ascontiguousarray(band, dtype=np.float32).ravel()) for band in stamps]
+        self.values = stamps.array
         self.shifts, self.frame = shift, (width, height)
         self.cx_px, self.cy_px, self.corner_px = cx_px, cy_px, corner_px
 
@@ -45,21 +45,21 @@ class PsfAtlas:
         return self.radius_px + int(np.ceil(np.abs(self.shifts).max()))
 
     def node(self, u: Any, v: Any) -> Any:
-        """Where the stamp of the nearest field node starts in a band's table, for stars at (u, v)."""
+        """Nearest field node (row by row) of stars at (u, v)."""
         column, row = (
             mi.UInt32(dr.round(dr.clip((position + 0.5) / size, 0, 1) * (count - 1)))
             for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows))
         )
-        return (row * self.columns + column) * (self.size * self.size)
+        return row * self.columns + column
 
-    def share(self, band: int, node: Any, du: Any, dv: Any) -> Any:
+    def share(self, band: int, stamp: Any, du: Any, dv: Any) -> Any:
         """Share of the light of a band (Float) that falls on a pixel.
 
         Parameters
         ----------
         band : int
-        node : UInt32
-            From :meth:`node`.
+        stamp : UInt32
+            Where the stamp of the star's node starts in a band's table.
         du, dv : Float
             From the star (where its light of 550 nm falls) to the pixel's centre, px.
         """
@@ -71,9 +71,9 @@ class PsfAtlas:
             lower = dr.minimum(mi.UInt32(dr.maximum(place, 0)), self.size - 2)
             fine.append(lower)
             weight.append(place - mi.Float(lower))
-        index = node + fine[1] * self.size + fine[0]
+        index = band * self.rows * self.columns * self.size**2 + stamp + fine[1] * self.size + fine[0]
         corners = [
-            dr.gather(mi.Float, self.values[band], index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)
+            dr.gather(mi.Float, self.values, index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)
         ]
         value = dr.lerp(
             dr.lerp(corners[0], corners[1], weight[0]), dr.lerp(corners[2], corners[3], weight[0]), weight[1]

@@ -8,6 +8,7 @@ integer addition does not depend on order, so the image has the same bits on any
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.psf_atlas import PsfAtlas
+from generator.plugins.stamp_light import StampLight
 from generator.plugins.stars import StarEmitter
 
 UINT64: Any = dr.uint64_array_t(mi.Float)
@@ -192,7 +194,13 @@ def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64]
 
 
 def splat_gaussian(
-    total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, sigma_px: float, radius_px: int
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    sigma_px: float,
+    radius_px: NDArray[np.int64],
+    light: StampLight,
 ) -> None:
     """Add a Gaussian point spread function, integrated over pixels by the error function, at each moment.
 
@@ -202,19 +210,24 @@ def splat_gaussian(
         (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
     electrons : (n, channels) array
         Of each star on the axis.
+    radius_px : (n,) array
+        Of each star's stamp.
+    light : StampLight
+        Light beyond the stamp is spread over it.
     """
-    side = 2 * radius_px + 1
     channels = electrons.shape[1]
     scale = dr.opaque(FLOAT64, 1 / (math.sqrt(2) * sigma_px))
-    for chunk in _chunks(len(tracks.star), side * side):
-        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
-        amounts = tracks.weight[chunk, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
+    for chosen, radius in _by_radius(tracks, radius_px):
+        side = 2 * radius + 1
+        u, v = FLOAT64(tracks.u[chosen]), FLOAT64(tracks.v[chosen])
+        weight = tracks.weight[chosen] * light.gain[radius, 0, 0, 0] * UNITS_PER_ELECTRON
+        amounts = weight[:, None] * electrons[tracks.star[chosen]]
         axis_lane = dr.arange(mi.UInt32, dr.width(u) * side)
         owner, tap = axis_lane // side, axis_lane % side
         shares = []
         for position in (u, v):
             centre = dr.gather(FLOAT64, position, owner)
-            distance = dr.round(centre) - centre + FLOAT64(mi.Int32(tap) - radius_px)
+            distance = dr.round(centre) - centre + FLOAT64(mi.Int32(tap) - radius)
             shares.append(0.5 * (dr.erf((distance + 0.5) * scale) - dr.erf((distance - 0.5) * scale)))
         dr.eval(shares)
         lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
@@ -222,14 +235,22 @@ def splat_gaussian(
         share = dr.gather(FLOAT64, shares[0], owner * side + offset % side) * dr.gather(
             FLOAT64, shares[1], owner * side + offset // side
         )
-        inside, target = _target(camera, u, v, owner, offset, radius_px, channels)
+        inside, target = _target(camera, u, v, owner, offset, radius, channels)
         for channel in range(channels):
             amount = dr.gather(FLOAT64, FLOAT64(amounts[:, channel]), owner) * share
             dr.scatter_add(total, UINT64(amount + 0.5), target + channel, inside)
         dr.eval(total)
 
 
-def splat_atlas(total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, atlas: PsfAtlas) -> None:
+def splat_atlas(
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    atlas: PsfAtlas,
+    radius_px: NDArray[np.int64],
+    light: StampLight,
+) -> None:
     """Add a tabulated point spread function at each moment.
 
     Parameters
@@ -238,38 +259,49 @@ def splat_atlas(total: Any, camera: NightSkyCamera, tracks: StarTracks, electron
         (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
     electrons : (n, channels, bands) array
         Of each star on the axis, per wavelength band of the atlas.
+    radius_px : (n,) array
+        Of each star's stamp.
+    light : StampLight
+        Light beyond the stamp is spread over it.
     """
-    side = 2 * atlas.reach_px + 1
     channels = electrons.shape[1]
-    for chunk in _chunks(len(tracks.star), side * side):
-        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
-        amounts = tracks.weight[chunk, None, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
-        # Where the middle of the stamp lies from the star, and how far a band of unit shift moves it, in single precision.
-        starts = [mi.Float(dr.round(position) - position - atlas.reach_px) for position in (u, v)]
-        outward = [mi.Float((u - atlas.cx_px) / atlas.corner_px), mi.Float((v - atlas.cy_px) / atlas.corner_px)]
+    for chosen, radius in _by_radius(tracks, radius_px):
+        side = 2 * radius + 1
+        u, v = FLOAT64(tracks.u[chosen]), FLOAT64(tracks.v[chosen])
         node = atlas.node(u, v)
+        gain = light.gain[radius].reshape(atlas.bands, -1).T[np.array(node)]
+        weight = tracks.weight[chosen] * UNITS_PER_ELECTRON
+        amounts = (weight[:, None] * gain)[:, None, :] * electrons[tracks.star[chosen]]
+        # Where the middle of the stamp lies from the star, and how far a band of unit shift moves it, in single precision.
+        starts = [mi.Float(dr.round(position) - position - radius) for position in (u, v)]
+        outward = [mi.Float((u - atlas.cx_px) / atlas.corner_px), mi.Float((v - atlas.cy_px) / atlas.corner_px)]
         dr.eval(starts, outward, node)
         lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
         owner, offset = lane // (side * side), lane % (side * side)
         taps = (mi.Float(offset % side), mi.Float(offset // side))
-        here = dr.gather(mi.UInt32, node, owner)
+        here = dr.gather(mi.UInt32, node, owner) * atlas.size**2
         du, dv = (dr.gather(mi.Float, start, owner) + tap for start, tap in zip(starts, taps, strict=True))
         out_u, out_v = (dr.gather(mi.Float, direction, owner) for direction in outward)
-        light = [FLOAT64(0) for _ in range(channels)]
+        received = [FLOAT64(0) for _ in range(channels)]
         for band in range(atlas.bands):
             shift = float(atlas.shifts[band])
             share = FLOAT64(atlas.share(band, here, du - shift * out_u, dv - shift * out_v))
             for channel in range(channels):
-                light[channel] += dr.gather(FLOAT64, FLOAT64(amounts[:, channel, band]), owner) * share
-        inside, target = _target(camera, u, v, owner, offset, atlas.reach_px, channels)
+                received[channel] += dr.gather(FLOAT64, FLOAT64(amounts[:, channel, band]), owner) * share
+        inside, target = _target(camera, u, v, owner, offset, radius, channels)
         for channel in range(channels):
-            dr.scatter_add(total, UINT64(light[channel] + 0.5), target + channel, inside)
+            dr.scatter_add(total, UINT64(received[channel] + 0.5), target + channel, inside)
         dr.eval(total)
 
 
-def _chunks(count: int, lanes_each: int) -> list[slice]:
-    size = max(1, LANES_AT_ONCE // lanes_each)
-    return [slice(lower, min(lower + size, count)) for lower in range(0, count, size)]
+def _by_radius(tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.intp], int]]:
+    """Moments whose stars' stamps have the same radius, in blocks that fit into memory."""
+    radius = radius_px[tracks.star]
+    for size in np.unique(radius):
+        chosen = np.flatnonzero(radius == size)
+        block = max(1, LANES_AT_ONCE // (2 * int(size) + 1) ** 2)
+        for first in range(0, len(chosen), block):
+            yield chosen[first : first + block], int(size)
 
 
 def _target(
