@@ -44,7 +44,7 @@ def test_it_says_what_would_be_made(path) -> None:
         "96 x 64, 12 bits",
         " on ",
         "guess",
-        "kB",
+        "MB",
         load_scenario(path).sha256,
     ):
         assert phrase in printed
