@@ -169,11 +169,7 @@ class Scenario:
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
         for path in [*self._swept(0), *first]:
-            parent: Any = complete
-            for key in path[:-1]:
-                parent = parent.get(key) if isinstance(parent, dict) else None
-            if isinstance(parent, dict):
-                parent.pop(path[-1], None)
+            _forget(complete, path)
         meaning = {
             "format": 1,
             "skybench": __version__,
@@ -257,7 +253,23 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
         return chosen[path]
     if isinstance(tree, dict):
         return {key: _resolve(value, chosen, (*path, str(key))) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_resolve(value, chosen, (*path, str(place))) for place, value in enumerate(tree)]
     return tree
+
+
+def _forget(tree: Any, path: KeyPath) -> None:
+    """Take the value at a path out of a tree of mappings and lists, where there is one."""
+    *parents, last = path
+    for key in parents:
+        if isinstance(tree, list):
+            tree = tree[int(key)] if key.isdigit() and int(key) < len(tree) else None
+        else:
+            tree = tree.get(key) if isinstance(tree, dict) else None
+    if isinstance(tree, dict):
+        tree.pop(last, None)
+    elif isinstance(tree, list) and last.isdigit() and int(last) < len(tree):
+        tree[int(last)] = None
 
 
 def _observer(site: Any) -> Observer | None:
