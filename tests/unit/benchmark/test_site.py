@@ -238,7 +238,7 @@ def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards):
     size = sum(len(text.encode()) for text in pages.values())
     assert FIVE_MB / 2 < size < FIVE_MB
     pictures = "".join(re.findall(r"data:image/webp;base64,([\w+/=]+)", pages[many[0].file_name]))
-    assert len(pictures) > 20_000
+    assert len(pictures) > 12_000
 
 
 def test_the_leaderboard_as_a_picture_stands_alone(boards):
