@@ -7,9 +7,11 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from benchmark import submission_cli
 from benchmark.errors import BenchmarkError, ResultsError
 
 app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
+submission_cli.add_to(app)
 
 _DEFAULT_OUT = Path("results/demo")
 _Out = Annotated[Path, typer.Option("--out", help="Results folder.")]

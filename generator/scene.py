@@ -28,6 +28,7 @@ from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
 from generator.star_truth import StarTruth, star_truth
 from generator.stellar_spectra import colour_row, colour_table
+from generator.stray_light import with_stray_light
 
 Floats = NDArray[np.float64]
 
@@ -299,7 +300,7 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        points = np.array(integrator.stars(scene, camera, emitter, tracks))
+        points = with_stray_light(np.array(integrator.stars(scene, camera, emitter, tracks)), plan.spec.camera)
         image = image + points
         if layers:
             parts[emitter.id()] = mosaic(points, sensor)

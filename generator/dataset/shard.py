@@ -21,7 +21,7 @@ from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.target import LocalTarget, Target
-from generator.dataset_writer import RenderedFrame, render_frame, write_exr
+from generator.dataset_writer import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame_record import frame_record, record_bytes
@@ -178,6 +178,10 @@ def _write_frames(
             _add(archive, f"{stem}.json", record_bytes(record))
             if spec.exr:
                 _add(archive, f"{stem}.exr", _exr_bytes(frame))
+            if frame.developed is not None:
+                _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
+            if frame.hud is not None:
+                _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
             truth.append(RenderedTruth(frame.stars, frame.objects))
             log.write(f"{stem}: {frame.stars.num_rows} stars, {time.perf_counter() - started:.3f} s\n")

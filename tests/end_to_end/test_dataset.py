@@ -324,7 +324,7 @@ WITH_FILE = BASE | {
     "name": "walled",
     "camera": {"width": 48, "height": 32, "hfov_deg": 140, "aperture_mm": 4},
     "stars": {"limiting_magnitude": 3.0},
-    "foreground": {"horizon": {"file": "land/ridge.csv"}, "lit_directions": 0},
+    "sensor": {"quantum_efficiency": "qe.csv", "develop": {}, "hud": True},
 }
 
 
@@ -332,6 +332,7 @@ def walled_scenario(folder: Path, place: str = "land/ridge.csv") -> Path:
     """A scenario that names a horizon profile, with the profile beside it."""
     (folder / place).parent.mkdir(parents=True, exist_ok=True)
     (folder / place).write_text("azimuth_deg,elevation_deg\n0,20\n180,30\n")
+    (folder / "qe.csv").write_text("wavelength_nm,quantum_efficiency\n400,0.5\n700,0.6\n")
     tree = WITH_FILE | {"foreground": {"horizon": {"file": place}, "lit_directions": 0}}
     (folder / "walled.yaml").write_text(yaml.safe_dump(tree))
     return folder / "walled.yaml"
@@ -343,8 +344,10 @@ def test_files_that_a_scenario_names_go_with_the_dataset(tmp_path) -> None:
     generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
     shutil.rmtree(tmp_path / "scenes")
     assert problems(tmp_path / "set") == []
+    assert {"frame-00000.developed.png", "frame-00000.hud.png"} <= set(members(tmp_path / "set"))
     listed = {file.path: file.sha256 for file in Dataset.open(tmp_path / "set").manifest.files}
     kept = tmp_path / "set" / "land/ridge.csv"
+    assert "qe.csv" in listed
     assert listed["land/ridge.csv"] == hashlib.sha256(kept.read_bytes()).hexdigest()
     copy = tmp_path / "set" / "scenario.yaml"
     generate(load_scenario(copy), copy.read_text(), tmp_path / "again", DatasetSpec())
