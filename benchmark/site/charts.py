@@ -35,11 +35,12 @@ class Style:
 
 @dataclass(frozen=True)
 class Mark:
-    """One solver's number in a figure over solvers."""
+    """One solver's number in a figure over solvers; `words` stand in its place where it is undefined."""
 
     name: str
     style: Style
     estimate: Estimate
+    words: str = ""
 
 
 Curves = Sequence[tuple[str, Style, Sequence[Level]]]
@@ -143,6 +144,7 @@ def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
         estimate = mark.estimate
         panel.text((x.ticks[0][0], row), _short(mark.name), "name", "end", du=-10.0)
         if math.isnan(estimate.value):
+            panel.text((x.ticks[0][0], row), mark.words, "aside", du=8.0)
             continue
         panel.whisker((estimate.low, row), (estimate.high, row), f"whisker {mark.style.css}")
         words = f"{mark.name}: {number(estimate.value)} ({interval(estimate, number)})"

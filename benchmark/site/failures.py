@@ -106,7 +106,7 @@ def _card(entry: Entry, source: FrameSource, number: int) -> Card:
         frame_id=worst.frame_id,
         condition=worst.condition,
         words=worst.words,
-        counts=f"{row['n_correct']} of {row['n_matches']} stars named right, {row['n_detections']} detections",
+        counts=_counts(int(row["n_correct"]), int(row["n_matches"]), int(row["n_detections"])),
         image_uri="",
         width_px=width,
         height_px=height,
@@ -118,6 +118,11 @@ def _card(entry: Entry, source: FrameSource, number: int) -> Card:
         right="".join(_ring(one, radius) for one in rows if one.correct),
         wrong="".join(_cross(one, radius) for one in rows if one.star_id is not None and not one.correct),
     )
+
+
+def _counts(correct: int, matches: int, detections: int) -> str:
+    named = f"{correct} of {matches} stars named right" if matches else "no star named"
+    return f"{named}, {detections} detections"
 
 
 def _uri(picture: bytes) -> str:

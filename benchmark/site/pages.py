@@ -192,7 +192,9 @@ def _drawings(entries: Sequence[Entry], drawn: tuple[Markup, list[Markup]]) -> D
 def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
     task = board.task
     style_of = {entry.label: styles[entry.stored.solver] for entry in board.entries}
-    breaks = [Mark(entry.label, style_of[entry.label], _inside(entry)) for entry in board.entries]
+    breaks = [
+        Mark(entry.label, style_of[entry.label], _inside(entry), columns.break_words(entry)) for entry in board.entries
+    ]
     breaks.sort(key=lambda mark: (math.isnan(mark.estimate.value), -task.harder * mark.estimate.value))
     scale = charts.condition_scale([entry.levels for entry in board.entries], task)
     curves = [(entry.label, style_of[entry.label], entry.levels) for entry in board.entries]

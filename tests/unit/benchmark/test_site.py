@@ -184,6 +184,15 @@ def test_a_result_in_the_wrong_place_or_without_its_task_is_refused(root, tmp_pa
         read_tree(tmp_path / "nothing")
 
 
+def test_results_of_different_frames_are_not_compared(root):
+    one, two = read_tree(root)[0][:2]
+    with pytest.raises(ResultsError, match="81 and 80 frames cannot be compared"):
+        make_board([one, dataclasses.replace(two, frames=two.frames.iloc[1:])])
+    other = dataclasses.replace(two.provenance, scenario_sha256="ef" * 32)
+    with pytest.raises(ResultsError, match="different scenarios"):
+        make_board([one, dataclasses.replace(two, provenance=other)])
+
+
 def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp_path):
     result = dataclasses.replace(read_tree(root)[0][0], folder=tmp_path / "x" / "own" / "skybench-0")
     assert FrameSource(tmp_path).picture(result, "frame-00003") is None
