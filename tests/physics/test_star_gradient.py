@@ -127,7 +127,8 @@ def test_the_camera_is_found_to_its_bound_on_ten_frames() -> None:
     """
     scenario = small_scenario(
         camera=LENS, site={"latitude_deg": {"uniform": [-50, 50]}, "longitude_deg": {"uniform": [-180, 180]}}, frames=10,
-        time={"utc_start": {"utc": ["2020-01-01T00:00:00Z", "2020-12-31T00:00:00Z"], "sun_below_deg": -18}, "exposure_s": 0.5},
+        time={"utc_start": {"utc": ["2020-01-01T00:00:00Z", "2020-12-31T00:00:00Z"], "sun_below_deg": -18},
+              "exposure_s": 0.5},
         sky={"bortle": 3, "components": ["airglow", "zodiacal", "milky_way", "skyglow"]},
     )  # fmt: skip
     found = [recover_camera(scenario, index) for index in range(10)]
