@@ -229,6 +229,35 @@ def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_p
     assert list((tmp_path / "full").glob("data/*/*")) == []
 
 
+def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
+    """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
+        "from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    )
+    out = tmp_path / "limited"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(out), "--shard-size", "5", "--exr",
+         "--workers", "0"], capture_output=True, text=True, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert "File too large" in run.stderr
+    assert "run the same command again" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == [
+        "logs/train/shard-000000.log", "scenario.yaml",
+    ]  # fmt: skip
+    generate(load_scenario(scenario_path), scenario_path.read_text(), out, SPEC)
+    assert fingerprint(out) == fingerprint(dataset)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders")
+def test_a_read_only_folder_is_a_clear_error(scenario_path, tmp_path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o555)
+    with pytest.raises(GeneratorError, match=r"locked.*cannot be written \(Permission denied\); choose another folder"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "locked" / "set", SPEC)
+
+
 def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(GeneratorError, match="cannot be written"):
