@@ -151,13 +151,14 @@ def observed_places(
 ) -> ApparentPlaces:
     """Apparent places of n stars at an instant from their intermediate places near it (same hour)."""
     context = _context(site, instant, orientation)
-    true = places.cirs @ _enu_from_cirs(context).T
+    # Components first: each is contiguous.
+    east, north, up = _enu_from_cirs(context) @ places.cirs.T
     # Diurnal aberration, as in ERFA's atioq: the observer moves east.
     speed = float(context["diurab"])
-    true *= 1 - speed * true[:, :1]
-    true[:, 0] += speed
-    level = np.hypot(true[:, 0], true[:, 1])
-    altitude = np.arctan2(true[:, 2], level)
+    shrink = 1 - speed * east
+    east, north, up = shrink * (east + speed), shrink * north, shrink * up
+    level = np.sqrt(east**2 + north**2)
+    altitude = np.arctan2(up, level)
     lift = refraction_deg(
         np.degrees(altitude),
         pressure_hpa=air.pressure_hpa,
@@ -165,9 +166,8 @@ def observed_places(
         relative_humidity=air.relative_humidity,
     )
     lifted = altitude + np.radians(lift)
-    true[:, :2] *= (np.cos(lifted) / np.maximum(level, 1e-300))[:, None]
-    true[:, 2] = np.sin(lifted)
-    return ApparentPlaces(true)
+    stretch = np.cos(lifted) / np.maximum(level, 1e-300)
+    return ApparentPlaces(np.stack([stretch * east, stretch * north, np.sin(lifted)], axis=-1))
 
 
 def _enu_from_cirs(context: Any) -> NDArray[np.float64]:

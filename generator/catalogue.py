@@ -104,7 +104,8 @@ class StarCatalogue:
         return len(self.hip)
 
     def __getitem__(self, selection: NDArray[np.bool_] | NDArray[np.intp]) -> StarCatalogue:
-        return StarCatalogue(*(getattr(self, field.name)[selection] for field in fields(self)))
+        rows = np.flatnonzero(selection) if selection.dtype == bool else selection
+        return StarCatalogue(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @property
     def star_id(self) -> NDArray[np.int32]:

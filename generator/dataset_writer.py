@@ -100,7 +100,7 @@ def hud_lines(plan: FramePlan) -> tuple[str, ...]:
 def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
     """Encode DN as a 16-bit greyscale PNG, or an 8-bit picture as grey or colour."""
     if pixels.dtype == np.uint16:
-        return png16(pixels)
+        return png16(pixels.astype(np.uint16, copy=False))
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()

@@ -65,7 +65,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     Parameters
     ----------
     plan : FramePlan
-    tracks : generator.plugins.star_splats.StarTracks
+    tracks : generator.plugins.star_tracks.StarTracks
     on_axis_e : (n, bands) array
         Each star's electrons on the axis, in the point spread function's wavelength bands.
     """

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import pandas as pd
 
 from benchmark.break_point import Discrimination, break_point, discrimination
-from benchmark.calibration import CALIBRATION_METRICS, Nees, ReliabilityBin, RiskCoverage, nees, reliability, risk_coverage
+from benchmark.calibration import (
+    CALIBRATION_METRICS,
+    Nees,
+    ReliabilityBin,
+    RiskCoverage,
+    nees,
+    reliability,
+    risk_coverage,
+)
 from benchmark.comparison import Comparison, Rank, compare, detectable, ranks
 from benchmark.formatting import number
 from benchmark.frame_metrics import METRICS, column, errors_km, fixed, groups_of, measure, succeeded

@@ -1,5 +1,6 @@
 """The site's figures. Each is small enough to be read at its own size on a telephone."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,13 +10,13 @@ from markupsafe import Markup
 from benchmark.formatting import interval, number, percent
 from benchmark.intervals import Estimate
 from benchmark.site.boards import Level
-from benchmark.site.tree import TaskFacts
 from benchmark.site.figure import Panel, Point, Scale, level_scale, log_scale, share_scale
+from benchmark.site.tree import TaskFacts
 
 SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
-_ROW_PX = 24
+_FOREST_PX, _NAMES_PX, _ROW_PX = 372, 140, 24
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def success_curve(
     levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts, style: Style, label: str
 ) -> Markup:
     """Success against the condition with its interval, the other solvers in grey behind."""
-    panel = Panel(_conditions((levels, *others), task), share_scale(""), *SMALL_PX, label)
+    panel = Panel(condition_scale((levels, *others), task), share_scale(""), *SMALL_PX, label)
     panel.across(0.5)
     for other in others:
         panel.line([(level.condition, level.success.value) for level in other], "ghost")
@@ -70,7 +71,7 @@ def error_curve(
     label: str,
 ) -> Markup:
     """Median error against the condition with its interval, over the Cramér-Rao bound (dashed)."""
-    panel = Panel(_conditions((levels, *others), task), scale, *SMALL_PX, label)
+    panel = Panel(condition_scale((levels, *others), task), scale, *SMALL_PX, label)
     for other in others:
         panel.line([(level.condition, level.median_error_km.value) for level in other], "ghost")
     panel.line([(level.condition, level.bound_km) for level in levels], "floor")
@@ -90,15 +91,13 @@ def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
     return log_scale(values, "", refused=True)
 
 
-def forest(marks: Sequence[Mark], x: Scale, label: str, limit: float | None = None, left: int = 140) -> Markup:
+def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
     """One row to a solver: its number and interval."""
     rows = len(marks)
     y = Scale(lambda row: 1.0 - (row + 0.5) / rows, ())
-    panel = Panel(x, y, 372 - left - 14, rows * _ROW_PX, label, left)
+    panel = Panel(x, y, _FOREST_PX - _NAMES_PX - 20, rows * _ROW_PX, label, _NAMES_PX)
     for value, _ in x.ticks:
         panel.upright(value, "grid")
-    if limit is not None:
-        panel.upright(limit)
     for row, mark in enumerate(marks):
         estimate = mark.estimate
         panel.text((x.ticks[0][0], row), _short(mark.name), "name", "end", du=-10.0)
@@ -155,7 +154,8 @@ def risk_coverage(points: Sequence[Point], style: Style, label: str) -> Markup:
     return panel.svg()
 
 
-def _conditions(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
+def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
+    """Axis of a task's condition, harder to the right."""
     levels = sorted({level.condition for curve in curves for level in curve})
     scale = level_scale(levels, task.axis)
     if task.harder > 0:
@@ -176,7 +176,7 @@ def _apart(places: Sequence[float], gap: float) -> list[float]:
     """Places 0 to 1 moved as little as a sweep from below and one from above need to stand `gap` apart."""
     order = sorted(range(len(places)), key=lambda n: places[n])
     moved = [min(max(place, 0.0), 1.0) for place in places]
-    for before, after in zip(order, order[1:], strict=False):
+    for before, after in itertools.pairwise(order):
         moved[after] = max(moved[after], moved[before] + gap)
     ceiling = 1.0
     for n in reversed(order):

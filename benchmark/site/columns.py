@@ -53,15 +53,6 @@ def p_value(value: float) -> str:
     return "—" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def condition_value(value: float) -> str:
-    """Print a value of a task's condition; an infinite one lies beyond what was tested."""
-    if math.isnan(value):
-        return "—"
-    if math.isinf(value):
-        return "beyond"
-    return f"{value:.3g}"
-
-
 def break_words(entry: Entry) -> str:
     """Where the solver breaks, in a few words."""
     value = entry.break_point.value
@@ -70,7 +61,7 @@ def break_words(entry: Entry) -> str:
         return "—"
     if math.isinf(value):
         return "never ≥ 50 %" if value * harder < 0 else "not reached"
-    return condition_value(value)
+    return f"{value:.3g}"
 
 
 def break_interval(entry: Entry) -> str:

@@ -12,6 +12,7 @@ from benchmark.errors import ResultsError
 from benchmark.preview import encode_webp
 from benchmark.result_tables import DetectionRow
 from benchmark.site.boards import Board, Entry
+from benchmark.site.frame_source import FrameSource
 
 # Of all pictures of the site, as they stand in the pages.
 IMAGE_BUDGET_BYTES = 2_200_000
@@ -33,12 +34,13 @@ class Card:
     view_box: str
     dot_px: str
     stroke_px: str
+    truth: str
     found: str
     right: str
     wrong: str
 
 
-def make_cards(board: Board, budget_bytes: int = IMAGE_BUDGET_BYTES) -> list[Card]:
+def make_cards(board: Board, source: FrameSource, budget_bytes: int = IMAGE_BUDGET_BYTES) -> list[Card]:
     """Cards of the solvers whose worst frame has a picture at hand, within a budget of bytes for the pictures.
 
     Raises
@@ -48,16 +50,19 @@ def make_cards(board: Board, budget_bytes: int = IMAGE_BUDGET_BYTES) -> list[Car
     """
     shown = []
     for entry in board.entries:
-        path = entry.stored.preview_of(entry.worst.frame_id) if entry.worst else None
-        if path is not None:
-            shown.append((entry, path))
-    pictures = []
-    for entry, path in shown:
+        picture = source.picture(entry.stored, entry.worst.frame_id) if entry.worst else None
+        if picture is not None:
+            shown.append((entry, picture))
+    cards = []
+    for entry, picture in shown:
         try:
-            pictures.append(_fit(path.read_bytes(), budget_bytes // len(shown)))
+            fitted = _fit(picture, budget_bytes // len(shown))
         except (UnidentifiedImageError, OSError) as error:
-            raise ResultsError(f"{path}: not a readable picture ({error}); run `skybench bench run` again") from error
-    return [_card(entry, picture) for (entry, _), picture in zip(shown, pictures, strict=True)]
+            raise ResultsError(
+                f"{entry.stored.folder}: the picture of a frame is not readable ({error}); run `skybench bench run` again"
+            ) from error
+        cards.append(_card(entry, source, fitted))
+    return cards
 
 
 def _fit(picture: bytes, most_bytes: int) -> bytes:
@@ -72,7 +77,7 @@ def _fit(picture: bytes, most_bytes: int) -> bytes:
     return fitted
 
 
-def _card(entry: Entry, picture: bytes) -> Card:
+def _card(entry: Entry, source: FrameSource, picture: bytes) -> Card:
     worst = entry.worst
     assert worst is not None
     frames = entry.stored.frames
@@ -92,6 +97,7 @@ def _card(entry: Entry, picture: bytes) -> Card:
         view_box=f"-0.5 -0.5 {width} {height}",
         dot_px=f"{max(width / 130.0, 2.0):.1f}",
         stroke_px=f"{max(width / 300.0, 1.0):.1f}",
+        truth="".join(_plus(u, v, 0.7 * radius) for u, v in source.true_stars(entry.stored, worst.frame_id)),
         found="".join(f"M{one.u_px:.0f} {one.v_px:.0f}h.1" for one in rows if one.star_id is None),
         right="".join(_ring(one, radius) for one in rows if one.correct),
         wrong="".join(_cross(one, radius) for one in rows if one.star_id is not None and not one.correct),
@@ -103,7 +109,11 @@ def _ring(row: DetectionRow, radius: float) -> str:
     return f"M{row.u_px - radius:.0f} {row.v_px:.0f}a{r} {r} 0 1 0 {d} 0a{r} {r} 0 1 0-{d} 0"
 
 
+def _plus(u: float, v: float, radius: float) -> str:
+    r, d = f"{radius:.0f}", f"{2.0 * round(radius):.0f}"
+    return f"M{u - radius:.0f} {v:.0f}h{d}m-{r}-{r}v{d}"
+
+
 def _cross(row: DetectionRow, radius: float) -> str:
     d = f"{1.6 * radius:.0f}"
     return f"M{row.u_px - 0.8 * radius:.0f} {row.v_px - 0.8 * radius:.0f}l{d} {d}m0-{d}l-{d} {d}"
-

@@ -98,7 +98,7 @@ class Panel:
 
     def __init__(self, x: Scale, y: Scale, width: int, height: int, label: str, left: int = 46) -> None:
         self.x, self.y, self.width, self.height, self.label = x, y, width, height, label
-        self.left, self.right, self.top = left, 14, 10
+        self.left, self.right, self.top = left, 20, 10
         self.bottom = 40 if x.title else 24
         self._marks: list[str] = []
 

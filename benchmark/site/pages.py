@@ -20,7 +20,8 @@ from benchmark.site import charts, columns
 from benchmark.site.boards import Board, Entry, Level, make_board
 from benchmark.site.charts import Mark, Style
 from benchmark.site.failures import IMAGE_BUDGET_BYTES, make_cards
-from benchmark.site.figure import level_scale
+from benchmark.site.frame_source import FrameSource
+from benchmark.site.leaderboard_figure import leaderboard_svg
 from benchmark.site.site_view import (
     board_provenance,
     board_verdict,
@@ -35,13 +36,22 @@ SITE_FOLDER = "site"
 _SHEETS = ("palette.css", "page.css", "figure.css", "site/site.css")
 
 
-def write_site(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> Path:
+def write_site(
+    root: Path,
+    data: Path | None = None,
+    figure: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> Path:
     """Write the report over a tree of results to ``root/site``.
 
     Parameters
     ----------
     root : Path
         Tree of results.
+    data : Path, optional
+        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
+    figure : Path, optional
+        Where to write the leaderboard as one picture too.
     progress : callable
         Called with the boards done and their number.
 
@@ -62,12 +72,14 @@ def write_site(root: Path, progress: Callable[[int, int], None] = lambda done, o
         boards.append(make_board(group))
     progress(len(groups), len(groups))
     folder = root / SITE_FOLDER
-    for name, page in render_site(boards, root.name or ".").items():
+    for name, page in render_site(boards, FrameSource(data), root.name or ".").items():
         write_atomically(folder / name, page.encode())
+    if figure is not None:
+        write_atomically(figure, render_figure(boards).encode())
     return folder / "index.html"
 
 
-def render_site(boards: Sequence[Board], out_name: str) -> dict[str, str]:
+def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> dict[str, str]:
     """All pages, by file name."""
     styles = make_styles(boards)
     view = make_view(boards, styles, out_name)
@@ -75,7 +87,7 @@ def render_site(boards: Sequence[Board], out_name: str) -> dict[str, str]:
     pages = {}
     anchors: dict[tuple[str, str], str] = {}
     for board in boards:
-        cards = make_cards(board, IMAGE_BUDGET_BYTES // len(boards))
+        cards = make_cards(board, source, IMAGE_BUDGET_BYTES // len(boards))
         anchors |= {(board.file_name, card.label): f"worst-{n}" for n, card in enumerate(cards, start=1)}
         pages[board.file_name] = template("board.html").render(
             board=board,
@@ -92,6 +104,12 @@ def render_site(boards: Sequence[Board], out_name: str) -> dict[str, str]:
         pages[solver.file_name] = template("solver.html").render(solver=solver, curves=curves, anchors=anchors)
     pages["index.html"] = template("index.html").render(site=view)
     return pages
+
+
+def render_figure(boards: Sequence[Board]) -> str:
+    """The leaderboard as one picture, SVG."""
+    view = make_view(boards, make_styles(boards), ".")
+    return leaderboard_svg(view, _read("palette.css"), _read("figure.css"))
 
 
 def style_sheet() -> str:
@@ -144,7 +162,7 @@ def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
     style_of = {entry.label: styles[entry.stored.solver] for entry in board.entries}
     breaks = [Mark(entry.label, style_of[entry.label], _inside(entry)) for entry in board.entries]
     breaks.sort(key=lambda mark: (math.isnan(mark.estimate.value), -task.harder * mark.estimate.value))
-    scale = level_scale([level.condition for level in board.entries[0].levels], task.axis)
+    scale = charts.condition_scale([entry.levels for entry in board.entries], task)
     errors = charts.error_scale([entry.levels for entry in board.entries])
     confident = [entry for entry in board.entries if entry.bins]
     return {
@@ -231,4 +249,3 @@ def _differences(board: Board) -> list[dict[str, Any]]:
         known[(pair.second, pair.first)] = {"value": -pair.difference.value, "sure": sure}
     labels = [entry.label for entry in board.entries]
     return [{"label": row, "cells": [known.get((row, column)) for column in labels]} for row in labels]
-

@@ -5,8 +5,8 @@ attitude, renders the stars through it with derivatives, and follows them until 
 allows: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
 steps look at both images through a wide Gaussian, and the last at the pixels themselves.
 
-Known are the names and light of the stars, the sky behind them, and the noise. The bound is that of the five camera parameters
-with all of this known.
+Known are the names and light of the stars, the sky behind them, and the noise. The bound is that of the five camera
+parameters with all of this known.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def _score(
     weighted = flat * weight.ravel()
     information = weighted @ flat.T
     step = np.linalg.solve(information + 1e-9 * np.diag(np.diag(information)), weighted @ residual.ravel())
-    return step, information
+    return np.asarray(step, dtype=np.float64), information
 
 
 def _rays(plan: FramePlan, rendered: RenderedFrame) -> F8:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from generator.dataset.inputs import check_name, store_inputs
 from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
@@ -183,6 +185,7 @@ def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: A
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)
+    threadpool_limits(1)  # linear algebra
     _worker.update(scenario=scenario, spec=spec, target=target, done=done)
 
 

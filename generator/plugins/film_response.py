@@ -72,9 +72,7 @@ class FilmResponse:
         -------
         (n, channels, bands) array
         """
-        nodes = AIRMASS_SCALE * np.expm1(
-            np.linspace(0, np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE), AIRMASS_NODES)
-        )
+        nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE), AIRMASS_NODES))
         shapes = self._at_wavelengths(colour_table)
         passed = np.exp(-nodes[:, None] * self._at_wavelengths(optical_depth[None])[0])
         band = np.minimum(((self.wavelength_nm - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)).astype(int), bands - 1)
@@ -89,9 +87,7 @@ class FilmResponse:
         along = (airmass - nodes[node]) / (nodes[node + 1] - nodes[node])
         row = np.minimum(colour_row.astype(np.intp), len(shapes) - 2)
         low, high = (
-            np.exp(
-                logarithm[first] * (1 - along)[:, None] + logarithm[first + 1] * along[:, None]
-            )
+            np.exp(logarithm[first] * (1 - along)[:, None] + logarithm[first + 1] * along[:, None])
             for first in (row * AIRMASS_NODES + node, (row + 1) * AIRMASS_NODES + node)
         )
         across = (colour_row - row)[:, None]

@@ -1,8 +1,9 @@
 """``skybench_integrator``: expected electrons of a night-sky scene, without Monte Carlo noise.
 
-The diffuse sky is taken by camera rays through the pixels' centres, for stratified wavelengths over the whole range. Stars
-are projected by the same sensor at many moments of the exposure and spread over pixels by the point spread function
-(:mod:`generator.plugins.star_splats`). Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
+The diffuse sky is taken by camera rays through the pixels' centres, its spectra integrated over the film's response. Stars
+are projected by the same sensor at many moments of the exposure (:mod:`generator.plugins.star_tracks`) and spread over pixels
+by the point spread function (:mod:`generator.plugins.star_splats`).
+Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
 directions of the sky light it.
 
 =======================  =======  ================================================================================
@@ -35,15 +36,9 @@ from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, film_response
 from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
-from generator.plugins.star_splats import (
-    UINT64,
-    UNITS_PER_ELECTRON,
-    StarTracks,
-    follow_stars,
-    splat_atlas,
-    splat_gaussian,
-)
 from generator.plugins.stamp_light import StampLight, gaussian_light
+from generator.plugins.star_splats import UINT64, UNITS_PER_ELECTRON, splat_atlas, splat_gaussian
+from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
@@ -198,12 +193,11 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         width, height = camera.width, camera.height
         electrons = self.electrons_by_band(camera, emitter, self.bands)
         channels = electrons.shape[1]
-        radius = self.stamp_light.radii(electrons.sum(axis=2).max(axis=1))
         total = dr.zeros(UINT64, width * height * channels)
         if self.stamps is None:
-            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, radius, self.stamp_light)
+            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, self.stamp_light)
         else:
-            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), radius, self.stamp_light)
+            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), self.stamp_light)
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
         return mi.TensorXf(image, (height, width, channels))
 

@@ -1,8 +1,8 @@
 """The star pass again, differentiable: images of stars as functions of the camera's focal length, distortion and attitude.
 
-The renderer adds splats in integers, through which no derivative passes. Here the camera's own projection, light falloff and
-shutter run on a lens and an attitude whose numbers carry derivatives, and the same Gaussian integrated over pixels is added in
-floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
+The renderer adds splats in integers, through which no derivative passes. Here the camera's own projection, light falloff
+and shutter run on a lens and an attitude whose numbers carry derivatives, and the same Gaussian integrated over pixels is
+added in floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
 """
 
 from __future__ import annotations
@@ -66,7 +66,9 @@ class DifferentiableStars:
         if integrator.stamps is not None or self.emitter.light_curve is not None or scene.shapes():
             raise ValueError("the differentiable star pass takes a Gaussian point spread, steady stars and an open sky")
         if not getattr(self.camera.precise_lens, "k", None):
-            raise ValueError(f"the lens model {self.camera.projection.model} has no k1; take brown_conrady or kannala_brandt")
+            raise ValueError(
+                f"the lens model {self.camera.projection.model} has no k1; take brown_conrady or kannala_brandt"
+            )
         self.sigma_px = integrator.psf_sigma_px
         self.camera.film().prepare([])
         electrons = integrator.electrons_by_band(self.camera, self.emitter, 1)[:, :, 0]

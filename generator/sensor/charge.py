@@ -25,7 +25,9 @@ class PhotoResponse:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Scale each pixel's expected electrons."""
         if self.prnu:
-            signal = signal * np.maximum(1 + self.prnu * exposure.unit("prnu").standard_normal(signal.shape, np.float32), 0)
+            signal = signal * np.maximum(
+                1 + self.prnu * exposure.unit("prnu").standard_normal(signal.shape, np.float32), 0
+            )
         if self.dead_fraction:
             signal = np.where(exposure.unit("dead").random(signal.shape) < self.dead_fraction, 0, signal)
         return signal

@@ -64,7 +64,9 @@ class LineNoise:
         if self.row_e:
             signal = signal + self.row_e * exposure.frame("row").standard_normal((*shape[:-1], 1), np.float32)
         if self.column_e:
-            signal = signal + self.column_e * exposure.frame("column").standard_normal((*shape[:-2], 1, shape[-1]), np.float32)
+            signal = signal + self.column_e * exposure.frame("column").standard_normal(
+                (*shape[:-2], 1, shape[-1]), np.float32
+            )
         return signal
 
 
@@ -79,4 +81,6 @@ class Converter:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Return DN, whole numbers from 0 to 2^bits - 1."""
         del exposure
-        return np.clip(np.rint(signal * np.float32(1 / self.gain_e_per_dn) + np.float32(self.black_level_dn)), 0, 2**self.bits - 1)
+        return np.clip(
+            np.rint(signal * np.float32(1 / self.gain_e_per_dn) + np.float32(self.black_level_dn)), 0, 2**self.bits - 1
+        )

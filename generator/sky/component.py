@@ -128,7 +128,8 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
     maps = np.zeros((len(response), *sky_grid().shape), np.float32)
     for table in tables:
         maps += table.weighted(response)
-    return SkyTable(maps, np.linalg.pinv(response).T)
+    spectra: Floats = np.linalg.pinv(response).T.astype(np.float64)
+    return SkyTable(maps, spectra)
 
 
 @functools.cache
@@ -186,7 +187,7 @@ def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Fl
 
 
 def above_the_air(
-    direction_map: Floats,
+    direction_map: Floats | NDArray[np.float32],
     spectrum: Floats,
     atmosphere: Atmosphere | None,
     factor: float = DIFFUSE_EXTINCTION_FACTOR,

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import erfa
-import erfa
 import numpy as np
 import pytest
 import skyfield_data
