@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import duckdb
+import numpy as np
 import pandas as pd
 import psutil
 import pyarrow.dataset
@@ -24,6 +25,7 @@ from small_scenes import BASE
 
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
+from generator.dataset.images import decode
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
@@ -129,6 +131,24 @@ def test_one_frame_alone_has_the_same_bytes(dataset, scenario_path, tmp_path) ->
     assert set(alone) == {"frame-00007.png", "frame-00007.json", "frame-00007.exr"}
     assert all(full[name] == data for name, data in alone.items())
     assert problems(tmp_path / "one") == []
+
+
+def test_jpeg_xl_holds_the_same_numbers(dataset, scenario_path, tmp_path) -> None:
+    spec = DatasetSpec(shard_size=5, codec="jxl")
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", spec, frames=(7, 8))
+    stored = members(tmp_path / "jxl")
+    assert set(stored) == {"frame-00007.jxl", "frame-00007.json"}
+    np.testing.assert_array_equal(
+        decode(stored["frame-00007.jxl"], "jxl"), decode(members(dataset)["frame-00007.png"], "png")
+    )
+    assert problems(tmp_path / "jxl") == []
+
+
+def test_jpeg_xl_without_its_package_says_so_at_once(scenario_path, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(GeneratorError, match=r"pip install 'skybench\[jxl\]'"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", DatasetSpec(codec="jxl"))
+    assert not (tmp_path / "jxl").exists()
 
 
 def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
