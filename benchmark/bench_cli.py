@@ -106,8 +106,8 @@ def _run_on_dataset(folder: Path, solvers: list[str], out: Path, jobs: int) -> N
 def report(
     out: _Out = _DEFAULT_OUT,
     data: Annotated[
-        Path | None, typer.Option("--data", help="Folder of the tasks' rendered frames, for pictures.")
-    ] = None,
+        Path, typer.Option("--data", help="Folder of the tasks' frames; pictures come from there if it exists.")
+    ] = Path("out/tasks"),
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
@@ -126,7 +126,7 @@ def report(
     typer.echo(str(path))
 
 
-def _report_tasks(out: Path, data: Path | None, figure: Path | None) -> Path:
+def _report_tasks(out: Path, data: Path, figure: Path | None) -> Path:
     from benchmark.site.pages import write_site
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("boards"))
