@@ -20,14 +20,15 @@ from benchmark.solvers.protocol import CameraRecord, Observation
 
 TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
 CLOUD_COLUMN = "cloud_optical_depth"
+STREAK_COLUMNS = ("start_u_px", "start_v_px", "end_u_px", "end_v_px")
 
 
 @dataclass(frozen=True)
 class TruthStars:
     """Truth stars of one frame, each of length n.
 
-    Ids, positions (px), expected electrons, signal-to-noise, and optical depth of cloud before the star (None where the
-    truth table does not say).
+    Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, and the way (px) that
+    it goes over the image during the exposure (None where the truth table does not say).
     """
 
     star_id: NDArray[np.int64]
@@ -35,6 +36,7 @@ class TruthStars:
     electrons_e: NDArray[np.float64]
     snr: NDArray[np.float64]
     cloud_optical_depth: NDArray[np.float64] | None = None
+    streak_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,14 @@ def load_image(frame: Frame) -> NDArray[np.uint16]:
     return image
 
 
+def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
+    """Camera, time and attitude as a frame record has them, whatever a solver is told; `path` is for messages."""
+    utc = text(path, record, "time.utc_mid")
+    if not utc.endswith("Z"):
+        raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
+    return Observation(camera=_camera(path, record), utc=utc, R_cam=_attitude(path, record))
+
+
 def _scenario(path: Path, record: Mapping[str, Any]) -> tuple[str, str]:
     return text(path, record, "scenario.name"), text(path, record, "scenario.sha256")
 
@@ -231,16 +241,13 @@ def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars
             f"{path}: stars.n_in_field is {n_in_field}, stars.parquet has {len(stars.star_id)} rows of this frame; "
             f"{RENDER_AGAIN}"
         )
-    utc = text(path, record, "time.utc_mid")
-    if not utc.endswith("Z"):
-        raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
-    camera = _camera(path, record)
+    observation = true_observation(path, record)
     return Frame(
         frame_id=frame_id,
         index=integer(path, record, "index"),
         image_path=path.with_suffix(".png"),
-        observation=Observation(camera=camera, utc=utc, R_cam=_attitude(path, record)),
-        conditions=read_conditions(path, record, camera, n_in_field, stars.cloud_optical_depth),
+        observation=observation,
+        conditions=read_conditions(path, record, observation.camera, n_in_field, stars.cloud_optical_depth),
         truth=stars,
     )
 
@@ -260,7 +267,9 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
         raise DatasetError(f"{path}: column {missing[0]} is missing (docs/dataset_format.md); {RENDER_AGAIN}")
     frame_ids = np.asarray(table["frame_id"].to_pylist(), dtype=str)
     optional = [CLOUD_COLUMN] if CLOUD_COLUMN in table.column_names else []
-    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in (*TRUTH_COLUMNS[1:], *optional)}
+    streaks = all(name in table.column_names for name in STREAK_COLUMNS)
+    wanted = (*TRUTH_COLUMNS[1:], *optional, *(STREAK_COLUMNS if streaks else ()))
+    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in wanted}
     stars = {}
     for frame_id in np.unique(frame_ids):
         rows = frame_ids == frame_id
@@ -270,5 +279,13 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
             electrons_e=columns["electrons_e"][rows].astype(np.float64),
             snr=columns["snr"][rows].astype(np.float64),
             cloud_optical_depth=columns[CLOUD_COLUMN][rows].astype(np.float64) if optional else None,
+            streak_px=_streak(*(columns[name][rows] for name in STREAK_COLUMNS)) if streaks else None,
         )
     return stars
+
+
+def _streak(
+    start_u: NDArray[np.float64], start_v: NDArray[np.float64], end_u: NDArray[np.float64], end_v: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """From start to end, shape (n, 2), px; 0 where the table has no number."""
+    return np.nan_to_num(np.column_stack((end_u - start_u, end_v - start_v)).astype(np.float64))

@@ -189,7 +189,7 @@ def check_room(out: Path, solvers: Iterable[str], scenario_sha256: str, truth_sh
     for path in _summary_paths(out):
         if path.stem in replaced:
             continue
-        if _fingerprint(_read_summary(path)[1]) != (scenario_sha256, truth_sha256):
+        if _fingerprint(read_summary(path)[1]) != (scenario_sha256, truth_sha256):
             raise ResultsError(
                 f"{path}: is a result on another dataset; choose another --out, delete it, or add --solver {path.stem}"
             )
@@ -242,7 +242,14 @@ def _fingerprint(provenance: RunProvenance) -> tuple[str, str]:
     return provenance.scenario_sha256, provenance.truth_sha256
 
 
-def _read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
+def read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
+    """Read a solver's summary file.
+
+    Raises
+    ------
+    ResultsError
+        It is damaged, of another format or other definitions, or not of the solver whose name it bears.
+    """
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         found, solver = (summary["format"], summary["definitions"]), summary["solver"]
@@ -259,7 +266,7 @@ def _read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
 
 
 def _read_result(files: ResultFiles) -> SolverResult:
-    summary, provenance = _read_summary(files.summary)
+    summary, provenance = read_summary(files.summary)
     try:
         overall = _summary_from_json(summary["overall"])
         bortle = tuple((entry["bortle"], _summary_from_json(entry)) for entry in summary["by_bortle"])

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmark import provenance
 from benchmark.dataset import Dataset, Frame, load_image, open_dataset
 from benchmark.errors import DatasetError, ResultsError
+from benchmark.frame_bounds import bound_of
 from benchmark.frame_conditions import site_of
 from benchmark.geodesy import east_north_km, geodesic_km
 from benchmark.memory import peak_mib, reset_peak
@@ -299,6 +300,7 @@ def judge_answer(
         site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
         error_east_km=east_km,
         error_north_km=north_km,
+        crlb_km=bound_of(frame),
         peak_memory_mib=peak_memory_mib,
     )
     return SolverOutcome(score, details, rows)

@@ -4,25 +4,46 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from generator.horizon_profile import read_profile
-from generator.strict import File, Fraction, Strict, listed
+from generator.strict import File, Fraction, InputFile, Strict, listed
 
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+def _readable_mesh(file: InputFile) -> InputFile:
+    from generator.mesh_file import read_mesh  # loads Mitsuba, which scenarios without meshes need not wait for
+
+    read_mesh(file)
+    return file
+
+
+def _closed_mesh(closed: bool, info: ValidationInfo) -> bool:
+    from generator.mesh_file import read_mesh
+
+    if closed and "file" in info.data:
+        file = info.data["file"]
+        open_edges = read_mesh(file).open_edges
+        if open_edges:
+            raise ValueError(
+                f"'{file.path}' is not closed: {open_edges} edges do not join exactly two faces; "
+                "mend it, or say closed: false for an open sheet"
+            )
+    return closed
 
 
 class ShapeSpec(Strict):
     """A mesh, in metres: x east, y north, z up; the camera is at the origin."""
 
-    file: File
+    file: Annotated[File, AfterValidator(_readable_mesh)]
     """PLY or OBJ."""
     translate_m: Annotated[tuple[Metres, Metres, Metres], BeforeValidator(listed)] = (0.0, 0.0, 0.0)
     """Moves the mesh after scaling."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     reflectance: Fraction = 0.15
     """Diffuse, 0-1."""
-    closed: bool = True
+    closed: Annotated[bool, AfterValidator(_closed_mesh)] = Field(default=True, validate_default=True)
     """Whether the mesh must be a closed solid; terrain and skylines may be open sheets (false)."""
 
 

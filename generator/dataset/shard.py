@@ -21,7 +21,7 @@ from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.target import LocalTarget, Target
-from generator.dataset_writer import RenderedFrame, render_frame, write_exr
+from generator.dataset_writer import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame_record import frame_record, record_bytes
@@ -61,6 +61,14 @@ class ShardReport:
     def complete(self) -> bool:
         """Whether the shard is whole under its final names."""
         return not self.failures
+
+
+@dataclass(frozen=True)
+class RenderedTruth:
+    """Truth tables of one frame."""
+
+    stars: pa.Table
+    objects: pa.Table
 
 
 def render_shard(
@@ -104,7 +112,7 @@ def render_shard(
             report = _render(scenario, spec, shard, Path(scratch), progress)
             for place in (
                 shard.log,
-                *((shard.tar, shard.frames, shard.stars, shard.receipt) if report.complete else ()),
+                *((*shard.files, shard.receipt) if report.complete else ()),
             ):
                 target.put(Path(scratch) / place, place)
         return report
@@ -118,18 +126,19 @@ def render_shard(
 def _render(
     scenario: Scenario, spec: DatasetSpec, shard: Shard, folder: Path, progress: Callable[[int], None]
 ) -> ShardReport:
-    for place in (shard.tar, shard.frames, shard.stars, shard.receipt, shard.log):
+    for place in (*shard.files, shard.receipt, shard.log):
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
-    stars: list[pa.Table] = []
+    truth: list[RenderedTruth] = []
     try:
         with (folder / shard.log).open("w", encoding="utf-8") as log, atomic_path(folder / shard.tar) as temporary:
-            _write_frames(temporary, scenario, spec, shard, rows, stars, log, progress)
+            _write_frames(temporary, scenario, spec, shard, rows, truth, log, progress)
     except _FramesFailedError as failed:
         return ShardReport(shard, (), failed.failures)
     _write_table(folder / shard.frames, pa.Table.from_pylist(rows, schema=FRAME_SCHEMA))
-    _write_table(folder / shard.stars, pa.concat_tables(stars))
-    files = tuple(stored_file(folder, place) for place in (shard.tar, shard.frames, shard.stars))
+    _write_table(folder / shard.stars, pa.concat_tables([frame.stars for frame in truth]))
+    _write_table(folder / shard.objects, pa.concat_tables([frame.objects for frame in truth]))
+    files = tuple(stored_file(folder, place) for place in shard.files)
     receipt = {
         "format": RECEIPT_FORMAT,
         "scenario_sha256": scenario.sha256,
@@ -149,7 +158,7 @@ def _write_frames(
     spec: DatasetSpec,
     shard: Shard,
     rows: list[dict[str, Any]],
-    stars: list[pa.Table],
+    truth: list[RenderedTruth],
     log: TextIO,
     progress: Callable[[int], None],
 ) -> None:
@@ -169,8 +178,12 @@ def _write_frames(
             _add(archive, f"{stem}.json", record_bytes(record))
             if spec.exr:
                 _add(archive, f"{stem}.exr", _exr_bytes(frame))
+            if frame.developed is not None:
+                _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
+            if frame.hud is not None:
+                _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
-            stars.append(frame.stars)
+            truth.append(RenderedTruth(frame.stars, frame.objects))
             log.write(f"{stem}: {frame.stars.num_rows} stars, {time.perf_counter() - started:.3f} s\n")
             log.flush()
             progress(index)
@@ -215,8 +228,10 @@ def _exr_bytes(frame: RenderedFrame) -> bytes:
 
 
 def _write_table(path: Path, table: pa.Table) -> None:
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, table.schema, compression="zstd") as writer:
+        # A row group without rows stops the readers of `datasets`; a file without row groups does not.
+        if table.num_rows:
+            writer.write_table(table)
 
 
 def stored_file(folder: Path, place: str) -> StoredFile:

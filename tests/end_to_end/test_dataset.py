@@ -29,7 +29,8 @@ from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
-from generator.scenario_file import load_scenario
+from generator.object_table import OBJECT_SCHEMA
+from generator.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[2]
 TINY = BASE | {
@@ -43,6 +44,16 @@ TINY = BASE | {
     "camera": BASE["camera"] | {"width": 96, "height": 64},
     "sky": {"bortle": {"sweep": [2, 5, 8]}},
     "stars": {"limiting_magnitude": 6.0},
+    "foreground": {
+        "trails": [
+            {
+                "kind": "satellite",
+                "start": {"azimuth_deg": 100, "altitude_deg": 70},
+                "end": {"azimuth_deg": 120, "altitude_deg": 75},
+                "v_mag": 1.0,
+            }
+        ]
+    },
 }
 SPEC = DatasetSpec(shard_size=5, exr=True)
 
@@ -294,6 +305,87 @@ def test_loads_with_duckdb(dataset) -> None:
     assert count > 100
 
 
+def test_objects_have_typed_columns_with_units(dataset) -> None:
+    """The satellite is in every frame; the Moon, where it is up and in the field, is the brightest thing there."""
+    objects = pyarrow.dataset.dataset(dataset / "objects" / "train", format="parquet").to_table()
+    assert objects.schema.equals(OBJECT_SCHEMA)
+    assert objects.schema.field("electrons_e").metadata[b"unit"] == b"e"
+    rows = objects.to_pandas()
+    assert rows.loc[rows["kind"] == "satellite", "index"].tolist() == list(range(12))
+    moon = rows[rows["kind"] == "moon"]
+    assert (moon["object"] == -1).all()
+    records = {name: json.loads(data) for name, data in members(dataset).items() if name.endswith(".json")}
+    up = {record["index"] for record in records.values() if record["sky"]["moon_altitude_deg"] > 35}
+    assert up <= set(moon["index"])
+    assert moon["electrons_e"].min() > rows.loc[rows["kind"] == "satellite", "electrons_e"].max()
+
+
+WITH_FILE = BASE | {
+    "name": "walled",
+    "camera": {"width": 48, "height": 32, "hfov_deg": 140, "aperture_mm": 4},
+    "stars": {"limiting_magnitude": 3.0},
+    "sensor": {"quantum_efficiency": "qe.csv", "develop": {}, "hud": True},
+}
+
+
+def walled_scenario(folder: Path, place: str = "land/ridge.csv") -> Path:
+    """A scenario that names a horizon profile, with the profile beside it."""
+    (folder / place).parent.mkdir(parents=True, exist_ok=True)
+    (folder / place).write_text("azimuth_deg,elevation_deg\n0,20\n180,30\n")
+    (folder / "qe.csv").write_text("wavelength_nm,quantum_efficiency\n400,0.5\n700,0.6\n")
+    tree = WITH_FILE | {"foreground": {"horizon": {"file": place}, "lit_directions": 0}}
+    (folder / "walled.yaml").write_text(yaml.safe_dump(tree))
+    return folder / "walled.yaml"
+
+
+def test_files_that_a_scenario_names_go_with_the_dataset(tmp_path) -> None:
+    """With the scenario's folder gone, the dataset verifies, and its own copy makes the same bytes again."""
+    path = walled_scenario(tmp_path / "scenes")
+    generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    shutil.rmtree(tmp_path / "scenes")
+    assert problems(tmp_path / "set") == []
+    assert {"frame-00000.developed.png", "frame-00000.hud.png"} <= set(members(tmp_path / "set"))
+    listed = {file.path: file.sha256 for file in Dataset.open(tmp_path / "set").manifest.files}
+    kept = tmp_path / "set" / "land/ridge.csv"
+    assert "qe.csv" in listed
+    assert listed["land/ridge.csv"] == hashlib.sha256(kept.read_bytes()).hexdigest()
+    copy = tmp_path / "set" / "scenario.yaml"
+    generate(load_scenario(copy), copy.read_text(), tmp_path / "again", DatasetSpec())
+    assert fingerprint(tmp_path / "again") == fingerprint(tmp_path / "set")
+    kept.write_text(kept.read_text() + "200,31\n")
+    assert any("land/ridge.csv: has" in problem for problem in problems(tmp_path / "set"))
+    kept.unlink()
+    assert any("land/ridge.csv" in problem for problem in problems(tmp_path / "set"))
+
+
+def test_a_begun_dataset_of_a_file_that_changed_is_refused(tmp_path) -> None:
+    path = walled_scenario(tmp_path)
+    generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
+    with pytest.raises(GeneratorError, match=r"land/ridge\.csv: differs"):
+        generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("stars/ridge.csv", "keeps its own 'stars'"), ("my ridge.csv", "use letters")]
+)
+def test_files_whose_names_a_dataset_cannot_bear_are_refused(tmp_path, place, message) -> None:
+    path = walled_scenario(tmp_path, place)
+    with pytest.raises(GeneratorError, match=message):
+        generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
+    path = walled_scenario(tmp_path)
+    (tmp_path / "land/ridge.csv").unlink()
+    process = start("generate", str(path), "--out", str(tmp_path / "set"))
+    _, errors = process.communicate()
+    assert process.returncode == 2
+    assert "foreground.horizon.file: found 'land/ridge.csv', which cannot be read" in errors
+    assert not (tmp_path / "set").exists()
+
+
 def in_a_process_of_its_own(code: str, *arguments: str, **environment: str) -> str:
     """Run code that uses a library whose own open files and deprecations would fail our tests."""
     run = subprocess.run(
@@ -325,12 +417,35 @@ def test_loads_with_hugging_face_datasets(dataset, tmp_path) -> None:
         "import sys, datasets\n"
         "frames = datasets.load_dataset(sys.argv[1], 'frames', split='train')\n"
         "stars = datasets.load_dataset(sys.argv[1], 'stars', split='train')\n"
-        "print(len(frames), frames[3]['bortle'], len(stars) > 100)\n"
+        "objects = datasets.load_dataset(sys.argv[1], 'objects', split='train')\n"
+        "print(len(frames), frames[3]['bortle'], len(stars) > 100, objects[0]['kind'])\n"
     )
     printed = in_a_process_of_its_own(
         code, str(dataset), HF_HOME=str(tmp_path), HF_HUB_OFFLINE="1", HF_DATASETS_OFFLINE="1"
     )
-    assert printed.split() == ["12", "2", "True"]
+    assert printed.split() == ["12", "2", "True", "satellite"]
+
+
+def test_hugging_face_datasets_reads_objects_past_shards_without_any(tmp_path) -> None:
+    """Of three shards the middle one alone has an object; a set without objects does not offer the table."""
+    few = BASE | {
+        "camera": WITH_FILE["camera"],
+        "stars": {"limiting_magnitude": 2.0},
+        "foreground": {"trails": {"sweep": [[], TINY["foreground"]["trails"], []]}},
+    }
+    count = "import sys, datasets; print(len(datasets.load_dataset(sys.argv[1], 'objects', split='train')))"
+    offline = {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
+    generate(
+        parse_scenario(yaml.safe_dump(few), "few.yaml"),
+        yaml.safe_dump(few),
+        tmp_path / "few",
+        DatasetSpec(shard_size=1),
+    )
+    assert in_a_process_of_its_own(count, str(tmp_path / "few"), **offline).split() == ["1"]
+    none = few | {"foreground": {}}
+    generate(parse_scenario(yaml.safe_dump(none), "none.yaml"), yaml.safe_dump(none), tmp_path / "none", DatasetSpec())
+    assert "config_name: objects" not in (tmp_path / "none/README.md").read_text()
+    assert Dataset.open(tmp_path / "none").objects().num_rows == 0
 
 
 def test_croissant_is_valid_and_yields_records(dataset) -> None:
@@ -338,12 +453,12 @@ def test_croissant_is_valid_and_yields_records(dataset) -> None:
         "import sys, mlcroissant\n"
         "described = mlcroissant.Dataset(jsonld=sys.argv[1])\n"
         "print(len(described.metadata.issues.errors), described.metadata.ctx.conforms_to.value)\n"
-        "for table in ('frames', 'stars'):\n"
+        "for table in ('frames', 'stars', 'objects'):\n"
         "    first = next(iter(described.records(table)))\n"
         "    print(first[f'{table}/frame_id'].decode())\n"
     )
     printed = in_a_process_of_its_own(code, str(dataset / "croissant.json"))
-    assert printed.splitlines() == ["0 http://mlcommons.org/croissant/1.1", "frame-00000", "frame-00000"]
+    assert printed.splitlines() == ["0 http://mlcommons.org/croissant/1.1", *["frame-00000"] * 3]
 
 
 def test_card_names_the_recipe_and_shows_the_frames(dataset) -> None:
