@@ -10,16 +10,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from benchmark import submission_cli
 from benchmark.errors import BenchmarkError, ResultsError
+from benchmark.submission_cli import Split
 
 app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
-
-
-class Split(StrEnum):
-    """The two sets of a task's frames."""
-
-    DEV = "dev"
-    TEST = "test"
 
 
 class DetectionsChoice(StrEnum):
