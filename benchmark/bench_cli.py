@@ -86,7 +86,7 @@ def run(
     if not solver and not all_tasks:
         _fail(ResultsError("give at least one --solver"))
     try:
-        if target is not None and target.is_dir():
+        if target is not None and (target.is_dir() or len(target.parts) > 1):
             _run_on_dataset(target, solver or [], out or _DEFAULT_OUT, jobs)
             return
         from benchmark.task_cli import DEFAULT_OUT, run_on_tasks  # loads the solvers, which --help need not wait for
