@@ -86,7 +86,7 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     else:
         artificial = np.nan
     if cities:
-        glow = skyglow(cities)
+        glow = skyglow(cities, atmosphere)
         factor = 1.0 if np.isnan(artificial) else artificial / glow.zenith_v()
         layers["skyglow"] = glow.scaled(factor)
         cities = tuple(dataclasses.replace(city, upward_mlm=city.upward_mlm * factor) for city in cities if factor > 0)
