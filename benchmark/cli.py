@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmark import bench_cli, dataset_cli, study_cli
+from benchmark import bench_cli, dataset_cli, speed_cli, study_cli
 from benchmark.cli_errors import fail
 
 app = typer.Typer(
@@ -23,6 +23,8 @@ app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.
 app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
 app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
 app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(dataset_cli.export)
+app.command(epilog="Example: skybench show out/set, then open out/set-show/index.html")(dataset_cli.show)
+app.command(epilog=speed_cli.EPILOG)(speed_cli.speed)
 app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
@@ -96,16 +98,6 @@ def gallery(
         typer.echo(path)
 
 
-@app.command()
-def speed(
-    pairs: Annotated[int, typer.Option("--pairs", help="Pairs of frames to time.")] = 7,
-) -> None:
-    """Time a frame with the full sky against one with a plain sky, in turns."""
-    from generator.sky_speed import time_skies
-
-    typer.echo(time_skies(pairs).summary())
-
-
 @app.command(epilog="Exit status: 0 when everything is ok, 1 otherwise.")
 def doctor() -> None:
     """Check that skybench can run here, and say what to do where it cannot."""
@@ -116,17 +108,6 @@ def doctor() -> None:
         checks = check_all()
     console.print(check_table(checks))
     raise typer.Exit(0 if all(check.ok for check in checks) else 1)
-
-
-@app.command("solver-speed", epilog="Exit status: 0 when every bar is reached, 1 otherwise.")
-def solver_speed(
-    fields: Annotated[int, typer.Option("--fields", min=1, help="Random fields of each condition.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the fields.")] = 2026,
-) -> None:
-    """Measure the default solver on random star fields: solved, wrong, accuracy, time."""
-    from benchmark.solver_table import solver_speed as measure_all
-
-    raise typer.Exit(0 if measure_all(fields, seed, typer.echo) else 1)
 
 
 @app.command()

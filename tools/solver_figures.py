@@ -1,4 +1,4 @@
-"""Figures of docs/solver.md, one per stage of the solver: python tools/solver_figures.py docs/img."""
+"""Figures of docs/solver.md, one per stage of the solver: python tools/solver_figures.py docs/images."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def orbit(folder: Path) -> None:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/img")
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
     folder.mkdir(parents=True, exist_ok=True)
     field = make_field(CONDITION, 7, 2)
     assert attitude_of(CONDITION, field).kind == "up"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from generator.sky_speed import time_skies
+from generator.speed.pairs import time_skies
 
 
 @pytest.mark.slow
