@@ -248,7 +248,7 @@ def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
     """The tabulated point spread function of a camera, for the integrator."""
     table = psf_table(camera)
     return {
-        "psf_stamps": tensor(table.stamps),
+        "psf_stamps": tensor(table.by_phase),
         "psf_shift": tensor(table.shift),
         "psf_inside": tensor(table.inside),
         "psf_beyond": tensor(table.beyond),

@@ -10,7 +10,7 @@ directions of the sky light it.
 parameter                type     meaning
 =======================  =======  ================================================================================
 ``psf_sigma_px``         float    standard deviation of a Gaussian point spread function, px; or
-``psf_stamps``           tensor   (bands, rows, columns, n, n): see :class:`generator.plugins.psf_atlas.PsfAtlas`
+``psf_stamps``           tensor   (bands, rows, columns, …): see :class:`generator.plugins.psf_atlas.PsfAtlas`
 ``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
 ``psf_inside``           tensor   (radius + 1, bands, rows, columns): light within squares of 1, 3, 5 … px
 ``psf_beyond``           tensor   (radius + 1,): largest share of a pixel outside of them

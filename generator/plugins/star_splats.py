@@ -26,6 +26,7 @@ UINT64: Any = dr.uint64_array_t(mi.Float)
 Floats = NDArray[np.float64]
 UNITS_PER_ELECTRON = 2.0**24
 """Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
+MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
 LANES_AT_ONCE = 1_000_000
 MOST_TAPS = 9
 """Pixels that one lane adds: the code for all of them is compiled, which takes its time."""
@@ -64,15 +65,20 @@ class StampRows:
     stop: Any
 
     def per_lane(self, values: Floats) -> Any:
-        """Values (m,) of the moments as a Float64 of the lanes."""
-        return dr.gather(FLOAT64, FLOAT64(np.ascontiguousarray(values)), self.owner)
+        """Values (m,) of the moments as a Float of the lanes."""
+        return dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values, dtype=np.float32)), self.owner)
 
-    def add(self, total: Any, tap: int, electrons: list[Any]) -> None:
-        """Add electrons, a Float64 per channel, to each part's pixel number `tap`."""
+    def add(self, total: Any, tap: int, electrons: list[Any], few: bool) -> None:
+        """Add electrons, a Float per channel, to each part's pixel number `tap`; `few`: less than MOST_IN_32_BITS_E."""
         drawn = (self.first <= tap) & (self.stop > tap)
         for channel, amount in enumerate(electrons):
             target = mi.UInt32(self.pixel + tap) * len(electrons) + channel
-            dr.scatter_add(total, UINT64(amount * UNITS_PER_ELECTRON + 0.5), target, drawn)
+            # Conversion to 32 bits is an instruction, that to 64 bits is many.
+            if few:
+                units = UINT64(mi.UInt32(mi.Int32(amount * UNITS_PER_ELECTRON + 0.5)))
+            else:
+                units = UINT64(FLOAT64(amount) * UNITS_PER_ELECTRON + 0.5)
+            dr.scatter_add(total, units, target, drawn)
 
 
 def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[StampRows]:
@@ -136,15 +142,15 @@ def splat_gaussian(
     scale = dr.opaque(mi.Float, 1 / (math.sqrt(2) * sigma_px))
     for rows in stamp_rows(camera, tracks, light.radii(electrons.max(axis=1))):
         weight = tracks.weight[rows.moment] * light.gain[rows.radius, 0, 0, 0]
-        in_row = FLOAT64(0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale)))
-        amounts = [
-            rows.per_lane(weight * electrons[tracks.star[rows.moment], channel]) * in_row for channel in range(channels)
-        ]
+        lights = weight[:, None] * electrons[tracks.star[rows.moment]]
+        few = float(lights.max()) < MOST_IN_32_BITS_E
+        in_row = 0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale))
+        amounts = [rows.per_lane(lights[:, channel]) * in_row for channel in range(channels)]
         before = dr.erf((rows.du - 0.5) * scale)
         for tap in range(rows.taps):
             after = dr.erf((rows.du + (tap + 0.5)) * scale)
-            share, before = FLOAT64(after - before), after
-            rows.add(total, tap, [amount * share for amount in amounts])
+            share, before = after - before, after
+            rows.add(total, tap, [amount * share for amount in amounts], few)
         dr.eval(total)
 
 
@@ -172,6 +178,7 @@ def splat_atlas(
         amounts = (tracks.weight[moment, None] * gain)[:, None, :] * electrons[tracks.star[moment]]
         outward = (rows.per_lane((tracks.u[moment] - atlas.cx_px) / atlas.corner_px),
                    rows.per_lane((tracks.v[moment] - atlas.cy_px) / atlas.corner_px))  # fmt: skip
+        few = float(amounts.sum(axis=2).max()) < MOST_IN_32_BITS_E
         stamp = dr.gather(mi.UInt32, mi.UInt32(node.astype(np.uint32)), rows.owner)
         bands = []
         for band in range(atlas.bands):
@@ -182,10 +189,9 @@ def splat_atlas(
             shares = atlas.shares(band, stamp, du, dv, rows.taps)
             bands.append((shares, [rows.per_lane(amounts[:, channel, band]) for channel in range(channels)]))
         for tap in range(rows.taps):
-            received = [FLOAT64(0) for _ in range(channels)]
+            received = [mi.Float(0) for _ in range(channels)]
             for shares, amount in bands:
-                share = FLOAT64(shares[tap])
                 for channel in range(channels):
-                    received[channel] += amount[channel] * share
-            rows.add(total, tap, received)
+                    received[channel] = dr.fma(amount[channel], shares[tap], received[channel])
+            rows.add(total, tap, received, few)
         dr.eval(total)
