@@ -22,7 +22,7 @@ from generator.moon_disk import moon_points
 from generator.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.psf import psf_table
 from generator.scenario import FrameSpec
-from generator.sensor.colour import channel_weights, mosaic
+from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
@@ -48,7 +48,8 @@ class ExpectedFrame:
     sky_electrons : (height, width) float32 array
         Those from the sky, and from what stands in front of it.
     channels : dict of (height, width) float32 arrays
-        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it.
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty where
+        they were not asked for.
     u_px, v_px : (n,) arrays
         Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
         model's range.
@@ -270,8 +271,12 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
     return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
 
-def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
-    """Render a frame's expected electrons, and what is true of its stars; with `layers`, each component by itself too."""
+def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
+    """Render a frame's expected electrons, and what is true of its stars.
+
+    With `layers`, each component by itself too. Without `channels`, pixels of a colour sensor are rendered in their own
+    channel alone, which gives the same electrons in less time.
+    """
     mi = mitsuba_runtime.start()
     from generator.plugins.film_response import film_response
 
@@ -282,15 +287,16 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera))
     integrator = scene.integrator()
     sensor = plan.spec.sensor
-    names = list(sensor.channels)
-    sky = np.array(integrator.diffuse(scene, camera))
+    names = list(sensor.channels) if channels or sensor.colour is None else []
+    pattern = None if names or sensor.colour is None else filter_tile(sensor.colour.pattern)
+    sky = np.array(integrator.diffuse(scene, camera, pattern))
     zenith = sum(table.zenith_v() for table in tables.values())
     image = sky
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
         for name, part in tables.items():
             alone = mi.load_dict(scene_dict(plan, metameric([part], response), camera))
-            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera)), sensor)
+            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
     nothing, pairs = np.zeros(0), np.zeros((0, 2))
     truths = dict.fromkeys(
         ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
@@ -299,7 +305,7 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        points = np.array(integrator.stars(scene, camera, emitter, tracks))
+        points = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
         image = image + points
         if layers:
             parts[emitter.id()] = mosaic(points, sensor)
