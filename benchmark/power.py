@@ -30,8 +30,7 @@ def minimum_detectable_difference(n_frames: float, discordant: float, level: flo
 
     References
     ----------
-    O. S. Miettinen, Biometrics 24, 339-352, 1968; J. E. Connett, J. A. Smith, R. B. McHugh, Statistics in Medicine 6,
-    581-588, 1987, equation for the sample size, solved for the difference.
+    R. J. Connor, Biometrics 43, 207-211, 1987, page 209: the sample size, solved for the difference.
     """
     if not 0.0 <= discordant <= 1.0 or n_frames < 0:
         raise ValueError(f"need 0 <= discordant <= 1 and frames, found {discordant} and {n_frames}")

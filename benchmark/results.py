@@ -243,6 +243,13 @@ def _fingerprint(provenance: RunProvenance) -> tuple[str, str]:
 
 
 def read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
+    """Read a solver's summary file.
+
+    Raises
+    ------
+    ResultsError
+        It is damaged, of another format or other definitions, or not of the solver whose name it bears.
+    """
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         found, solver = (summary["format"], summary["definitions"]), summary["solver"]

@@ -13,6 +13,7 @@ from celnav.camera import Camera
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
 from celnav.fix import Fix, Reason
+from celnav.flood_fill import FloodFillConfig
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position
@@ -32,6 +33,7 @@ __all__ = [
     "DetectionConfig",
     "Detections",
     "Fix",
+    "FloodFillConfig",
     "History",
     "LastKnown",
     "PositionConfig",

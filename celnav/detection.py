@@ -1,4 +1,4 @@
-"""Star detection: flood fill above a brightness threshold (the thesis, section 4.iii)."""
+"""Star detection: a filter matched to the stars' image, peaks told apart, centroids with standard deviations."""
 
 from __future__ import annotations
 
@@ -7,15 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.errors import ConfigError, DetectionError, ImageError
+from celnav.errors import ConfigError, DetectionError
+from celnav.flood_fill import FloodFillConfig, flood_fill
+from celnav.image_background import background_and_noise, grey, remove_line_offsets, repair_defects, used_pixels
+from celnav.star_candidates import Components, Cores, components, peaks, saturated_cores, trails, without_flanks
+from celnav.star_centroids import Measured, measure_stars
+from celnav.star_shape import Filtered, StarShape, adaptive_moments, fit_shape, matched_filter
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # The background is taken off in single precision; what is smaller than this part of the image is rounding.
 _FLOAT_ROUNDING = 4e-6
-# What pixels, blends and the point spread function leave in the centroid of the brightest star.
-CENTROID_FLOOR_PX = 0.05
+_FIRST_SIGMA_PX = 1.0
+_SHAPE_STARS, _SHAPE_ROUNDS = 100, 2
+# Filtered noise beyond this is no noise but unresolved stars.
+_MOST_EXCESS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,47 +58,57 @@ class DetectionConfig:
     Attributes
     ----------
     seed_sigma : float
-        A star holds a pixel this many noise standard deviations above the background.
+        A star is a peak of the filtered image this many standard deviations above zero. At 4.5 white noise makes about
+        three false stars in a million pixels.
     grow_sigma : float
-        The flood fill then takes neighbouring pixels above this many.
-    min_area_px, max_area_px : int
-        Limits of a component's area: below are hot pixels, above are the Moon, clouds and lamps.
+        Pixels above this many belong to a component; components tell trails.
+    psf_sigma_px : float or None
+        Standard deviation of the point spread function; None measures it, with its change over the frame.
+    streak_px : tuple of float or None
+        Displacement (du, dv) of stars during the exposure where the motion of the camera is known; None measures it.
+    gain_e_per_dn : float or None
+        Electrons per unit of the image, for the photon noise of stars; None takes the sky's noise as that of its light.
+    saturation_dn : float or None
+        Value from which pixels are saturated; None: where four or more together share the highest value within 3 %.
+    max_area_px : int
+        Saturated areas that are larger are no stars (the Moon, lamps).
+    trail_length_px : float or None
+        A narrow component that is this much longer than stars, and bright all along, is the trail of a satellite or an
+        aeroplane; None keeps all.
     tile_px : int
-        Side of the tiles whose medians make the background.
+        Side of the tiles whose medians make background and noise.
     float_floor : float
         For images of floating-point numbers: least threshold as a part of the highest peak. It acts on noise-free
         images, where the noise is zero. Integer images have a floor of one step.
-    weighted : bool
-        Weight the centroid by brightness; otherwise the middle of the component's pixels.
-    window_sigma_px : float or None
-        Refine the centroid under a Gaussian window of this width, which keeps the light of neighbours and the
-        threshold's ragged edge out; None leaves the component's centroid as it is.
-    trail_length : float or None
-        A component more than three times as long as wide is the trail of a satellite or an aeroplane where it is longer
-        than this many pixels, or than this many times the median of such lengths in frames whose stars are streaks
-        themselves; None keeps all.
     """
 
-    seed_sigma: float = 5.0
-    grow_sigma: float = 2.5
-    min_area_px: int = 2
+    seed_sigma: float = 4.5
+    grow_sigma: float = 3.0
+    psf_sigma_px: float | None = None
+    streak_px: tuple[float, float] | None = None
+    gain_e_per_dn: float | None = None
+    saturation_dn: float | None = None
     max_area_px: int = 1000
+    trail_length_px: float | None = 20.0
     tile_px: int = 32
     float_floor: float = 1e-4
-    weighted: bool = True
-    window_sigma_px: float | None = 1.0
-    trail_length: float | None = 8.0
 
     def __post_init__(self) -> None:
         if not 0 < self.grow_sigma <= self.seed_sigma:
             raise ConfigError("detection needs 0 < grow_sigma <= seed_sigma")
-        if not 1 <= self.min_area_px <= self.max_area_px or self.tile_px < 4:
-            raise ConfigError("detection needs 1 <= min_area_px <= max_area_px and tile_px >= 4")
-        if self.window_sigma_px is not None and not 0.3 <= self.window_sigma_px <= 5:
-            raise ConfigError("detection needs 0.3 <= window_sigma_px <= 5, or None")
+        if self.max_area_px < 1 or self.tile_px < 4:
+            raise ConfigError("detection needs max_area_px >= 1 and tile_px >= 4")
+        if self.psf_sigma_px is not None and not 0.3 <= self.psf_sigma_px <= 10:
+            raise ConfigError("detection needs 0.3 <= psf_sigma_px <= 10, or None")
+        if self.streak_px is not None and not float(np.hypot(*self.streak_px)) <= 60:
+            raise ConfigError("detection needs a streak_px of at most 60 pixels, or None")
+        if self.gain_e_per_dn is not None and not self.gain_e_per_dn > 0:
+            raise ConfigError("detection needs gain_e_per_dn > 0, or None")
 
 
-def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionConfig | None = None) -> Detections:
+def detect(
+    image: ArrayLike, mask: ArrayLike | None = None, config: DetectionConfig | FloodFillConfig | None = None
+) -> Detections:
     """Find stars in an image.
 
     Parameters
@@ -99,8 +117,8 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
         Brightness; colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is left out.
     mask : array_like of bool, shape (height, width), optional
         True where the image is **not** to be used (an overlay, a horizon, dead pixels).
-    config : DetectionConfig, optional
-        Thresholds.
+    config : DetectionConfig or FloodFillConfig, optional
+        Choices; a `FloodFillConfig` detects as the thesis does.
 
     Returns
     -------
@@ -112,193 +130,145 @@ def detect(image: ArrayLike, mask: ArrayLike | None = None, config: DetectionCon
     ImageError
         For a wrong shape, NaN, or a mask that does not fit.
     """
-    from scipy import ndimage
-
     config = DetectionConfig() if config is None else config
+    if isinstance(config, FloodFillConfig):
+        return Detections(*flood_fill(image, mask, config))
     original = np.asarray(image)
-    pixels = _grey(original)
-    used = np.ones(pixels.shape, dtype=bool)
-    if mask is not None:
-        ignored = np.asarray(mask)
-        if ignored.shape != pixels.shape or ignored.dtype != np.bool_:
-            raise ImageError(f"mask must be boolean of shape {pixels.shape}, true where the image is not to be used")
-        used = ~ignored
+    pixels = grey(original)
+    used = used_pixels(pixels, mask)
+    nothing = Detections(np.empty((0, 2)), np.empty(0), pixels.shape, np.empty(0))
     if not used.any():
-        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
-
+        return nothing
     background, noise = background_and_noise(pixels, used, config.tile_px)
     light = pixels - background
     light[~used] = 0.0
-    if np.issubdtype(original.dtype, np.integer):
-        floor = 1.0
-    else:
-        floor = max(config.float_floor * float(light.max()), _FLOAT_ROUNDING * float(np.abs(pixels).max()))
-    if light.max() <= 0:
-        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
-    grow = np.maximum(config.grow_sigma * noise, floor)
-    # Labelling only what touches a seed: most of what stands above the lower threshold is noise.
-    labels, n = ndimage.label(light > grow, structure=np.ones((3, 3)))
-    if n == 0:
-        return Detections(np.empty((0, 2)), np.empty(0), pixels.shape)
-    rows, columns = np.nonzero(labels)
-    label, values = labels[rows, columns], light[rows, columns].astype(np.float64)
-    seed_level = np.maximum(config.seed_sigma * noise, floor)[rows, columns]
-    area = np.bincount(label, minlength=n + 1)
-    seeded = np.bincount(label, weights=values > seed_level, minlength=n + 1) > 0
-    good = seeded & (area >= config.min_area_px) & (area <= config.max_area_px)
-    good[0] = False
-    weight = values if config.weighted else np.ones_like(values)
-    total = np.bincount(label, weights=weight, minlength=n + 1)[good]
-    u = np.bincount(label, weights=weight * columns, minlength=n + 1)[good] / total
-    v = np.bincount(label, weights=weight * rows, minlength=n + 1)[good] / total
-    flux = np.asarray(np.bincount(label, weights=values, minlength=n + 1)[good], dtype=np.float64)
-    uv = np.column_stack((u, v))
-    if config.trail_length is not None and len(uv):
-        length = _lengths(label.astype(np.intp), rows, columns, n)[good]
-        short = length <= config.trail_length * max(float(np.median(length)), 1.0)
-        uv, flux = uv[short], flux[short]
-    if config.window_sigma_px is None:
-        order = np.argsort(-flux, kind="stable")
-        return Detections(uv[order], flux[order], pixels.shape)
-    uv, flux = windowed_centroids(light, uv, config.window_sigma_px)
+    highest = float(light.max())
+    if highest <= 0:
+        return nothing
+    floor = 1.0
+    if not np.issubdtype(original.dtype, np.integer):
+        floor = max(config.float_floor * highest, _FLOAT_ROUNDING * float(np.abs(pixels).max()))
+    noise = np.maximum(noise, np.float32(floor / config.seed_sigma))
+    cores = saturated_cores(pixels if mask is None else np.where(used, pixels, background), light, config.saturation_dn)
+    light = repair_defects(remove_line_offsets(light, noise), noise, used)
+
+    shape = _given_shape(config, pixels.shape)
+    found = _search(light, noise, used, shape, config)
+    if config.psf_sigma_px is None and config.streak_px is None:
+        # Streaks fall apart under a filter for points: what is found with the measured shape is measured once more.
+        for _ in range(_SHAPE_ROUNDS):
+            measured = _measured_shape(light, noise, found, cores, config)
+            if measured is None:
+                break
+            shape = measured
+            sigma = shape.round_sigma_px
+            if sigma is not None and 0.75 < sigma / _FIRST_SIGMA_PX < 1.3:
+                break
+            found = _search(light, noise, used, shape, config)
+    kept = np.ones(len(found.uv), dtype=bool)
+    if config.trail_length_px is not None:
+        of_trail = trails(found.parts, found.filtered.amplitude, shape, cores, config.trail_length_px)
+        kept = ~np.isin(found.part_of_peak, of_trail)
+    uv, amplitude, sigma_amplitude = found.uv[kept], found.amplitude[kept], found.sigma_amplitude[kept]
+    uv = uv[without_flanks(uv, amplitude, sigma_amplitude, config.seed_sigma, shape, cores)]
+    gain = config.gain_e_per_dn
+    if gain is None:
+        gain = max(float(np.median(background[::16, ::16])), 1e-6) / float(np.median(noise[::16, ::16])) ** 2
+    stars = measure_stars(light, noise, uv, shape.at(uv), gain)
+    like_stars = _like_stars(stars)
+    bright = _saturated_stars(light, cores, shape, config)
+    uv, flux, sigma_px = (
+        np.concatenate((core, star[like_stars]))
+        for core, star in zip(bright, (stars.uv, stars.flux, stars.sigma_px), strict=True)
+    )
     order = np.argsort(-flux, kind="stable")
-    uv, flux = uv[order], flux[order]
-    nearest = np.rint(uv).astype(np.intp)
-    at = np.clip(nearest[:, 1], 0, pixels.shape[0] - 1), np.clip(nearest[:, 0], 0, pixels.shape[1] - 1)
-    sigma = centroid_sigma_px(flux, noise[at].astype(np.float64), config.window_sigma_px)
-    return Detections(uv, flux, pixels.shape, sigma)
+    return Detections(uv[order], flux[order], pixels.shape, sigma_px[order])
 
 
-def centroid_sigma_px(flux: F8, noise: F8, window_sigma_px: float) -> F8:
-    """Standard deviation of windowed centroids along each axis from the noise of the background, shape (n,), pixels.
-
-    The estimate 2 sum(w I x) / sum(w I) has the variance 4 N^2 sum(w^2 x^2) / sum(w I)^2; for a Gaussian window of
-    width s the sum in the numerator is pi s^4 / 2, and sum(w I) is half the flux. Pixels and blends leave
-    `CENTROID_FLOOR_PX` in any case.
-    """
-    background = 4 * noise * window_sigma_px**2 * np.sqrt(np.pi / 2) / np.maximum(flux, 1e-12)
-    return np.asarray(np.hypot(np.minimum(background, 1.0), CENTROID_FLOOR_PX))
+def _given_shape(config: DetectionConfig, size: tuple[int, int]) -> StarShape:
+    """The shape that is known beforehand, or a guess to start from."""
+    variance = (_FIRST_SIGMA_PX if config.psf_sigma_px is None else config.psf_sigma_px) ** 2
+    du, dv = (0.0, 0.0) if config.streak_px is None else config.streak_px
+    return StarShape.constant(variance + du * du / 12, du * dv / 12, variance + dv * dv / 12, size)
 
 
-def _lengths(label: NDArray[np.intp], rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> F8:
-    """Length of each component along its longest axis, shape (n + 1,): four standard deviations of its pixels."""
-    area = np.maximum(np.bincount(label, minlength=n + 1), 1)
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The filtered image; its components; its peaks, brightest first, and the components that they lie in."""
 
-    def mean(values: F8) -> F8:
-        return np.asarray(np.bincount(label, weights=values, minlength=n + 1) / area)
-
-    x, y = columns.astype(np.float64), rows.astype(np.float64)
-    mean_x, mean_y = mean(x), mean(y)
-    x, y = x - mean_x[label], y - mean_y[label]
-    xx, yy, xy = mean(x * x), mean(y * y), mean(x * y)
-    largest = (xx + yy) / 2 + np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
-    smallest = (xx + yy) - largest
-    # A round star is as wide as it is long, however bright: only what is narrow counts as a trail.
-    return np.where(largest > 9 * (smallest + 1 / 12), 4 * np.sqrt(largest), 0.0)
+    filtered: Filtered
+    parts: Components
+    uv: F8
+    amplitude: F8
+    sigma_amplitude: F8
+    part_of_peak: NDArray[np.int32]
 
 
-def windowed_centroids(light: F4, uv: F8, sigma_px: float) -> tuple[F8, F8]:
-    """Refine centroids, shape (n, 2), under a Gaussian window that follows them, and measure the flux, shape (n,).
+def _search(light: F4, noise: F4, used: Mask, shape: StarShape, config: DetectionConfig) -> _Found:
+    """Filter the image, and find the components and peaks of what stands out."""
+    filtered = matched_filter(light, shape)
+    spread = noise * filtered.noise_factor * np.float32(_excess_noise(filtered, noise))
+    threshold = config.seed_sigma * spread
+    parts = components(light, filtered.amplitude > config.grow_sigma * spread, filtered.amplitude > threshold)
+    uv, amplitude, sigma = peaks(filtered, noise, threshold, used)
+    at = np.rint(uv).astype(np.intp)
+    return _Found(filtered, parts, uv, amplitude, sigma, parts.labels[at[:, 1], at[:, 0]])
 
-    The iteration x += 2 sum(w I (x_i - x)) / sum(w I) of the windowed positions of SExtractor (Bertin & Arnouts 1996,
-    and its manual), which for a Gaussian star and a window of like width is nearly as good as a fit. Negative light
-    counts: leaving it out would bias towards the window's middle. A centroid that wanders off by more than the window's
-    width (light of a neighbour, no star) is left as it was.
 
-    The flux is twice the light under the window: the whole of it for a Gaussian star of the window's width, and for
-    another width a constant part. It keeps the brightness order in crowded fields, which the sum over a component that
-    has run into its neighbours does not.
-    """
+def _excess_noise(filtered: Filtered, noise: F4) -> float:
+    """How much more the filtered image scatters than white noise would: compression and resampling correlate pixels."""
+    factor = filtered.noise_factor if filtered.noise_factor.size == 1 else filtered.noise_factor[::11, ::13]
+    ratio = np.abs(filtered.amplitude[::11, ::13]) / (noise[::11, ::13] * factor)
+    return float(np.clip(1.4826 * np.median(ratio), 1.0, _MOST_EXCESS))
+
+
+def _measured_shape(light: F4, noise: F4, found: _Found, cores: Cores, config: DetectionConfig) -> StarShape | None:
+    """Measure the shape on bright stars that are neither saturated nor, if there are enough others, blended."""
+    parts = found.parts
+    at = np.rint(parts.uv).astype(np.intp)
+    clear = parts.flux > 15 * noise[at[:, 1], at[:, 0]] * np.sqrt(np.maximum(parts.area, 1))
+    clear &= (parts.area >= 5) & (parts.area <= config.max_area_px)
+    if len(cores.uv):
+        nearest = np.rint(cores.uv).astype(np.intp)
+        clear &= ~np.isin(parts.label, parts.labels[nearest[:, 1], nearest[:, 0]])
+    single = clear & (np.bincount(found.part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
+    chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
+    chosen = chosen[np.argsort(-parts.flux[chosen], kind="stable")[:_SHAPE_STARS]]
+    if not len(chosen):
+        return None
+    # From the components' own moments: streaks differ in length and direction over the frame.
+    begun = np.clip(parts.covariance[chosen], [0.5, -150, 0.5], [150, 150, 150])
+    determinant = begun[:, 0] * begun[:, 2] - begun[:, 1] ** 2
+    begun = np.where((determinant > 0.1)[:, None], begun, [[1.0, 0.0, 1.0]])
+    covariance = adaptive_moments(light, parts.uv[chosen], begun)
+    return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
+
+
+def _like_stars(stars: Measured) -> Mask:
+    """Tell what is neither sharper nor wider than stars by more than noise explains."""
+    leeway = 5 / np.maximum(stars.snr, 1e-9)
+    return np.asarray((stars.narrow > 0.5 - leeway) & (stars.wide < 1.7 + leeway) & (stars.flux > 0))
+
+
+def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: DetectionConfig) -> tuple[F8, F8, F8]:
+    """Positions, fluxes and standard deviations of saturated stars, from all their light, the flat top included."""
+    small = np.pi * cores.radius_px**2 <= config.max_area_px
+    uv, radius = cores.uv[small], cores.radius_px[small]
+    places, fluxes = [], []
     height, width = light.shape
-    reach = int(np.ceil(3 * sigma_px))
-    offsets = np.arange(-reach, reach + 1)
-    columns = np.rint(uv[:, 0]).astype(np.int64)[:, None] + offsets
-    rows = np.rint(uv[:, 1]).astype(np.int64)[:, None] + offsets
-    inside = ((columns >= 0) & (columns < width))[:, None, :] & ((rows >= 0) & (rows < height))[:, :, None]
-    patch = light[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]] * inside
-    at = uv.copy()
-    flux = np.zeros(len(uv))
-    for _ in range(6):
-        du, dv = columns - at[:, :1], rows - at[:, 1:]
-        window = np.exp(-0.5 * (dv[:, :, None] ** 2 + du[:, None, :] ** 2) / sigma_px**2) * patch
-        total = window.sum(axis=(1, 2))
-        flux = 2 * total
-        total = np.where(total > 0, total, np.inf)
-        at[:, 0] += 2 * np.sum(window.sum(axis=1) * du, axis=1) / total
-        at[:, 1] += 2 * np.sum(window.sum(axis=2) * dv, axis=1) / total
-        np.clip(at, uv - 2 * sigma_px, uv + 2 * sigma_px, out=at)
-    wandered = np.linalg.norm(at - uv, axis=1) > sigma_px
-    return np.where(wandered[:, None], uv, at), np.maximum(flux, 0.0)
-
-
-def background_and_noise(pixels: F4, used: NDArray[np.bool_], tile_px: int) -> tuple[F4, F4]:
-    """Estimate background and noise, both of the image's shape.
-
-    Medians of tiles, smoothed by a 3x3 median and interpolated bilinearly; the noise is 1.4826 times the median
-    absolute deviation of each tile. Unused pixels do not count; a tile without pixels takes the image's median.
-    """
-    from scipy import ndimage
-
-    height, width = pixels.shape
-    rows, columns = max(1, round(height / tile_px)), max(1, round(width / tile_px))
-    row_edges = np.linspace(0, height, rows + 1).astype(int)
-    column_edges = np.linspace(0, width, columns + 1).astype(int)
-    everything = float(np.median(pixels[used]))
-    level = np.empty((rows, columns), dtype=np.float32)
-    spread = np.empty_like(level)
-    masked = not used.all()
-    for i in range(rows):
-        for j in range(columns):
-            window = slice(row_edges[i], row_edges[i + 1]), slice(column_edges[j], column_edges[j + 1])
-            values = pixels[window][used[window]] if masked else pixels[window].ravel()
-            if values.size == 0:
-                level[i, j], spread[i, j] = everything, np.nan
-                continue
-            level[i, j] = _median(values)
-            spread[i, j] = 1.4826 * _median(np.abs(values - level[i, j]))
-    spread[np.isnan(spread)] = np.nanmedian(spread)
-    level = ndimage.median_filter(level, 3, mode="nearest")
-    spread = ndimage.median_filter(spread, 3, mode="nearest")
-    row_weights, column_weights = _interpolation(row_edges), _interpolation(column_edges)
-    return row_weights @ level @ column_weights.T, row_weights @ spread @ column_weights.T
-
-
-def _median(values: F4) -> float:
-    """Upper median by partition: the mean of two middle values is not worth a second pass."""
-    middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
-
-
-def _interpolation(edges: NDArray[np.int_]) -> F4:
-    """Matrix, shape (pixels, tiles), that interpolates linearly between tile centres and extrapolates at the ends."""
-    pixels, tiles = int(edges[-1]), len(edges) - 1
-    weights = np.zeros((pixels, tiles), dtype=np.float32)
-    if tiles == 1:
-        weights[:, 0] = 1
-        return weights
-    centres = (edges[:-1] + edges[1:] - 1) / 2
-    at = np.arange(pixels)
-    left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
-    part = (at - centres[left]) / (centres[left + 1] - centres[left])
-    weights[at, left] = 1 - part
-    weights[at, left + 1] = part
-    return weights
-
-
-def _grey(image: NDArray[np.generic]) -> F4:
-    if image.dtype == np.bool_ or not np.issubdtype(image.dtype, np.number) or np.iscomplexobj(image):
-        raise ImageError(f"image must hold real numbers, not {image.dtype}")
-    if image.ndim == 3 and image.shape[2] in (3, 4):
-        grey = image[:, :, :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    elif image.ndim == 2:
-        grey = image.astype(np.float32)
-    else:
-        raise ImageError(f"image has shape {image.shape}; it must be (height, width) or (height, width, 3 or 4)")
-    if min(grey.shape) < 3:
-        raise ImageError(f"image of {grey.shape[1]} x {grey.shape[0]} pixels is too small")
-    if not np.isfinite(grey).all():
-        raise ImageError("image holds NaN or infinity: replace them, or pass a mask and finite values")
-    return np.asarray(grey)
+    spread = np.sqrt(shape.at(uv)[:, [0, 2]].mean(axis=1)) if len(uv) else np.empty(0)
+    for place, r, s in zip(uv, radius, spread, strict=True):
+        reach = int(np.ceil(2 * r + 3 * s))
+        column, row = (round(float(x)) for x in place)
+        rows = np.arange(max(row - reach, 0), min(row + reach + 1, height))[:, None]
+        columns = np.arange(max(column - reach, 0), min(column + reach + 1, width))[None, :]
+        part = light[rows, columns].astype(np.float64)
+        window = part * np.exp(-0.5 * ((columns - place[0]) ** 2 + (rows - place[1]) ** 2) / (r + s) ** 2)
+        total = max(float(window.sum()), 1e-30)
+        places.append([place[0] + float((window * (columns - place[0])).sum()) / total,
+                       place[1] + float((window * (rows - place[1])).sum()) / total])  # fmt: skip
+        fluxes.append(max(float(part.sum()), cores.level * np.pi * r * r))
+    return np.array(places).reshape(-1, 2), np.array(fluxes), np.hypot(0.1, 0.1 * radius)
 
 
 def as_positions(uv: ArrayLike) -> F8:

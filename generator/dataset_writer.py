@@ -106,6 +106,11 @@ def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
     return stream.getvalue()
 
 
+def hud_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The head-up display's mask as a picture: 255 where it covers the frame, 0 elsewhere."""
+    return np.where(mask, 255, 0).astype(np.uint8)
+
+
 def write_exr(path: Path, frame: RenderedFrame) -> None:
     """Write expected electrons as an OpenEXR file with the frame's identity in its header."""
     names = {"electrons": "Y", "red": "R", "green": "G", "blue": "B"}
@@ -136,7 +141,7 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     if frame.developed is not None:
         write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
     if frame.hud is not None:
-        write_bytes(folder / f"{stem}-hud.png", png_bytes(np.where(frame.hud, 255, 0).astype(np.uint8)))
+        write_bytes(folder / f"{stem}-hud.png", png_bytes(hud_picture(frame.hud)))
     write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
 
 

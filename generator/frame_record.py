@@ -208,7 +208,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "end_v_px": end[:, 1],
         "electrons_e": electrons,
         "fraction_in_frame": expected.fraction_in_frame[rows],
-        "snr": matched_filter_snr(electrons, sky, sigma, spec.time.exposure_s, sensor),
+        "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
         "saturated": peak >= saturation_e(sensor),
         "occluded": expected.occluded[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],

@@ -21,7 +21,7 @@ from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario import FrameSpec
 from generator.seeds import random_stream
-from generator.strict import InputFile, named_files
+from generator.strict import InputFile
 from generator.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 
 LARGEST_FILE_BYTES = 1_000_000
@@ -139,22 +139,27 @@ class Scenario:
 
     def input_files(self) -> tuple[InputFile, ...]:
         """Files that the scenario names in any of its frames, each once, by path."""
-        named = {file.path: file for frame in self._representatives() for file in named_files(frame)}
+        found: list[InputFile] = []
+        for _ in self._representatives(found):
+            pass
+        named = {file.path: file for file in found}
         return tuple(named[path] for path in sorted(named))
 
-    def _representatives(self) -> Iterator[FrameSpec]:
-        """Validated frames in which every swept value, and both ends of every distribution, occur."""
+    def _representatives(self, files: list[InputFile] | None = None) -> Iterator[FrameSpec]:
+        """Validated frames in which every swept value, and both ends of every distribution, occur; adds to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
         for axis in reversed(self.axes):
             for position in range(len(axis[0].values)):
-                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
+                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source, files)
             stride *= len(axis[0].values)
         for draw, values in zip(self.draws, ends, strict=True):
             for value in values:
-                yield _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
-        yield _validate(_resolve(self.template, self._swept(0) | first), self.source)
+                yield _validate(
+                    _resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source, files
+                )
+        yield _validate(_resolve(self.template, self._swept(0) | first), self.source, files)
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -164,11 +169,7 @@ class Scenario:
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
         for path in [*self._swept(0), *first]:
-            parent: Any = complete
-            for key in path[:-1]:
-                parent = parent.get(key) if isinstance(parent, dict) else None
-            if isinstance(parent, dict):
-                parent.pop(path[-1], None)
+            _forget(complete, path)
         meaning = {
             "format": 1,
             "skybench": __version__,
@@ -252,7 +253,23 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
         return chosen[path]
     if isinstance(tree, dict):
         return {key: _resolve(value, chosen, (*path, str(key))) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_resolve(value, chosen, (*path, str(place))) for place, value in enumerate(tree)]
     return tree
+
+
+def _forget(tree: Any, path: KeyPath) -> None:
+    """Take the value at a path out of a tree of mappings and lists, where there is one."""
+    *parents, last = path
+    for key in parents:
+        if isinstance(tree, list):
+            tree = tree[int(key)] if key.isdigit() and int(key) < len(tree) else None
+        else:
+            tree = tree.get(key) if isinstance(tree, dict) else None
+    if isinstance(tree, dict):
+        tree.pop(last, None)
+    elif isinstance(tree, list) and last.isdigit() and int(last) < len(tree):
+        tree[int(last)] = None
 
 
 def _observer(site: Any) -> Observer | None:
@@ -265,9 +282,12 @@ def _observer(site: Any) -> Observer | None:
     return Observer(float(latitude), float(longitude))
 
 
-def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
+def _validate(tree: dict[str, Any], source: str, files: list[InputFile] | None = None) -> FrameSpec:
+    """Check a frame's tree of values; the files that it names are added to `files`."""
     try:
-        return FrameSpec.model_validate(tree, context={"folder": Path(source).parent})
+        return FrameSpec.model_validate(
+            tree, context={"folder": Path(source).parent, "files": [] if files is None else files}
+        )
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]

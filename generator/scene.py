@@ -28,6 +28,7 @@ from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
 from generator.star_truth import StarTruth, star_truth
 from generator.stellar_spectra import colour_row, colour_table
+from generator.stray_light import with_stray_light
 
 Floats = NDArray[np.float64]
 
@@ -287,8 +288,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera))
     integrator = scene.integrator()
     sensor = plan.spec.sensor
-    names = list(sensor.channels) if channels or sensor.colour is None else []
-    pattern = None if names or sensor.colour is None else filter_tile(sensor.colour.pattern)
+    # Stray light carries a channel's light to other pixels.
+    apart = sensor.colour is not None and not channels and plan.spec.camera.direct_share == 1
+    names = [] if apart else list(sensor.channels)
+    pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
     sky = np.array(integrator.diffuse(scene, camera, pattern))
     zenith = sum(table.zenith_v() for table in tables.values())
     image = sky
@@ -306,6 +309,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
             continue
         tracks = integrator.follow(scene, camera, emitter)
         points = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
+        points = with_stray_light(points, plan.spec.camera)
         image = image + points
         if layers:
             parts[emitter.id()] = mosaic(points, sensor)

@@ -53,15 +53,6 @@ def p_value(value: float) -> str:
     return "—" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def condition_value(value: float) -> str:
-    """Print a value of a task's condition; an infinite one lies beyond what was tested."""
-    if math.isnan(value):
-        return "—"
-    if math.isinf(value):
-        return "beyond"
-    return f"{value:.3g}"
-
-
 def break_words(entry: Entry) -> str:
     """Where the solver breaks, in a few words."""
     value = entry.break_point.value
@@ -70,7 +61,7 @@ def break_words(entry: Entry) -> str:
         return "—"
     if math.isinf(value):
         return "never ≥ 50 %" if value * harder < 0 else "not reached"
-    return condition_value(value)
+    return f"{value:.3g}"
 
 
 def break_interval(entry: Entry) -> str:
@@ -111,7 +102,7 @@ FULL = (
 )
 CALIBRATION = (
     Column("calibration error", "0 is perfect", _metric("ece"), percent, "ascending", True),
-    Column("overconfidence", "claimed less right", _metric("overconfidence"), percent, "ascending"),
+    Column("overconfidence", "claimed less right, points", _metric("overconfidence"), signed, "ascending"),
     Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending"),
     Column("50 % ellipse holds", "honest: 50 %", _metric("ellipse_50"), percent, "descending"),
     Column("95 % ellipse holds", "honest: 95 %", _metric("ellipse_95"), percent, "descending"),

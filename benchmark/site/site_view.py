@@ -44,6 +44,7 @@ class SolverView:
     """One solver over all boards."""
 
     name: str
+    title: str
     family: str
     version: str
     detector: str
@@ -75,16 +76,11 @@ def solver_page(name: str) -> str:
 
 
 def make_styles(boards: Sequence[Board]) -> dict[str, Style]:
-    """Colour by family, shape by place within it, so that a solver looks alike in every figure."""
-    members: defaultdict[str, list[str]] = defaultdict(list)
-    for board in boards:
-        for entry in board.entries:
-            if entry.stored.solver not in members[entry.stored.family]:
-                members[entry.stored.family].append(entry.stored.solver)
+    """Each solver's colour and shape, the same in every figure: all colours with one shape, then with the next."""
+    names = {(entry.stored.family, entry.stored.solver) for board in boards for entry in board.entries}
     return {
-        name: Style(colour % COLOURS, SHAPES[place % len(SHAPES)])
-        for colour, family in enumerate(sorted(members))
-        for place, name in enumerate(sorted(members[family]))
+        name: Style(place % COLOURS, SHAPES[place // COLOURS % len(SHAPES)])
+        for place, (_, name) in enumerate(sorted(names))
     }
 
 
@@ -120,6 +116,7 @@ def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
         views.append(
             SolverView(
                 name=name,
+                title=first.title,
                 family=first.family,
                 version=_joined(entry.stored.provenance.solver_version for _, entry in entries),
                 detector=_joined(entry.stored.provenance.detector for _, entry in entries),
@@ -155,7 +152,9 @@ def _matrices(boards: Sequence[Board], tasks: Sequence[TaskFacts], styles: Mappi
             )
         )
     success = "Share of all frames with a fix less than 10 km off. Bars: intervals, from 0 to 100 %."
-    broken = "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
+    broken = (
+        "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
+    )
     return tuple(
         Matrix(key, title, explained, column.first if column else "descending", column, tuple(rows))
         for key, title, explained, column in (
@@ -186,7 +185,11 @@ def site_verdict(boards: Sequence[Board]) -> str:
     parts = [f"{name} leads {count}" for name, count in leads.most_common()]
     if shared:
         parts.append(f"in {shared} the first place is not decided")
-    return f"Of {compared} comparison{'s' if compared != 1 else ''} (task and mode of detections) " + ", ".join(parts) + "."
+    return (
+        f"Of {compared} comparison{'s' if compared != 1 else ''} (task and mode of detections) "
+        + ", ".join(parts)
+        + "."
+    )
 
 
 def board_verdict(board: Board) -> str:
@@ -223,7 +226,9 @@ def detectable_words(board: Board) -> str:
 def run_words(entry: Entry) -> str:
     """Where one result comes from."""
     run = entry.stored.provenance
-    machine = f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    machine = (
+        f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    )
     versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
     return (
         f"key {entry.stored.key}, version {run.solver_version}, detector {run.detector}, run {run.date_utc} with "

@@ -13,11 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
-from benchmark.frame_metrics import read_frames
-from benchmark.metrics import SUCCESS_KM
+from benchmark.frame_metrics import SUCCESS_LEVELS_KM, read_frames
 from benchmark.result_tables import DetectionRow
-from benchmark.results import PREVIEW_FOLDER, SUMMARY_NAME, RunProvenance, read_summary
+from benchmark.results import SUMMARY_NAME, RunProvenance, read_summary
 
+SUCCESS_METRICS = tuple(f"success_{limit:g}km" for limit in SUCCESS_LEVELS_KM)
 _PATTERN = f"*@*/*/*/*/{SUMMARY_NAME}"
 
 
@@ -33,9 +33,7 @@ class TaskFacts:
     harder : int
         1 where larger values of the condition are harder, -1 where smaller ones are.
     metric : str
-        Key of the metric that ranks solvers.
-    licence : str
-        Of the frames.
+        Key of the metric that ranks solvers, one of `SUCCESS_METRICS`.
     """
 
     name: str
@@ -44,8 +42,7 @@ class TaskFacts:
     condition: str
     unit: str
     harder: int
-    metric: str = f"success_{SUCCESS_KM:g}km"
-    licence: str = ""
+    metric: str
 
     @property
     def key(self) -> str:
@@ -71,6 +68,7 @@ class StoredResult:
     solver: str
     label: str
     family: str
+    title: str
     task: TaskFacts
     split: str
     detections: str
@@ -94,11 +92,6 @@ class StoredResult:
         except (pa.ArrowException, OSError) as error:
             raise ResultsError(f"{path}: damaged ({error}); run `skybench bench run` again") from error
         return [DetectionRow(**row) for row in rows]
-
-    def preview_of(self, frame_id: str) -> Path | None:
-        """Picture of a frame, where it is at hand."""
-        path = self.folder.parents[1] / PREVIEW_FOLDER / f"{Path(frame_id).name}.webp"
-        return path if path.is_file() else None
 
 
 def is_tree(root: Path) -> bool:
@@ -132,13 +125,17 @@ def _read(path: Path) -> StoredResult:
             name=str(task["name"]),
             revision=str(task["revision"]),
             title=str(task["title"]),
-            condition=str(task["condition"]),
-            unit=str(task["unit"]),
-            harder=1 if task["harder"] == "higher" else -1,
-            licence=str(task["licence"]),
+            condition=str(task["condition"]["name"]),
+            unit=str(task["condition"]["unit"]),
+            harder=1 if task["condition"]["harder"] == "higher" else -1,
+            metric=str(task["metric"]["name"]),
         )
-    except KeyError as error:
-        raise ResultsError(f"{path}: says nothing of its task's {error}; run `skybench bench run` again") from error
+        if facts.metric not in SUCCESS_METRICS:
+            raise ValueError(f"metric {facts.metric!r} is none of {', '.join(SUCCESS_METRICS)}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise ResultsError(
+            f"{path}: what it says of its task cannot be read ({error!r}); run `skybench bench run` again"
+        ) from error
     mode, split = folder.parent.name, folder.parents[1].name
     if folder.parents[2].name != facts.key:
         raise ResultsError(f"{path}: holds a result of {facts.key}, which its folder does not say")
@@ -146,7 +143,8 @@ def _read(path: Path) -> StoredResult:
         folder=folder,
         solver=solver,
         label=solver,
-        family=str(task.get("family", "")) or "other",
+        family=str(task.get("solver_family") or "other"),
+        title=str(task.get("solver_title") or ""),
         task=facts,
         split=split,
         detections=mode,

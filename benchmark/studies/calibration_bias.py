@@ -197,7 +197,7 @@ def projection_misfit(view: View) -> Misfit:
 
 
 def attitude_misfit(view: View, turn_rad: F8) -> Misfit:
-    """Told R_cam rotated by `turn_rad` (about east, north, up) before it: R_cam exp(turn). The sky seems turned back by it."""
+    """Told R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems turned back by it."""
     return Misfit(np.zeros((len(view.rays), 2)), -np.asarray(turn_rad, dtype=np.float64))
 
 

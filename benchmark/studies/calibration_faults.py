@@ -124,7 +124,9 @@ def make_study_frame(stars: StarList, setting: Setting, noise_px: float = NOISE_
     inside &= (enu[:, 2] > math.sin(math.radians(LOWEST_ALTITUDE_DEG))) & (rays[:, 2] > 0.2)
     rows = np.flatnonzero(inside)
     rows = rows[np.argsort(stars.v_mag[rows], kind="stable")][:MOST_STARS]
-    noise = random_stream(plan.scenario.seed, "study.calibration_noise", plan.index).normal(0.0, noise_px, (MOST_STARS, 2))
+    noise = random_stream(plan.scenario.seed, "study.calibration_noise", plan.index).normal(
+        0.0, noise_px, (MOST_STARS, 2)
+    )
     seen = np.clip(uv[rows] + noise[: len(rows)], -0.5, [WIDTH - 0.5, HEIGHT - 0.5])
     site = plan.spec.site
     return StudyFrame(
@@ -248,7 +250,8 @@ FAULTS = (
         lambda frame, size: bias.k1_misfit(frame.view, size),
     ),
     Fault(
-        "projection", "Pinhole told of a stereographic lens, by horizontal field", "deg", (20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
+        "projection", "Pinhole told of a stereographic lens, by horizontal field", "deg",
+        (20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
         40.0, _tell_pinhole, lambda frame, size: bias.projection_misfit(frame.view),
         lambda size: Setting(hfov_deg=size, projection="stereographic"), logarithmic=False,
     ),

@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 
 from benchmark import provenance
@@ -25,7 +22,9 @@ from benchmark.studies import thesis_contestants as who
 from benchmark.studies import thesis_figures as figures
 from benchmark.studies import thesis_published as thesis
 from benchmark.studies import thesis_tables as tables
+from benchmark.studies.page import render_page
 from benchmark.studies.page_model import Answer, Table, plain
+from benchmark.studies.progress import StudyProgress
 from benchmark.studies.records import Rows, write_rows
 from benchmark.studies.thesis_centroids import DEPTHS_MAG, CentroidPart, sites_of, solve_centroids
 from benchmark.studies.thesis_disturbed import MOST_FRAMES, SETTINGS, solve_disturbed
@@ -66,14 +65,6 @@ class Study:
     minutes: float
 
 
-@dataclass(frozen=True)
-class Progress:
-    """What the caller wants to hear: a stage begins, with so many steps (0: unknown), and a step is done."""
-
-    begin: Callable[[str, int], None]
-    advance: Callable[[], None]
-
-
 def run_study(
     scenario_path: Path,
     frames: int | None,
@@ -82,7 +73,7 @@ def run_study(
     out: Path,
     n_sites: int,
     command: str,
-    progress: Progress,
+    progress: StudyProgress,
 ) -> Study:
     """Run the replication and write its results.
 
@@ -100,7 +91,7 @@ def run_study(
         Sites of the centroid frames.
     command : str
         For the page.
-    progress : Progress
+    progress : StudyProgress
 
     Raises
     ------
@@ -243,10 +234,6 @@ def _numbers(study: Study) -> dict[str, object]:
 
 def page(study: Study) -> str:
     """Render the page: one HTML file that needs nothing beside it."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = resources.files("benchmark").joinpath("templates", "study_thesis.html").read_text(encoding="utf-8")
     drawn = (
         (
             "Figure 5: recall by class",
@@ -275,7 +262,8 @@ def page(study: Study) -> str:
             figures.figure_swap(study.centroids),
         ),
     )
-    return environment.from_string(source).render(
+    return render_page(
+        "study_thesis.html",
         study=study,
         headline=headline(study),
         figures=[(title, note, Markup(svg)) for title, note, svg in drawn],

@@ -21,7 +21,7 @@ from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
-from generator.dataset_writer import RenderedFrame, render_frame, write_exr
+from generator.dataset_writer import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes
@@ -184,6 +184,10 @@ def _write_frames(
             _add(archive, f"{stem}.json", record_bytes(record))
             if spec.exr:
                 _add(archive, f"{stem}.exr", _exr_bytes(frame))
+            if frame.developed is not None:
+                _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
+            if frame.hud is not None:
+                _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
             truth.stars.add(frame.stars)
             truth.objects.add(frame.objects)

@@ -15,6 +15,8 @@ from generator.dataset.shard import StoredFile, stored_file
 from generator.errors import GeneratorError
 from generator.scenario_file import load_scenario
 
+OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
+"""What a frame has besides, where its sensor develops a picture or shows a head-up display."""
 UNLISTED_FOLDERS = ("logs", "receipts")
 
 
@@ -90,7 +92,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
     wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
     found = []
     for row, frame in zip(frames, stored, strict=True):
-        if set(frame.members) != wanted:
+        if not wanted <= set(frame.members) <= wanted | OPTIONAL_MEMBERS:
             found.append(f"{row['shard']}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
         elif json.loads(frame.members["json"])["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
             found.append(f"{row['shard']}: {frame.frame_id} belongs to another scenario")

@@ -1,8 +1,8 @@
 """The star pass again, differentiable: images of stars as functions of the camera's focal length, distortion and attitude.
 
-The renderer adds splats in integers, through which no derivative passes. Here the camera's own projection, light falloff and
-shutter run on a lens and an attitude whose numbers carry derivatives, and the same Gaussian integrated over pixels is added in
-floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
+The renderer adds splats in integers, through which no derivative passes. Here the camera's own projection, light falloff
+and shutter run on a lens and an attitude whose numbers carry derivatives, and the same Gaussian integrated over pixels is
+added in floating point. Tabulated point spread functions, light curves and geometry in front of the sky are left out.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from generator.plugins.integrator import PSF_RADIUS_SIGMAS, NightSkyIntegrator
 from generator.plugins.stars import StarEmitter
 
 Floats = NDArray[np.float64]
+COARSE_RADIUS_SIGMAS = 3.5
+"""Where a blurred stamp ends: a thousandth of its light is beyond."""
 PARAMETERS = ("log focal length", "k1", "turn about x", "turn about y", "turn about z")
 """What an image is a function of: added to the logarithm of both focal lengths and to the lens model's k1; and a turn of the
 sky about the camera's axes after the scene's attitude, as a Gibbs vector times two (rad for small turns)."""
@@ -66,7 +68,9 @@ class DifferentiableStars:
         if integrator.stamps is not None or self.emitter.light_curve is not None or scene.shapes():
             raise ValueError("the differentiable star pass takes a Gaussian point spread, steady stars and an open sky")
         if not getattr(self.camera.precise_lens, "k", None):
-            raise ValueError(f"the lens model {self.camera.projection.model} has no k1; take brown_conrady or kannala_brandt")
+            raise ValueError(
+                f"the lens model {self.camera.projection.model} has no k1; take brown_conrady or kannala_brandt"
+            )
         self.sigma_px = integrator.psf_sigma_px
         self.camera.film().prepare([])
         electrons = integrator.electrons_by_band(self.camera, self.emitter, 1)[:, :, 0]
@@ -143,7 +147,7 @@ class DifferentiableStars:
         above = self.emitter.direction(star, time)[2] >= 0
         light = dr.select(valid & above, light, 0) * dr.gather(FLOAT64, FLOAT64(self.electrons), star)
         sigma_px = math.hypot(self.sigma_px, blur_px)
-        radius_px = math.ceil(PSF_RADIUS_SIGMAS * sigma_px + 0.5)
+        radius_px = math.ceil((COARSE_RADIUS_SIGMAS if blur_px else PSF_RADIUS_SIGMAS) * sigma_px + 0.5)
         reach = radius_px + 1
         near = valid & (u > -reach) & (v > -reach) & (u < camera.width + reach) & (v < camera.height + reach)
         kept = dr.compress(dr.detach(near & (light > 0)))

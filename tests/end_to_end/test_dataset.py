@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import duckdb
+import numpy as np
 import pandas as pd
 import psutil
 import pyarrow.dataset
@@ -24,6 +25,7 @@ from small_scenes import BASE
 
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
+from generator.dataset.images import decode
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
@@ -131,6 +133,24 @@ def test_one_frame_alone_has_the_same_bytes(dataset, scenario_path, tmp_path) ->
     assert problems(tmp_path / "one") == []
 
 
+def test_jpeg_xl_holds_the_same_numbers(dataset, scenario_path, tmp_path) -> None:
+    spec = DatasetSpec(shard_size=5, codec="jxl")
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", spec, frames=(7, 8))
+    stored = members(tmp_path / "jxl")
+    assert set(stored) == {"frame-00007.jxl", "frame-00007.json"}
+    np.testing.assert_array_equal(
+        decode(stored["frame-00007.jxl"], "jxl"), decode(members(dataset)["frame-00007.png"], "png")
+    )
+    assert problems(tmp_path / "jxl") == []
+
+
+def test_jpeg_xl_without_its_package_says_so_at_once(scenario_path, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(GeneratorError, match=r"pip install 'skybench\[jxl\]'"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", DatasetSpec(codec="jxl"))
+    assert not (tmp_path / "jxl").exists()
+
+
 def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     scenario, text = load_scenario(scenario_path), scenario_path.read_text()
     first = generate(scenario, text, tmp_path / "parts", SPEC, part=Part(0, 2))
@@ -229,6 +249,35 @@ def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_p
     assert list((tmp_path / "full").glob("data/*/*")) == []
 
 
+def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
+    """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
+        "from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    )
+    out = tmp_path / "limited"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(out), "--shard-size", "5", "--exr",
+         "--workers", "0"], capture_output=True, text=True, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert "File too large" in run.stderr
+    assert "run the same command again" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == [
+        "logs/train/shard-000000.log", "scenario.yaml",
+    ]  # fmt: skip
+    generate(load_scenario(scenario_path), scenario_path.read_text(), out, SPEC)
+    assert fingerprint(out) == fingerprint(dataset)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders")
+def test_a_read_only_folder_is_a_clear_error(scenario_path, tmp_path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o555)
+    with pytest.raises(GeneratorError, match=r"locked.*cannot be written \(Permission denied\); choose another folder"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "locked" / "set", SPEC)
+
+
 def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(GeneratorError, match="cannot be written"):
@@ -324,7 +373,7 @@ WITH_FILE = BASE | {
     "name": "walled",
     "camera": {"width": 48, "height": 32, "hfov_deg": 140, "aperture_mm": 4},
     "stars": {"limiting_magnitude": 3.0},
-    "foreground": {"horizon": {"file": "land/ridge.csv"}, "lit_directions": 0},
+    "sensor": {"quantum_efficiency": "qe.csv", "develop": {}, "hud": True},
 }
 
 
@@ -332,6 +381,7 @@ def walled_scenario(folder: Path, place: str = "land/ridge.csv") -> Path:
     """A scenario that names a horizon profile, with the profile beside it."""
     (folder / place).parent.mkdir(parents=True, exist_ok=True)
     (folder / place).write_text("azimuth_deg,elevation_deg\n0,20\n180,30\n")
+    (folder / "qe.csv").write_text("wavelength_nm,quantum_efficiency\n400,0.5\n700,0.6\n")
     tree = WITH_FILE | {"foreground": {"horizon": {"file": place}, "lit_directions": 0}}
     (folder / "walled.yaml").write_text(yaml.safe_dump(tree))
     return folder / "walled.yaml"
@@ -343,8 +393,10 @@ def test_files_that_a_scenario_names_go_with_the_dataset(tmp_path) -> None:
     generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
     shutil.rmtree(tmp_path / "scenes")
     assert problems(tmp_path / "set") == []
+    assert {"frame-00000.developed.png", "frame-00000.hud.png"} <= set(members(tmp_path / "set"))
     listed = {file.path: file.sha256 for file in Dataset.open(tmp_path / "set").manifest.files}
     kept = tmp_path / "set" / "land/ridge.csv"
+    assert "qe.csv" in listed
     assert listed["land/ridge.csv"] == hashlib.sha256(kept.read_bytes()).hexdigest()
     copy = tmp_path / "set" / "scenario.yaml"
     generate(load_scenario(copy), copy.read_text(), tmp_path / "again", DatasetSpec())

@@ -11,12 +11,13 @@ from skyfield.api import EarthSatellite, Loader, wgs84
 from small_scenes import small_scenario
 
 from generator.dataset_writer import render_dataset
+from generator.errors import ScenarioError
 from generator.frame_plan import plan_frame
 from generator.scene import render_expected
 
 ISS = (
-    "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9993",
-    "2 25544  51.6452  30.5112 0005169 131.6131 359.4453 15.49166270208215",
+    "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9996",
+    "2 25544  51.6452  30.5112 0005169 131.6131 359.4453 15.49166270208211",
 )
 DARK = {"sky": None, "stars": {"limiting_magnitude": -2.0}}
 TRAIL = {
@@ -75,6 +76,21 @@ def test_element_sets_against_skyfield() -> None:
         wanted = np.array([np.sin(a) * np.cos(h), np.cos(a) * np.cos(h), np.sin(h)])
         apart = np.degrees(np.arccos(np.clip(wanted @ plan.objects.directions[0, keyframe], -1, 1)))
         assert apart < 0.01
+
+
+@pytest.mark.parametrize(
+    ("lines", "fragment"),
+    [
+        ((ISS[0][:-1] + str((int(ISS[0][-1]) + 1) % 10), ISS[1]), "checksum"),
+        ((ISS[1], ISS[0]), "lines 1 and 2"),
+        ((ISS[0], "2 25544" + " " * 61 + "4"), "not a two-line element set"),
+        ((ISS[0][:40], ISS[1]), "at least 69"),
+    ],
+)
+def test_bad_element_sets_are_refused_when_the_scenario_is_read(lines, fragment) -> None:
+    with pytest.raises(ScenarioError, match=fragment) as caught:
+        small_scenario(foreground={"satellites": [{"line1": lines[0], "line2": lines[1], "v_mag": 1.0}]})
+    assert "foreground.satellites.0" in str(caught.value)
 
 
 def test_objects_have_rows_of_their_own(tmp_path) -> None:

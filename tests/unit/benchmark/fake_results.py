@@ -164,11 +164,15 @@ def _provenance(task: FakeTask, solver: FakeSolver, mode: str) -> RunProvenance:
             "name": task.name,
             "revision": 1,
             "title": task.title,
-            "condition": task.condition,
-            "unit": task.unit,
-            "harder": "higher" if task.larger_is_harder else "lower",
-            "licence": "CC-BY-4.0",
-            "family": solver.family,
+            "condition": {
+                "name": task.condition,
+                "unit": task.unit,
+                "values": list(task.levels),
+                "harder": "higher" if task.larger_is_harder else "lower",
+            },
+            "metric": {"name": "success_10km", "unit": "1", "better": "higher"},
+            "solver_title": f"The solver {solver.name} & <i>its</i> title",
+            "solver_family": solver.family,
         },
     )
 

@@ -21,6 +21,7 @@ from benchmark.studies import thesis_published as thesis
 from benchmark.studies.centroid_frames import StarList, list_stars, make_frame, project
 from benchmark.studies.contestants import Contestant, judge_detections
 from benchmark.studies.page_model import Number, Table, family, plain
+from benchmark.studies.progress import StudyProgress
 from benchmark.studies.records import Row, Rows, write_rows
 from benchmark.studies.svg_plot import Axis, Series, plot
 from benchmark.studies.thesis_answers_confidence import calibration_error
@@ -28,7 +29,7 @@ from benchmark.studies.thesis_answers_position import swap_error_km
 from benchmark.studies.thesis_centroids import DISTURBANCES, disturb, rotation, sites_of
 from benchmark.studies.thesis_disturbed import CLEAR, SETTINGS, disturbed_scenario
 from benchmark.studies.thesis_rendered import half_depth, study_scenario
-from benchmark.studies.thesis_study import Progress, run_study
+from benchmark.studies.thesis_study import run_study
 from benchmark.studies.thesis_tables import confidence_bins
 from celnav.solver import SOLVERS
 from generator.frame_plan import plan_frame
@@ -260,7 +261,7 @@ def small_study(tmp_path_factory):
     text = text.replace("[8.0, 7.5, 7.0, 6.5, 6.0, 5.5, 5.0, 4.5, 4.0]", "[7.0, 5.0]")
     (root / "small.yaml").write_text(text, encoding="utf-8")
     steps = []
-    progress = Progress(lambda name, total: steps.append(name), lambda: None)
+    progress = StudyProgress(lambda name, total: steps.append(name), lambda: None)
     study = run_study(root / "small.yaml", 2, None, root / "frames", root / "out", 2, "skybench <study>", progress)
     return root, study, steps
 

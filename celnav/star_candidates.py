@@ -1,0 +1,219 @@
+"""Where in an image stars may be: saturated cores, trails that are none, and peaks of the filtered image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.star_shape import Filtered, StarShape, inverse
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+
+# Pixels this near to the highest value belong to a flat top.
+_FLAT = 0.97
+_LEAST_PLATEAU_PX = 4
+# Light that lenses scatter around bright stars, as a part of their peak: no star is believed below it.
+_HALO = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Connected pixels above a threshold that hold a peak above a higher one.
+
+    Attributes
+    ----------
+    labels : ndarray of int32, shape (height, width)
+        Component of each pixel; 0 for none.
+    uv : ndarray, shape (n, 2)
+        Centroids, by light.
+    covariance : ndarray, shape (n, 3)
+        Second moments uu, uv, vv of the light, px^2.
+    flux : ndarray, shape (n,)
+        Light.
+    area : ndarray, shape (n,)
+        Pixels.
+    label : ndarray, shape (n,)
+        Their numbers in `labels`.
+    """
+
+    labels: Labels
+    uv: F8
+    covariance: F8
+    flux: F8
+    area: NDArray[np.int64]
+    label: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Cores:
+    """Flat tops of saturated stars.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        Their middles.
+    radius_px : ndarray, shape (n,)
+        Of a circle of the same area.
+    level : float
+        Light at which they are flat; infinity where nothing is saturated.
+    """
+
+    uv: F8
+    radius_px: F8
+    level: float
+
+
+def components(light: F4, above: Mask, seeded: Mask) -> Components:
+    """Find connected pixels of `above` that hold a pixel of `seeded`."""
+    from scipy import ndimage
+
+    labels, n = ndimage.label(above, structure=np.ones((3, 3)))
+    rows, columns = np.divmod(np.flatnonzero(labels), labels.shape[1])
+    label, value = labels[rows, columns], np.maximum(light[rows, columns].astype(np.float64), 0.0)
+    area = np.bincount(label, minlength=n + 1)
+    good = np.bincount(label, weights=seeded[rows, columns], minlength=n + 1) > 0
+    flux: F8 = np.bincount(label, weights=value, minlength=n + 1).astype(np.float64, copy=False)
+    good &= flux > 0
+    good[0] = False
+
+    def mean(quantity: F8) -> F8:
+        return np.asarray(np.bincount(label, weights=value * quantity, minlength=n + 1) / np.maximum(flux, 1e-30))
+
+    middle_u, middle_v = mean(columns.astype(np.float64)), mean(rows.astype(np.float64))
+    du, dv = columns - middle_u[label], rows - middle_v[label]
+    covariance = np.column_stack((mean(du * du), mean(du * dv), mean(dv * dv)))
+    return Components(
+        np.asarray(labels, dtype=np.int32), np.column_stack((middle_u, middle_v))[good], covariance[good], flux[good],
+        area[good], np.flatnonzero(good),
+    )  # fmt: skip
+
+
+def saturated_cores(pixels: F4, light: F4, level: float | None) -> Cores:
+    """Find flat tops: four or more connected pixels within 3 % of the image's highest value, or above a level given."""
+    from scipy import ndimage
+
+    highest = float(pixels.max())
+    least = float(np.median(pixels[::16, ::16]))
+    threshold = highest - (1 - _FLAT) * (highest - least) if level is None else level
+    rows, columns = np.divmod(np.flatnonzero(pixels >= threshold), pixels.shape[1])
+    none = Cores(np.empty((0, 2)), np.empty(0), np.inf)
+    # A bright sky that is saturated altogether, or an image of noise, has no cores.
+    if highest <= least or len(rows) < _LEAST_PLATEAU_PX or len(rows) > 0.01 * pixels.size:
+        return none
+    # Only the rectangle that holds them is labelled.
+    top, left = int(rows.min()), int(columns.min())
+    window = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), dtype=bool)
+    window[rows - top, columns - left] = True
+    labels, n = ndimage.label(window, structure=np.ones((3, 3)))
+    label = labels[rows - top, columns - left]
+    area = np.bincount(label, minlength=n + 1)
+    flat = np.flatnonzero(area >= _LEAST_PLATEAU_PX)
+    if not len(flat):
+        return none
+    middle = np.column_stack([np.bincount(label, weights=x, minlength=n + 1) for x in (columns, rows)])[flat]
+    return Cores(
+        middle / area[flat, None], np.sqrt(area[flat] / np.pi), float(np.median(light[rows, columns]))
+    )  # fmt: skip
+
+
+def trails(
+    found: Components, filtered: F4, shape: StarShape, cores: Cores, least_length_px: float
+) -> NDArray[np.int64]:
+    """Return the labels of components that are trails: long, narrow, and bright all along.
+
+    Stars in a row are long and narrow too, but dark in between; so is a saturated star that blooms along its column.
+    """
+    own = shape.at(found.uv)
+    rest = found.covariance - own
+    root = np.hypot((rest[:, 0] - rest[:, 2]) / 2, rest[:, 1])
+    large, small = (rest[:, 0] + rest[:, 2]) / 2 + root, (rest[:, 0] + rest[:, 2]) / 2 - root
+    width = np.minimum(own[:, 0], own[:, 2]) + np.maximum(small, 0)
+    # A line of length l has a variance of l^2 / 12.
+    long = np.flatnonzero((12 * np.maximum(large, 0) > least_length_px**2) & (large > 9 * width))
+    height, columns = filtered.shape
+    saturated = set()
+    if len(cores.uv):
+        at = np.rint(cores.uv).astype(np.intp)
+        saturated = set(found.labels[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, columns - 1)].tolist())
+    chosen = []
+    for k in long:
+        if int(found.label[k]) in saturated:
+            continue
+        angle = 0.5 * np.arctan2(2 * rest[k, 1], rest[k, 0] - rest[k, 2])
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        reach = 1.3 * np.sqrt(large[k])  # three quarters of the line
+        steps = np.linspace(-reach, reach, max(9, int(2 * reach)))
+        places = found.uv[k] + steps[:, None, None] * along + np.arange(-2, 3)[None, :, None] * across
+        at = np.rint(places).astype(np.intp)
+        ridge = filtered[at[..., 1].clip(0, height - 1), at[..., 0].clip(0, columns - 1)].max(axis=1)
+        if np.percentile(ridge, 20) > 0.5 * np.percentile(ridge, 80) > 0:
+            chosen.append(int(found.label[k]))
+    return np.array(chosen, dtype=np.int64)
+
+
+def peaks(filtered: Filtered, noise: F4, threshold: F4, used: Mask) -> tuple[F8, F8, F8]:
+    """Return local maxima of the filtered image above a threshold, brightest first.
+
+    Returns
+    -------
+    Places to a fraction of a pixel, shape (n, 2), amplitudes, shape (n,), and their standard deviations, shape (n,).
+    """
+    amplitude = filtered.amplitude
+    width = amplitude.shape[1]
+    inner = np.zeros(amplitude.shape, dtype=bool)
+    inner[1:-1, 1:-1] = (amplitude > threshold)[1:-1, 1:-1]
+    inner &= used
+    at = np.flatnonzero(inner)
+    flat = amplitude.ravel()
+    value = flat[at]
+    for offset in (-width - 1, -width, -width + 1, -1):
+        good = (value > flat[at + offset]) & (value >= flat[at - offset])
+        at, value = at[good], value[good]
+    order = np.argsort(-value, kind="stable")
+    at, brightness = at[order], value[order].astype(np.float64)
+    rows, columns = np.divmod(at, width)
+    place = np.column_stack((columns, rows)).astype(np.float64)
+    for axis, offset in ((0, 1), (1, width)):
+        before, after = flat[at - offset].astype(np.float64), flat[at + offset].astype(np.float64)
+        bend = before - 2 * brightness + after
+        place[:, axis] += np.clip(0.5 * (before - after) / np.minimum(bend, -1e-12), -0.5, 0.5)
+    factor = filtered.noise_factor
+    sigma = noise[rows, columns] * (factor[rows, columns] if factor.size > 1 else factor[0, 0])
+    return place, brightness, sigma.astype(np.float64)
+
+
+def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: StarShape, cores: Cores) -> Mask:
+    """Tell which peaks, brightest first, stand out of the light of brighter neighbours and cores; shape (n,)."""
+    from scipy.spatial import cKDTree
+
+    if len(uv) < 2 and not len(cores.uv):
+        return np.ones(len(uv), dtype=bool)
+    own = shape.at(uv)
+    reach = 4.5 * float(np.sqrt(np.median(np.maximum(own[:, 0], own[:, 2])))) + 1
+    kept = np.ones(len(uv), dtype=bool)
+    pairs = cKDTree(uv).query_pairs(reach, output_type="ndarray")
+    if len(pairs):
+        bright, faint = pairs.min(axis=1), pairs.max(axis=1)
+        d = uv[faint] - uv[bright]
+        p, q, r = inverse(own[bright]).T
+        distance2 = p * d[:, 0] ** 2 + 2 * q * d[:, 0] * d[:, 1] + r * d[:, 1] ** 2
+        wing = amplitude[bright] * (1.2 * np.exp(-0.25 * distance2) + _HALO)
+        excess = amplitude[faint] - wing
+        lost = excess < seed_sigma * sigma[faint] + 0.25 * amplitude[bright] * np.exp(-0.25 * distance2)
+        kept[faint[lost]] = False
+    if len(cores.uv):
+        tree = cKDTree(cores.uv)
+        distance, core = tree.query(uv)
+        sigma_px = np.sqrt((own[:, 0] + own[:, 2]) / 2)
+        # Beyond the rim the light falls as the star's wing does.
+        from_rim = np.maximum(distance - cores.radius_px[core], 0) / sigma_px
+        wing = cores.level * (np.exp(-0.25 * from_rim**2 - 0.5 * from_rim) + _HALO)
+        kept &= (distance > cores.radius_px[core] + 1.5 * sigma_px) & (
+            (amplitude > 1.5 * wing + seed_sigma * sigma) | (distance > 4 * cores.radius_px[core] + 6 * sigma_px)
+        )
+    return kept

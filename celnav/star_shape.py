@@ -1,0 +1,252 @@
+"""The shape of a star's image, and the filter matched to it.
+
+A star is a Gaussian of any width, length and direction: a point spread function, or the streak that a star leaves while
+the camera moves. Over the frame its covariance is a polynomial of second order in the position, which is exact for the
+streaks of a camera that moves affinely: the covariance of a streak (du, dv) is its outer product over twelve.
+
+Widths are measured by adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 400.0  # px^2: half a pixel, and streaks of 70 px
+# A star's image is round where its axes differ by less than this factor.
+_ROUND = 1.2
+_ZONE_PX = 180
+
+
+@dataclass(frozen=True, eq=False)
+class StarShape:
+    """Covariance of a star's image as a function of its place.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (6, 3)
+        Of 1, x, y, x^2, x y, y^2 (rows) for the covariances uu, uv, vv (columns), px^2; x and y run from -1 to 1.
+    size : tuple of int
+        Height and width of the image.
+    """
+
+    coefficients: F8
+    size: tuple[int, int]
+
+    @classmethod
+    def constant(cls, uu: float, uv: float, vv: float, size: tuple[int, int]) -> StarShape:
+        """Return a shape that is the same everywhere."""
+        coefficients = np.zeros((6, 3))
+        coefficients[0] = uu, uv, vv
+        return cls(coefficients, size)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it depends on the place."""
+        return bool(self.coefficients[1:].any())
+
+    @property
+    def round_sigma_px(self) -> float | None:
+        """The standard deviation where the shape is the same everywhere and round; None elsewhere."""
+        uu, uv, vv = self.coefficients[0]
+        if self.varies:
+            return None
+        large, small = _axes(np.array([[uu, uv, vv]]))
+        return float((large[0] * small[0]) ** 0.25) if large[0] < _ROUND**2 * small[0] else None
+
+    def at(self, uv: F8) -> F8:
+        """Return the covariances (uu, uv, vv), shape (n, 3), at positions, shape (n, 2); kept within sensible widths."""
+        covariance = _terms(uv, self.size) @ self.coefficients
+        if not self.varies:
+            return np.asarray(covariance)
+        large, small = _axes(covariance)
+        mean = (large + small) / 2
+        clipped_large = np.clip(large, LEAST_VARIANCE, LARGEST_VARIANCE)
+        clipped_small = np.clip(small, LEAST_VARIANCE, LARGEST_VARIANCE)
+        stretch = (clipped_large - clipped_small) / np.maximum(large - small, 1e-9)
+        centre = (clipped_large + clipped_small) / 2
+        half = (covariance[:, 0] - mean) * stretch
+        return np.column_stack((centre + half, covariance[:, 1] * stretch, centre - half))
+
+
+def _axes(covariance: F8) -> tuple[F8, F8]:
+    """Eigenvalues, large and small, of covariances (uu, uv, vv), shape (n, 3)."""
+    uu, uv, vv = covariance.T
+    root = np.hypot((uu - vv) / 2, uv)
+    return (uu + vv) / 2 + root, (uu + vv) / 2 - root
+
+
+def _terms(uv: F8, size: tuple[int, int]) -> F8:
+    half = (np.array([size[1], size[0]]) - 1) / 2
+    x, y = ((uv - half) / half).T
+    return np.column_stack((np.ones_like(x), x, y, x * x, x * y, y * y))
+
+
+def inverse(covariance: F8) -> F8:
+    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances."""
+    uu, uv, vv = covariance.T
+    return np.asarray(np.column_stack((vv, -uv, uu)) / (uu * vv - uv * uv)[:, None])
+
+
+def patches(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F8, NDArray[np.int64], NDArray[np.int64]]:
+    """Cut windows of 2 reach + 1 pixels (rows, columns) around positions; zero beyond the border.
+
+    Returns
+    -------
+    Light, shape (n, rows, columns), and the rows, shape (n, rows), and columns, shape (n, columns), of the pixels.
+    """
+    height, width = light.shape
+    rows = np.rint(uv[:, 1]).astype(np.int64)[:, None] + np.arange(-reach[0], reach[0] + 1)
+    columns = np.rint(uv[:, 0]).astype(np.int64)[:, None] + np.arange(-reach[1], reach[1] + 1)
+    cut = light[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]].astype(np.float64)
+    cut *= ((rows >= 0) & (rows < height))[:, :, None]
+    cut *= ((columns >= 0) & (columns < width))[:, None, :]
+    return cut, rows, columns
+
+
+def adaptive_moments(light: F4, uv: F8, start: F8, rounds: int = 8) -> F8:
+    """Measure covariances (uu, uv, vv), shape (n, 3), of stars at positions, shape (n, 2); NaN where there is no star.
+
+    The window has the covariance of the star: it is what the light under the window and the window itself agree on.
+    """
+    reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 30))
+    cut, rows, columns = patches(light, uv, (reach, reach))
+    at, covariance = uv.copy(), start.copy()
+    for _ in range(rounds):
+        du, dv = (columns - at[:, :1])[:, None, :], (rows - at[:, 1:])[:, :, None]
+        p, q, r = (value[:, None, None] for value in inverse(covariance).T)
+        window = cut * np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
+        total = window.sum(axis=(1, 2))
+        total = np.where(total > 0, total, np.nan)
+        step = np.column_stack((np.sum(window * du, axis=(1, 2)), np.sum(window * dv, axis=(1, 2)))) / total[:, None]
+        du, dv = du - step[:, :1, None], dv - step[:, 1:, None]
+        seen = np.column_stack([np.sum(window * x, axis=(1, 2)) for x in (du * du, du * dv, dv * dv)]) / total[:, None]
+        at += 2 * np.clip(step, -1, 1)
+        # Light and window multiply: their inverse covariances add.
+        difference = inverse(seen) - inverse(covariance)
+        good = (difference[:, 0] > 0) & (difference[:, 0] * difference[:, 2] > difference[:, 1] ** 2)
+        covariance = np.where(good[:, None], inverse(np.where(good[:, None], difference, [[1.0, 0.0, 1.0]])), np.nan)
+        large, small = _axes(covariance)
+        covariance[~((small > 0.05) & (large < LARGEST_VARIANCE))] = np.nan
+    return covariance
+
+
+def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
+    """Fit the shape to the covariances of single stars, shape (n, 3); None where there are too few.
+
+    It varies over the frame only where that halves the scatter.
+    """
+    known = np.isfinite(covariance).all(axis=1)
+    covariance, uv = covariance[known], uv[known]
+    if len(uv) < 8:
+        return None
+    middle = np.median(covariance, axis=0)
+    rest: F8 = np.abs(covariance - middle).sum(axis=1)
+    fixed = StarShape.constant(*_at_least(middle), size)
+    if len(uv) < 20:
+        return fixed
+    terms = _terms(uv, size)
+    kept = np.ones(len(uv), dtype=bool)
+    coefficients = np.zeros((6, 3))
+    for _ in range(6):
+        coefficients = np.asarray(np.linalg.lstsq(terms[kept], covariance[kept], rcond=None)[0], dtype=np.float64)
+        residual: F8 = np.abs(covariance - terms @ coefficients).sum(axis=1)
+        kept = residual <= 3.5 * np.median(residual)
+    return StarShape(coefficients, size) if 2 * np.median(residual) < np.median(rest) else fixed
+
+
+def _at_least(covariance: F8) -> tuple[float, float, float]:
+    uu, uv, vv = (float(value) for value in covariance)
+    return max(uu, LEAST_VARIANCE), uv, max(vv, LEAST_VARIANCE)
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """An image under the matched filter.
+
+    Attributes
+    ----------
+    amplitude : ndarray, shape (height, width)
+        Peak of the star that fits best at each pixel.
+    noise_factor : ndarray, shape (height, width) or (1, 1)
+        Its standard deviation over that of a pixel.
+    """
+
+    amplitude: F4
+    noise_factor: F4
+
+
+def matched_filter(light: F4, shape: StarShape) -> Filtered:
+    """Correlate with the star's image less its mean over a square: what is flat or slopes leaves no trace."""
+    from scipy import ndimage
+
+    sigma = shape.round_sigma_px
+    if sigma is None:
+        return _filter_by_zones(light, shape)
+    reach = max(2, int(np.ceil(3 * sigma)))
+    offsets = np.arange(-reach, reach + 1)
+    line = np.exp(-0.5 * (offsets / sigma) ** 2)
+    side = 2 * int(np.ceil(7 * sigma)) + 1
+    gain, noise = _response(np.outer(line, line), side**2)
+    scaled = (line / line.sum()).astype(np.float32)
+    summed = _correlate_rows(_correlate_rows(light.T, scaled).T, scaled)
+    summed -= ndimage.uniform_filter(light, side, mode="nearest")
+    summed *= np.float32(1 / gain)
+    return Filtered(summed, np.full((1, 1), noise / gain, dtype=np.float32))
+
+
+def _correlate_rows(values: F4, line: F4) -> F4:
+    """Correlate along the second axis with a symmetrical line; faster than SciPy's for a few pixels."""
+    reach = len(line) // 2
+    width = values.shape[1]
+    padded = np.pad(values, ((0, 0), (reach, reach)), mode="edge")
+    result = padded[:, reach : reach + width] * line[reach]
+    for k in range(1, reach + 1):
+        pair = padded[:, reach - k : reach - k + width] + padded[:, reach + k : reach + k + width]
+        pair *= line[reach + k]
+        result += pair
+    return np.asarray(result)
+
+
+def _response(star: F8, area: int) -> tuple[float, float]:
+    """What the filter makes of a star of unit peak, and of unit noise."""
+    kernel = star / star.sum()
+    gain = float((kernel * star).sum() - star.sum() / area)
+    return gain, float(np.sqrt((kernel**2).sum() - 1 / area))
+
+
+def _filter_by_zones(light: F4, shape: StarShape) -> Filtered:
+    """Apply the filter of each zone of the frame; one zone where the shape is the same everywhere."""
+    from scipy import ndimage, signal
+
+    height, width = light.shape
+    rows, columns = (max(1, round(n / _ZONE_PX)) if shape.varies else 1 for n in (height, width))
+    row_edges, column_edges = (np.linspace(0, n, k + 1).astype(int) for n, k in ((height, rows), (width, columns)))
+    amplitude, factor = np.empty_like(light), np.empty_like(light)
+    for top, bottom in pairwise(row_edges):
+        for left, right in pairwise(column_edges):
+            covariance = shape.at(np.array([[(left + right - 1) / 2, (top + bottom - 1) / 2]]))
+            p, q, r = inverse(covariance)[0]
+            reach_u, reach_v = (int(np.ceil(3 * np.sqrt(covariance[0, k]))) for k in (0, 2))
+            dv, du = np.mgrid[-reach_v : reach_v + 1, -reach_u : reach_u + 1]
+            star = np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
+            side = 2 * int(np.ceil(2.4 * max(reach_u, reach_v))) + 1
+            gain, noise = _response(star, side**2)
+            margin = side // 2
+            above, before = min(margin, top), min(margin, left)
+            window = light[top - above : bottom + margin, left - before : right + margin]
+            padded = np.pad(window, ((reach_v, reach_v), (reach_u, reach_u)), mode="edge")
+            kernel = (star / star.sum()).astype(np.float32)  # symmetrical: convolution is correlation
+            summed = signal.oaconvolve(padded, kernel, mode="valid") - ndimage.uniform_filter(
+                window, side, mode="nearest"
+            )
+            part = slice(above, above + bottom - top), slice(before, before + right - left)
+            amplitude[top:bottom, left:right] = summed[part] / gain
+            factor[top:bottom, left:right] = noise / gain
+    return Filtered(amplitude, factor)
