@@ -218,11 +218,11 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     calls: list[int] = []
     render = shard_module.render_frame
 
-    def fragile(scenario, index):
+    def fragile(scenario, index, **options):
         calls.append(index)
         if index == 6 or (index == 2 and calls.count(2) == 1):
             raise RuntimeError("cosmic ray")
-        return render(scenario, index)
+        return render(scenario, index, **options)
 
     monkeypatch.setattr(shard_module, "render_frame", fragile)
     report = generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)

@@ -137,6 +137,10 @@ def test_bayer_mosaic_is_made_of_its_planes() -> None:
     colour = {"pattern": "GRBG"}
     plan = plan_frame(small_scenario(sensor={"colour": colour}, stars={"limiting_magnitude": 4.0}), 0)
     frame = render_expected(plan)
+    alone = render_expected(plan, channels=False)
+    assert not alone.channels
+    np.testing.assert_array_equal(alone.electrons, frame.electrons)
+    np.testing.assert_array_equal(alone.sky_electrons, frame.sky_electrons)
     assert list(frame.channels) == ["blue", "green", "red"]
     for name in frame.channels:
         mono = render_expected(plan_frame(
