@@ -48,9 +48,9 @@ def test_every_feature_has_its_scene() -> None:
         assert len(lines) <= 55, path.name
 
 
-def test_documentation_lists_every_scene_way_to_vary_and_preset() -> None:
+def test_documentation_lists_every_feature_way_to_vary_and_preset() -> None:
     text = (ROOT / "docs/scenarios.md").read_text()
-    for word in (*(path.name for path in SCENES), *DISTRIBUTION_KEYS, "sweep", *PRESETS):
+    for word in (*(f"{name}.yaml" for name in FEATURES), *DISTRIBUTION_KEYS, "sweep", *PRESETS):
         assert word in text, word
 
 
