@@ -1,5 +1,6 @@
-"""Commands `skybench bench run` and `skybench bench report`."""
+"""Commands `skybench bench list`, `skybench bench run` and `skybench bench report`."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -13,24 +14,94 @@ from benchmark.errors import BenchmarkError, ResultsError
 app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
 
+
+class Split(StrEnum):
+    """The two sets of a task's frames."""
+
+    DEV = "dev"
+    TEST = "test"
+
+
+class DetectionsChoice(StrEnum):
+    """Who detects."""
+
+    OWN = "own"
+    SHARED = "shared"
+
+
 _DEFAULT_OUT = Path("results/demo")
 _Out = Annotated[Path, typer.Option("--out", help="Results folder.")]
 
 
-@app.command()
-def run(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder that `skybench render` wrote.")],
-    solver: Annotated[list[str], typer.Option("--solver", help="Name of a solver; repeat for several.")],
-    out: _Out = _DEFAULT_OUT,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes to share the frames among.")] = 1,
-) -> None:
-    """Run solvers over all frames of DIR and write their results."""
-    from benchmark.run import run_benchmark  # loads the solvers, which --help need not wait for
+@app.command("list")
+def list_all() -> None:
+    """Show all tasks and solvers, and whether each solver can run here."""
+    from benchmark.task_cli import solver_table, task_table  # loads the solvers
 
+    console = Console()
     try:
-        summaries = run_benchmark(folder, solver, out, jobs=jobs)
+        console.print(task_table())
+        console.print(solver_table())
     except BenchmarkError as error:
         _fail(error)
+
+
+@app.command(
+    epilog="Examples: skybench bench run bortle --solver skybench --solver tetra3rs --frames 20 | "
+    "skybench bench run --all --frames 50 --jobs 2 | skybench bench run out/demo --solver thesis-adaptive"
+)
+def run(
+    target: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[TASK|DIR]", help="Task (see `bench list`), or a dataset that `skybench render` wrote."
+        ),
+    ] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option("--solver", help="Name of a solver, or a folder with a solver.yaml; repeat for several."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Results folder; default results/leaderboard or results/demo.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes to share the frames among.")] = 1,
+    split: Annotated[Split, typer.Option("--split", help="Of the task.")] = Split.DEV,
+    detections: Annotated[
+        DetectionsChoice,
+        typer.Option("--detections", help="own: each solver detects by itself; shared: all get the same."),
+    ] = DetectionsChoice.OWN,
+    frames: Annotated[
+        int | None, typer.Option("--frames", min=1, help="Frames a condition; default: the task's number.")
+    ] = None,
+    all_tasks: Annotated[
+        bool, typer.Option("--all", help="All tasks; without --solver, all solvers that can run here.")
+    ] = False,
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder for the tasks' frames; what is there is used again.")
+    ] = Path("out/tasks"),
+) -> None:
+    """Run solvers over a task's frames, all tasks', or those of a dataset; what is done is skipped."""
+    if all_tasks == (target is not None):
+        _fail(ResultsError("give either a task or dataset, or --all"))
+    if not solver and not all_tasks:
+        _fail(ResultsError("give at least one --solver"))
+    try:
+        if target is not None and target.is_dir():
+            _run_on_dataset(target, solver or [], out or _DEFAULT_OUT, jobs)
+            return
+        from benchmark.task_cli import DEFAULT_OUT, run_on_tasks  # loads the solvers, which --help need not wait for
+        from benchmark.tasks.definition import task_names
+
+        names = task_names() if target is None else [str(target)]
+        run_on_tasks(names, solver or [], split.value, detections.value, frames, out or DEFAULT_OUT, data, jobs)
+    except BenchmarkError as error:
+        _fail(error)
+
+
+def _run_on_dataset(folder: Path, solvers: list[str], out: Path, jobs: int) -> None:
+    from benchmark.run import run_benchmark
+
+    summaries = run_benchmark(folder, solvers, out, jobs=jobs)
     for name, summary in summaries.items():
         counts = f"{summary.n_frames} frames, {summary.n_fixes} fixes, {summary.n_refused} refused"
         typer.echo(f"{name}: {counts}, {summary.n_errors} errors")
@@ -41,8 +112,8 @@ def run(
 def report(
     out: _Out = _DEFAULT_OUT,
     data: Annotated[
-        Path | None, typer.Option("--data", help="Folder of the tasks' rendered frames, for pictures.")
-    ] = None,
+        Path, typer.Option("--data", help="Folder of the tasks' frames; pictures come from there if it exists.")
+    ] = Path("out/tasks"),
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
@@ -61,7 +132,7 @@ def report(
     typer.echo(str(path))
 
 
-def _report_tasks(out: Path, data: Path | None, figure: Path | None) -> Path:
+def _report_tasks(out: Path, data: Path, figure: Path | None) -> Path:
     from benchmark.site.pages import write_site
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("boards"))

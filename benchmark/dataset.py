@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,6 +128,31 @@ def open_dataset(folder: Path) -> Dataset:
         frames=tuple(sorted(frames, key=lambda frame: frame.index)),
         provenance={str(key): str(value) for key, value in provenance.items()} if isinstance(provenance, dict) else {},
     )
+
+
+def read_frames(record_paths: Sequence[Path], truth_paths: Sequence[Path]) -> Iterator[Frame]:
+    """Read frame records, each with its image beside it, and their truth from any number of tables.
+
+    Parameters
+    ----------
+    record_paths : sequence of Path
+    truth_paths : sequence of Path
+
+    Yields
+    ------
+    Frame
+        In the order of the records.
+
+    Raises
+    ------
+    DatasetError
+        As for `open_dataset`.
+    """
+    truth: dict[str, TruthStars] = {}
+    for path in truth_paths:
+        truth |= _read_truth(path)
+    for path in record_paths:
+        yield _frame(path, read_record(path), truth)
 
 
 def load_image(frame: Frame) -> NDArray[np.uint16]:

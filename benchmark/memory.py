@@ -4,10 +4,10 @@ import os
 from pathlib import Path
 
 
-def reset_peak() -> bool:
-    """Let the peak of this process' resident memory start anew; False where the system does not offer that (proc(5))."""
+def reset_peak(pid: int | None = None) -> bool:
+    """Let the peak of a process' resident memory start anew; False where the system does not offer that (proc(5))."""
     try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        Path(f"/proc/{os.getpid() if pid is None else pid}/clear_refs").write_text("5", encoding="ascii")
     except OSError:
         return False
     return True

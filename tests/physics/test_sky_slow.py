@@ -10,7 +10,7 @@ import pytest
 from generator.bake.grids import BakedAir, MoonGrid
 from generator.bake.make_maps import moon_single_on_grid
 from generator.sky.baked_maps import moon_map
-from generator.sky_speed import time_skies
+from generator.speed.pairs import time_skies
 
 AGAIN = """
 import dataclasses, json, os

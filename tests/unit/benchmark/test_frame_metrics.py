@@ -114,6 +114,29 @@ def test_resampled_quantiles_are_quantiles_of_the_resampled_frames():
     assert quantile_estimate([math.nan] * 3, 0.5, Resamples.of([1, 2, 3])).n == 0
 
 
+def test_sites_that_agree_are_not_taken_for_all_sites():
+    """Three sites without a fault: Wilson's bound says that up to 56 % of the others may have one."""
+    counts = {name: [5] * 9 for name in ("n_matches", "n_correct", "n_detected_stars")}
+    frames = table(confidence=[1.0] * 9, site=list("aaabbbccc"), time_ms=[1.0] * 9, **counts)
+    drawn, unseen = resamples_of(frames), wilson(0, 3)[1]
+    assert unseen == pytest.approx(0.5615, abs=1e-4)
+    ece, over, area = calibration_error(frames, drawn), overconfidence(frames, drawn), risk_coverage(frames).area
+    assert (ece.low, ece.high) == (area.low, area.high) == (0.0, pytest.approx(unseen))
+    assert (over.low, over.high) == (pytest.approx(-unseen), pytest.approx(unseen))
+    found = measure(frames)
+    assert (found["kelvins_score"].low, found["kelvins_score"].high) == (pytest.approx(1 - 2 * unseen), 1.0)
+    assert (found["median_error_km"].low, found["median_error_km"].high) == (0.0, math.inf)
+
+
+def test_a_quantile_that_few_frames_cannot_bound():
+    """As for order statistics: no finite upper end of a 90 % quantile below 36 frames, of a median below 6."""
+    for n, bounded in ((35, False), (36, True)):
+        drawn = Resamples.of(np.arange(n), 200)
+        assert math.isfinite(quantile_estimate(np.arange(1.0, n + 1), 0.9, drawn).high) == bounded
+    assert quantile_estimate(np.arange(1.0, 6), 0.5, Resamples.of(np.arange(5), 200)).high == math.inf
+    assert quantile_estimate(np.arange(1.0, 7), 0.5, Resamples.of(np.arange(6), 200)).high < math.inf
+
+
 def test_expanded_levels_of_hesterberg():
     """By hand for n = 10: t_0.975,9 = 2.262 times sqrt(10/9) is 2.3845, which a normal deviate exceeds with 0.855 %."""
     assert expanded_levels(10) == pytest.approx((0.00855, 0.99145), abs=1e-4)
@@ -173,7 +196,7 @@ def test_a_comparison_by_hand():
     tables = two([1] * 8 + [0] * 2, [1, 1] + [0] * 8)
     (found,) = compare(tables)
     assert found.difference.value == pytest.approx(0.6)
-    assert (found.success_test.p, found.success_p_holm) == (2 / 2**6, 2 / 2**6)
+    assert (found.success_test.p, found.success_p_holm) == pytest.approx((2 / 2**6, 2 / 2**6))
     assert found.error_ratio.value == pytest.approx(100**-0.6)
     assert found.closer.value == pytest.approx(0.8)
     assert (found.n_frames, found.n_sites, found.design_effect) == (10, 10, 1.0)

@@ -100,7 +100,7 @@ def test_duplicates_strangers_and_missing_frames(file):
     [
         (b"", "is empty"),
         (b"\n\n", f"line 1: expected the header {HEADER}"),
-        (gzip.compress(HEADER.encode()), "is compressed (gzip); send the CSV or Parquet file itself"),
+        (gzip.compress(HEADER.encode(), mtime=0), "is compressed (gzip); send the CSV or Parquet file itself"),
         (b"\x28\xb5\x2f\xfd0000", "is compressed (zstd); send the CSV or Parquet file itself"),
         (b"frame_id,status,lat_deg\n", "line 1: lon_deg: column is missing"),
         (b"frame_id,status,lat_deg,lon_deg,password\n", "line 1: column 5 has no known name"),
