@@ -108,7 +108,7 @@ def break_point(
         levels, hits, counts = -levels[::-1], hits[:, ::-1], counts[:, ::-1]
     resamples = Resamples.of(site) if seed is None else Resamples.of(site, seed=seed)
     value = float(crossing(levels, *isotonic(hits.sum(axis=0)[None], counts.sum(axis=0)[None]), share)[0])
-    drawn = isotonic(resamples.weights @ hits, resamples.weights @ counts)
+    drawn = isotonic(resamples.cluster_sums(hits), resamples.cluster_sums(counts))
     low, high = percentile_interval(crossing(levels, *drawn, share), resamples.n_clusters)
     low, high = min(low, value), max(high, value)
     if harder < 0:

@@ -157,6 +157,8 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
     errors = np.abs(_GAP_FACTORS[:, None, None] * gaps + noise).sum(axis=2)
     at_least = (errors >= sample).mean(axis=1)
     low = _GAP_FACTORS[np.argmax(at_least >= expanded_levels(resamples.n_clusters)[0])]
+    if not noise.any():
+        return Estimate(sample, *percentile_interval([sample], resamples.n_clusters, (0.0, 1.0)), n=n)
     spread = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, resamples.n_clusters - 1)) * float(errors[-1].std(ddof=1))
     return Estimate(sample, sample * float(low), min(1.0, sample + spread), n)
 
@@ -192,11 +194,10 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
         return RiskCoverage(np.empty(0), np.empty(0), 0, UNDEFINED)
     resamples = resamples_of(frames)
 
-    def areas(weights: F8) -> F8:
-        return _curve(weights, wrong[order], block)[1]
+    def areas(weights: NDArray[np.uint8]) -> F8:
+        return _curve(weights.astype(np.float64), wrong[order], block)[1]
 
-    weights = np.ones((1, n))
-    risk, area = _curve(weights, wrong[order], block)
+    risk, area = _curve(np.ones((1, n)), wrong[order], block)
     low, high = percentile_interval(resamples.frame_weights(order, areas), resamples.n_clusters, (0.0, 1.0))
     coverage = np.arange(1, n + 1) / n
     return RiskCoverage(coverage, risk[0], int(fixed(frames).sum()), Estimate(float(area[0]), low, high, n))
@@ -215,13 +216,15 @@ def _curve(weights: F8, wrong: F8, block: NDArray[np.intp]) -> tuple[F8, F8]:
     """Risk after each frame, shape (k, n), and its mean by weight, shape (k,), for k weightings of the ordered frames."""
     if len(block) == 0:
         return np.empty_like(weights), np.full(len(weights), math.nan)
-    size = np.diff(np.append(block, len(wrong)))
-    bad = np.add.reduceat(weights * wrong, block, axis=1)
-    total = np.add.reduceat(weights, block, axis=1)
-    share = np.repeat(bad / np.where(total > 0, total, 1.0), size, axis=1)
+    bad = weights * wrong
+    if len(block) < len(wrong):
+        size = np.diff(np.append(block, len(wrong)))
+        total = np.add.reduceat(weights, block, axis=1)
+        share = np.add.reduceat(bad, block, axis=1) / np.maximum(total, 1.0)
+        bad = weights * np.repeat(share, size, axis=1)
     accepted = np.cumsum(weights, axis=1)
-    risk = np.cumsum(weights * share, axis=1) / np.where(accepted > 0, accepted, 1.0)
-    return risk, (weights * risk).sum(axis=1) / accepted[:, -1]
+    risk = np.cumsum(bad, axis=1) / np.maximum(accepted, 1.0)
+    return risk, np.einsum("ij,ij->i", weights, risk) / accepted[:, -1]
 
 
 def nees_values(frames: pd.DataFrame) -> F8:

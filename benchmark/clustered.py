@@ -7,20 +7,22 @@ must be functions of weighted frames; sums and quantiles are worked out for all 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from benchmark.intervals import CONFIDENCE, Estimate, pooled_proportion, quantile
+from benchmark.intervals import CONFIDENCE, Estimate, pooled_proportion, quantile, wilson
 
 F8 = NDArray[np.float64]
 
 N_RESAMPLES = 2000
 SEED = 20260301
+FEWEST_CLUSTERS = 6
+"""Fewer lie all on one side of a median with a probability above 5 %: they give no interval of a quantile."""
 _CHUNK_ELEMENTS = 4_000_000
 
 
@@ -56,25 +58,31 @@ class Resamples:
         names, cluster = np.unique(np.asarray(clusters), return_inverse=True)
         return cls(cluster.astype(np.intp), len(names), n_resamples, seed)
 
-    @cached_property
-    def weights(self) -> F8:
+    @property
+    def weights(self) -> NDArray[np.uint8]:
         """How often each resample holds each cluster, shape (n_resamples, n_clusters)."""
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(self.n_clusters,)))
-        share = np.full(self.n_clusters, 1.0 / max(self.n_clusters, 1))
-        return rng.multinomial(self.n_clusters, share, self.n_resamples).astype(np.float64)
+        return _weights(self.n_clusters, self.n_resamples, self.seed)
 
     def sums(self, values: ArrayLike) -> F8:
         """Sum of per-frame values, shape (n_frames,) or (n_frames, k), in each resample."""
         x = np.asarray(values, dtype=np.float64)
-        by_cluster = np.zeros((self.n_clusters, *x.shape[1:]))
-        np.add.at(by_cluster, self.cluster, x)
-        return np.asarray(self.weights @ by_cluster)
+        columns = x.reshape(len(x), -1).T
+        by_cluster = np.stack([np.bincount(self.cluster, weights=one, minlength=self.n_clusters) for one in columns])
+        return self.cluster_sums(np.asarray(by_cluster.T, dtype=np.float64)).reshape(self.n_resamples, *x.shape[1:])
 
-    def frame_weights(self, order: NDArray[np.intp], function: Callable[[F8], F8]) -> F8:
+    def cluster_sums(self, by_cluster: F8) -> F8:
+        """Sum of per-cluster values, shape (n_clusters, k), in each resample, shape (n_resamples, k)."""
+        return np.concatenate([part.astype(np.float64) @ by_cluster for part in self._chunks(self.n_clusters)])
+
+    def frame_weights(self, order: NDArray[np.intp], function: Callable[[NDArray[np.uint8]], F8]) -> F8:
         """Apply `function` to the weights of frames in `order`, shape (chunk, n), in chunks that bound the memory."""
-        step = max(1, _CHUNK_ELEMENTS // max(len(order), 1))
         cluster = self.cluster[order]
-        return np.concatenate([function(self.weights[i : i + step, cluster]) for i in range(0, self.n_resamples, step)])
+        return np.concatenate([function(np.take(part, cluster, axis=1)) for part in self._chunks(len(order))])
+
+    def _chunks(self, width: int) -> Iterator[NDArray[np.uint8]]:
+        step = max(1, _CHUNK_ELEMENTS // max(width, 1))
+        for start in range(0, self.n_resamples, step):
+            yield self.weights[start : start + step]
 
     def quantiles(self, values: ArrayLike, q: float) -> F8:
         """Quantile of per-frame values (+inf allowed) in each resample, by the definition of `intervals.quantile`."""
@@ -82,14 +90,30 @@ class Resamples:
         order = np.argsort(x, kind="stable")
         ordered = x[order]
 
-        def of_weights(weights: F8) -> F8:
-            cumulated = np.cumsum(weights, axis=1)
+        def of_weights(weights: NDArray[np.uint8]) -> F8:
+            cumulated = np.cumsum(weights, axis=1, dtype=np.int32)
             target = q * cumulated[:, -1:]
             lower = np.argmax(cumulated >= target - 1e-9, axis=1)
             upper = np.argmax(cumulated > target + 1e-9, axis=1)
             return np.asarray((ordered[lower] + ordered[upper]) / 2.0)
 
         return self.frame_weights(order, of_weights)
+
+
+@lru_cache(maxsize=4)
+def _weights(n_clusters: int, n_resamples: int, seed: int) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n_clusters,)))
+    found = np.empty((n_resamples, n_clusters), dtype=np.uint8)
+    step = max(1, _CHUNK_ELEMENTS // max(n_clusters, 1))
+    for start in range(0, n_resamples, step):
+        rows = min(step, n_resamples - start)
+        # A cluster is drawn about once (Poisson): 255 times practically never.
+        drawn = rng.integers(0, max(n_clusters, 1), (rows, n_clusters))
+        drawn += n_clusters * np.arange(rows)[:, None]
+        counts = np.bincount(drawn.ravel(), minlength=rows * n_clusters)
+        found[start : start + rows] = counts.reshape(rows, n_clusters)
+    found.flags.writeable = False
+    return found
 
 
 def expanded_levels(n_clusters: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -119,12 +143,16 @@ def percentile_interval(
     n_clusters : int
         Below 2 nothing is known: the interval is `bounds`.
     bounds : tuple of float
-        The statistic's range.
+        The statistic's range. Where all clusters agree, resamples say nothing of those that were not seen: a share of
+        z^2 / (n + z^2) of them (Wilson's bound for none of n) may lie at either end of a finite range.
     """
     x = np.asarray(replicates, dtype=np.float64)
     x = x[~np.isnan(x)]
     if n_clusters < 2 or len(x) == 0:
         return bounds
+    if (x == x[0]).all() and all(math.isfinite(end) for end in bounds):
+        unseen = wilson(0.0, n_clusters, confidence)[1]
+        return float(x[0] + unseen * (bounds[0] - x[0])), float(x[0] + unseen * (bounds[1] - x[0]))
     low, high = expanded_levels(n_clusters, confidence)
     return (
         max(bounds[0], float(np.quantile(x, low, method="lower"))),
@@ -193,5 +221,9 @@ def quantile_estimate(values: ArrayLike, q: float, resamples: Resamples) -> Esti
     part = resamples
     if not known.all():
         part = Resamples.of(resamples.cluster[known], resamples.n_resamples, resamples.seed)
+    n, tail = int(known.sum()), (1.0 - CONFIDENCE) / 2.0
     low, high = percentile_interval(part.quantiles(x[known], q), part.n_clusters, (0.0, math.inf))
-    return Estimate(quantile(x[known], q), low, high, int(known.sum()))
+    few = part.n_clusters < FEWEST_CLUSTERS
+    # Even of independent frames, all may lie on one side of the quantile.
+    low, high = 0.0 if few or (1.0 - q) ** n > tail else low, math.inf if few or q**n > tail else high
+    return Estimate(quantile(x[known], q), low, high, n)

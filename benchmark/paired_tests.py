@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+_CHUNK_ELEMENTS = 4_000_000
+
 
 @dataclass(frozen=True)
 class PairedTest:
@@ -92,8 +94,11 @@ def mcnemar_clustered(
     differences = np.bincount(cluster, weights=a.astype(np.float64) - b) if len(a) else np.empty(0)
     sizes = np.abs(differences).astype(np.int64)
     distribution = np.ones(1)  # of the sum, from minus to plus the sum of sizes, in steps of one
-    for size in sizes[sizes > 0]:
-        distribution = 0.5 * (np.pad(distribution, (0, 2 * size)) + np.pad(distribution, (2 * size, 0)))
+    for size, count in zip(*np.unique(sizes[sizes > 0], return_counts=True), strict=True):
+        # `count` sites of one size: a binomial number of them favours the first, each change moves the sum by 2 sizes.
+        spread = np.zeros(2 * size * count + 1)
+        spread[:: 2 * size] = stats.binom.pmf(np.arange(count + 1), count, 0.5)
+        distribution = np.convolve(distribution, spread)
     total = int(sizes.sum())
     extreme = abs(int(differences.sum()))
     sums = np.arange(-total, total + 1)
@@ -123,10 +128,15 @@ def sign_flip(values: ArrayLike, clusters: ArrayLike, n_flips: int = 4999, seed:
     cluster = np.unique(np.asarray(clusters), return_inverse=True)[1]
     sums = np.bincount(cluster, weights=x)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(sums),)))
-    signs = rng.integers(0, 2, (n_flips, len(sums))) * 2.0 - 1.0
     # Rounding must not tell a flip of all signs from the observed sum.
-    observed = abs(float(sums.sum())) * (1.0 - 1e-12)
-    return float((1 + np.count_nonzero(np.abs(signs @ sums) >= observed)) / (n_flips + 1))
+    total = float(sums.sum())
+    observed = abs(total) - 1e-12 * float(np.abs(sums).sum())
+    extreme = 0
+    step = max(1, _CHUNK_ELEMENTS // len(sums))
+    for start in range(0, n_flips, step):
+        flipped = rng.integers(0, 2, (min(step, n_flips - start), len(sums)), dtype=np.int8)
+        extreme += int(np.count_nonzero(np.abs(total - 2.0 * (flipped.astype(np.float64) @ sums)) >= observed))
+    return (1 + extreme) / (n_flips + 1)
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:

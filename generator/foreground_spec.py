@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.io import verify_checksum
 
 from generator.horizon_profile import read_profile
 from generator.strict import File, Fraction, InputFile, Strict, listed
@@ -113,6 +115,19 @@ class TleSpec(Strict):
     v_mag: Annotated[float, Field(ge=-20, le=12)]
     """Apparent V at the ground."""
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @model_validator(mode="after")
+    def _element_set(self) -> TleSpec:
+        try:
+            verify_checksum(self.line1, self.line2)
+            orbit = Satrec.twoline2rv(self.line1, self.line2)
+        except ValueError as error:
+            raise ValueError(f"not a two-line element set ({str(error).splitlines()[0]})") from error
+        if not (self.line1.startswith("1 ") and self.line2.startswith("2 ") and self.line1[2:7] == self.line2[2:7]):
+            raise ValueError("not a two-line element set (lines 1 and 2 of one satellite)")
+        if orbit.error:
+            raise ValueError(f"not a two-line element set ({SGP4_ERRORS.get(orbit.error, 'unusable elements')})")
+        return self
 
 
 class ForegroundSpec(Strict):

@@ -23,6 +23,7 @@ from benchmark.calibration import (
     risk_coverage,
 )
 from benchmark.comparison import Comparison, Rank, compare, detectable, ranks
+from benchmark.errors import ResultsError
 from benchmark.formatting import number
 from benchmark.frame_metrics import METRICS, column, errors_km, fixed, groups_of, measure, succeeded
 from benchmark.intervals import Estimate
@@ -130,6 +131,8 @@ def make_board(results: Sequence[StoredResult]) -> Board:
         They are not of the same frames.
     """
     first = results[0]
+    for other in results[1:]:
+        _check_same_frames(first, other)
     task, limit_km = first.task, first.task.limit_km
     tables = {result.label: result.frames for result in results}
     comparisons = compare(tables, limit_km)
@@ -146,6 +149,20 @@ def make_board(results: Sequence[StoredResult]) -> Board:
         comparisons=comparisons,
         detectable=detectable(comparisons),
         discrimination=discrimination(tables, task.harder, limit_km=limit_km),
+    )
+
+
+def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
+    """Refuse to compare results of different frames. Raises ResultsError."""
+    same = one.provenance.scenario_sha256 == other.provenance.scenario_sha256
+    if same and set(one.frames["frame_id"]) == set(other.frames["frame_id"]):
+        return
+    reason = (
+        f"{len(one.frames)} and {len(other.frames)} frames" if same else "frames of different scenarios or generators"
+    )
+    raise ResultsError(
+        f"{one.folder} and {other.folder}: {reason} cannot be compared; run both solvers again with the same --frames, "
+        f"or delete the folder that is out of date"
     )
 
 

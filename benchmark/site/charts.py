@@ -16,6 +16,7 @@ from benchmark.site.tree import TaskFacts
 SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
+_SQUARE_PX = (150, 128)
 _FOREST_PX, _NAMES_PX, _ROW_PX = 372, 140, 24
 
 
@@ -34,54 +35,95 @@ class Style:
 
 @dataclass(frozen=True)
 class Mark:
-    """One solver's number in a figure over solvers."""
+    """One solver's number in a figure over solvers; `words` stand in its place where it is undefined."""
 
     name: str
     style: Style
     estimate: Estimate
+    words: str = ""
+
+
+Curves = Sequence[tuple[str, Style, Sequence[Level]]]
+
+
+def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
+    """Success against the condition with its interval, one panel to a solver, all solvers in grey behind each.
+
+    Parameters
+    ----------
+    curves : sequence of (name, Style, sequence of Level)
+    task : TaskFacts
+    identity : str
+        Id, unique on the page, of what the panels share.
+
+    Returns
+    -------
+    backdrop, panels : Markup, list of Markup
+        The backdrop must stand on the page too.
+    """
+    x, y = condition_scale([levels for _, _, levels in curves], task), share_scale("")
+    behind = Panel(x, y, *SMALL_PX, "")
+    behind.across(0.5)
+    for _, _, levels in curves:
+        behind.line([(level.condition, level.success.value) for level in levels], "ghost")
+    panels = [
+        _success(Panel(x, y, *SMALL_PX, _success_label(name, task), css=style.css, backdrop=identity), style, levels)
+        for name, style, levels in curves
+    ]
+    return behind.backdrop(identity), panels
 
 
 def success_curve(
-    levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts, style: Style, label: str
+    name: str, style: Style, levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts
 ) -> Markup:
-    """Success against the condition with its interval, the other solvers in grey behind."""
-    panel = Panel(condition_scale((levels, *others), task), share_scale(""), *SMALL_PX, label)
+    """One solver's success against the condition, the best of the others at each value in grey behind."""
+    x = condition_scale([levels, *others], task)
+    panel = Panel(x, share_scale(""), *SMALL_PX, _success_label(name, task), css=style.css)
     panel.across(0.5)
-    for other in others:
-        panel.line([(level.condition, level.success.value) for level in other], "ghost")
+    best: dict[float, float] = {}
+    for level in (level for other in others for level in other):
+        best[level.condition] = max(level.success.value, best.get(level.condition, 0.0))
+    panel.line(sorted(best.items()), "ghost")
+    return _success(panel, style, levels)
+
+
+def _success_label(name: str, task: TaskFacts) -> str:
+    return f"Success of {name} by {task.axis}; the numbers are in the table of the task"
+
+
+def _success(panel: Panel, style: Style, levels: Sequence[Level]) -> Markup:
     panel.band(
         [(level.condition, level.success.low) for level in levels],
         [(level.condition, level.success.high) for level in levels],
-        f"band {style.css}",
+        "band",
     )
-    panel.line([(level.condition, level.success.value) for level in levels], f"line {style.css}")
+    panel.line([(level.condition, level.success.value) for level in levels], "line")
     for level in levels:
-        words = f"{task.condition} {level.condition:g}: {percent(level.success.value)}"
-        words += f" ({interval(level.success, percent)}), {level.n_frames} frames"
-        panel.dot((level.condition, level.success.value), f"dot {style.css}", words, shape=style.shape)
+        words = f"{level.condition:g}: {percent(level.success.value)} ({interval(level.success, percent)})"
+        panel.dot((level.condition, level.success.value), "dot", words, shape=style.shape)
     return panel.svg()
 
 
-def error_curve(
-    levels: Sequence[Level],
-    others: Sequence[Sequence[Level]],
-    task: TaskFacts,
-    scale: Scale,
-    style: Style,
-    label: str,
-) -> Markup:
-    """Median error against the condition with its interval, over the Cramér-Rao bound (dashed)."""
-    panel = Panel(condition_scale((levels, *others), task), scale, *SMALL_PX, label)
-    for other in others:
-        panel.line([(level.condition, level.median_error_km.value) for level in other], "ghost")
-    panel.line([(level.condition, level.bound_km) for level in levels], "floor")
-    panel.line([(level.condition, level.median_error_km.value) for level in levels], f"line {style.css}")
-    for level in levels:
-        error = level.median_error_km
-        words = f"{task.condition} {level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
-        panel.whisker((level.condition, error.low), (level.condition, error.high), f"whisker {style.css}")
-        panel.dot((level.condition, error.value), f"dot {style.css}", words, shape=style.shape)
-    return panel.svg()
+def error_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
+    """Median error against the condition with its interval, over the Cramér-Rao bound (dashed); as `success_curves`."""
+    x, y = condition_scale([levels for _, _, levels in curves], task), error_scale([levels for _, _, levels in curves])
+    behind = Panel(x, y, *SMALL_PX, "")
+    for _, _, levels in curves:
+        behind.line([(level.condition, level.median_error_km.value) for level in levels], "ghost")
+    if curves:
+        behind.line([(level.condition, level.bound_km) for level in curves[0][2]], "floor")
+    panels = []
+    for name, style, levels in curves:
+        label = f"Median error of {name} by {task.axis}; the numbers are in the table below"
+        panel = Panel(x, y, *SMALL_PX, label, css=style.css, backdrop=identity)
+        panel.line([(level.condition, level.median_error_km.value) for level in levels], "line")
+        for level in levels:
+            error = level.median_error_km
+            words = f"{level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
+            panel.whisker((level.condition, error.low), (level.condition, error.high), "whisker")
+            panel.dot((level.condition, error.value), "dot", words, shape=style.shape)
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
 
 
 def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
@@ -102,6 +144,7 @@ def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
         estimate = mark.estimate
         panel.text((x.ticks[0][0], row), _short(mark.name), "name", "end", du=-10.0)
         if math.isnan(estimate.value):
+            panel.text((x.ticks[0][0], row), mark.words, "aside", du=8.0)
             continue
         panel.whisker((estimate.low, row), (estimate.high, row), f"whisker {mark.style.css}")
         words = f"{mark.name}: {number(estimate.value)} ({interval(estimate, number)})"
@@ -135,23 +178,38 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
     return panel.svg()
 
 
-def reliability(bins: Sequence[tuple[float, Estimate]], style: Style, label: str) -> Markup:
-    """Share of right answers against the confidence claimed; on the diagonal, the claim is true."""
-    panel = Panel(share_scale("confidence claimed", 0.5), share_scale("", 0.5), 150, 128, label)
-    panel.line([(0.0, 0.0), (1.0, 1.0)], "limit")
-    panel.line([(confidence, share.value) for confidence, share in bins], f"line {style.css}")
-    for confidence, share in bins:
-        panel.whisker((confidence, share.low), (confidence, share.high), f"whisker {style.css}")
-        words = f"claimed {percent(confidence)}: right in {percent(share.value)} of {share.n}"
-        panel.dot((confidence, share.value), f"dot {style.css}", words, shape=style.shape)
-    return panel.svg()
+def reliabilities(
+    solvers: Sequence[tuple[str, Style, Sequence[tuple[float, Estimate]]]], identity: str
+) -> tuple[Markup, list[Markup]]:
+    """Share of right answers against the confidence claimed; on the diagonal, the claim is true. As `success_curves`."""
+    x, y = share_scale("confidence claimed", 0.5), share_scale("", 0.5)
+    behind = Panel(x, y, *_SQUARE_PX, "")
+    behind.line([(0.0, 0.0), (1.0, 1.0)], "limit")
+    panels = []
+    for name, style, bins in solvers:
+        label = f"Reliability of the confidence of {name}; the numbers are in the table below"
+        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
+        panel.line([(confidence, share.value) for confidence, share in bins], "line")
+        for confidence, share in bins:
+            panel.whisker((confidence, share.low), (confidence, share.high), "whisker")
+            words = f"claimed {percent(confidence)}: right in {percent(share.value)} of {share.n}"
+            panel.dot((confidence, share.value), "dot", words, shape=style.shape)
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
 
 
-def risk_coverage(points: Sequence[Point], style: Style, label: str) -> Markup:
-    """Share of wrong answers among those kept, against the share kept, the most confident first."""
-    panel = Panel(share_scale("frames accepted", 0.5), share_scale("", 0.5), 150, 128, label)
-    panel.steps(points, f"line {style.css}")
-    return panel.svg()
+def risk_coverages(solvers: Sequence[tuple[str, Style, Sequence[Point]]], identity: str) -> tuple[Markup, list[Markup]]:
+    """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`."""
+    x, y = share_scale("frames accepted", 0.5), share_scale("", 0.5)
+    behind = Panel(x, y, *_SQUARE_PX, "")
+    panels = []
+    for name, style, points in solvers:
+        label = f"Share of wrong answers of {name} against frames accepted; its area is in the table above"
+        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
+        behind.line(points, "ghost")
+        panel.line(points, "line")
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
 
 
 def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:

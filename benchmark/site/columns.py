@@ -102,7 +102,7 @@ FULL = (
 )
 CALIBRATION = (
     Column("calibration error", "0 is perfect", _metric("ece"), percent, "ascending", True),
-    Column("overconfidence", "claimed less right", _metric("overconfidence"), percent, "ascending"),
+    Column("overconfidence", "claimed less right, points", _metric("overconfidence"), signed, "ascending"),
     Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending"),
     Column("50 % ellipse holds", "honest: 50 %", _metric("ellipse_50"), percent, "descending"),
     Column("95 % ellipse holds", "honest: 95 %", _metric("ellipse_95"), percent, "descending"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import io
 from dataclasses import dataclass
 
@@ -14,8 +15,10 @@ from benchmark.result_tables import DetectionRow
 from benchmark.site.boards import Board, Entry
 from benchmark.site.frame_source import FrameSource
 
-# Of all pictures of the site, as they stand in the pages.
-IMAGE_BUDGET_BYTES = 2_200_000
+# Of a card's words and tags in the page.
+_CARD_BYTES = 1200
+_LEAST_CARD_BYTES = 9_000
+_FEWEST_CARDS = 3
 _WIDTHS_PX = (720, 540, 400, 300, 220)
 
 
@@ -23,6 +26,7 @@ _WIDTHS_PX = (720, 540, 400, 300, 220)
 class Card:
     """One solver's worst frame; marks are SVG path data in the frame's pixels, centres at integers."""
 
+    anchor: str
     label: str
     frame_id: str
     condition: float
@@ -40,8 +44,15 @@ class Card:
     wrong: str
 
 
-def make_cards(board: Board, source: FrameSource, budget_bytes: int = IMAGE_BUDGET_BYTES) -> list[Card]:
-    """Cards of the solvers whose worst frame has a picture at hand, within a budget of bytes for the pictures.
+def make_cards(board: Board, source: FrameSource, budget_bytes: int) -> list[Card]:
+    """Cards of the solvers whose worst frame has a picture at hand.
+
+    Parameters
+    ----------
+    board : Board
+    source : FrameSource
+    budget_bytes : int
+        What all cards together may add to a page; where it is too little, pictures have the least width.
 
     Raises
     ------
@@ -49,19 +60,23 @@ def make_cards(board: Board, source: FrameSource, budget_bytes: int = IMAGE_BUDG
         A picture or a table of detections is damaged.
     """
     shown = []
-    for entry in board.entries:
+    for number, entry in enumerate(board.entries):
         picture = source.picture(entry.stored, entry.worst.frame_id) if entry.worst else None
         if picture is not None:
-            shown.append((entry, picture))
+            shown.append((number, entry, picture))
+    # Fewer pictures rather than ones too small to show anything; the best solvers' first.
+    shown = shown[: max(_FEWEST_CARDS, budget_bytes // _LEAST_CARD_BYTES)]
     cards = []
-    for entry, picture in shown:
+    for number, entry, picture in shown:
         try:
-            fitted = _fit(picture, budget_bytes // len(shown))
+            bare = _card(entry, source, number)
+            marks = sum(map(len, (bare.truth, bare.found, bare.right, bare.wrong))) + _CARD_BYTES
+            fitted = _fit(picture, budget_bytes // len(shown) - marks)
         except (UnidentifiedImageError, OSError) as error:
             raise ResultsError(
                 f"{entry.stored.folder}: the picture of a frame is not readable ({error}); run `skybench bench run` again"
             ) from error
-        cards.append(_card(entry, source, fitted))
+        cards.append(dataclasses.replace(bare, image_uri=_uri(fitted)))
     return cards
 
 
@@ -77,7 +92,7 @@ def _fit(picture: bytes, most_bytes: int) -> bytes:
     return fitted
 
 
-def _card(entry: Entry, source: FrameSource, picture: bytes) -> Card:
+def _card(entry: Entry, source: FrameSource, number: int) -> Card:
     worst = entry.worst
     assert worst is not None
     frames = entry.stored.frames
@@ -86,12 +101,13 @@ def _card(entry: Entry, source: FrameSource, picture: bytes) -> Card:
     rows = entry.stored.detections_of(worst.frame_id)
     radius = max(width / 90.0, 2.5)
     return Card(
+        anchor=f"worst-{number}",
         label=entry.label,
         frame_id=worst.frame_id,
         condition=worst.condition,
         words=worst.words,
-        counts=f"{row['n_correct']} of {row['n_matches']} stars named right, {row['n_detections']} detections",
-        image_uri="data:image/webp;base64," + base64.b64encode(picture).decode("ascii"),
+        counts=_counts(int(row["n_correct"]), int(row["n_matches"]), int(row["n_detections"])),
+        image_uri="",
         width_px=width,
         height_px=height,
         view_box=f"-0.5 -0.5 {width} {height}",
@@ -102,6 +118,15 @@ def _card(entry: Entry, source: FrameSource, picture: bytes) -> Card:
         right="".join(_ring(one, radius) for one in rows if one.correct),
         wrong="".join(_cross(one, radius) for one in rows if one.star_id is not None and not one.correct),
     )
+
+
+def _counts(correct: int, matches: int, detections: int) -> str:
+    named = f"{correct} of {matches} stars named right" if matches else "no star named"
+    return f"{named}, {detections} detections"
+
+
+def _uri(picture: bytes) -> str:
+    return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
 
 
 def _ring(row: DetectionRow, radius: float) -> str:

@@ -94,10 +94,17 @@ class Panel:
         What the figure shows, for those who cannot see it.
     left : int
         Room for the labels of the y axis, px.
+    css : str
+        Class of the whole panel, which sets its colour.
+    backdrop : str
+        Id of a `backdrop` on the same page that is drawn instead of axes; empty for axes of its own.
     """
 
-    def __init__(self, x: Scale, y: Scale, width: int, height: int, label: str, left: int = 46) -> None:
+    def __init__(
+        self, x: Scale, y: Scale, width: int, height: int, label: str, left: int = 46, css: str = "", backdrop: str = ""
+    ) -> None:
         self.x, self.y, self.width, self.height, self.label = x, y, width, height, label
+        self._css, self._backdrop = css, backdrop
         self.left, self.right, self.top = left, 20, 10
         self.bottom = 40 if x.title else 24
         self._marks: list[str] = []
@@ -131,7 +138,7 @@ class Panel:
         inner = f"<title>{escape(title)}</title>" if title else ""
         r = radius
         if shape == "circle":
-            self._marks.append(f'<circle class="{css}" cx="{u:.1f}" cy="{v:.1f}" r="{r:g}">{inner}</circle>')
+            self._marks.append(f'<circle class="{css}" cx="{_px(u)}" cy="{_px(v)}" r="{r:g}">{inner}</circle>')
             return
         outlines = {
             "square": f"M{u - r:.1f} {v - r:.1f}h{2 * r:g}v{2 * r:g}h{-2 * r:g}z",
@@ -146,7 +153,7 @@ class Panel:
         if any(math.isnan(value) for value in (*start, *end)):
             return
         (u1, v1), (u2, v2) = self._uv(start), self._uv(end)
-        self._marks.append(f'<path class="{css}" d="M{u1:.1f} {v1:.1f}L{u2:.1f} {v2:.1f}"/>')
+        self._marks.append(f'<path class="{css}" d="M{_px(u1)} {_px(v1)}L{_px(u2)} {_px(v2)}"/>')
 
     def across(self, value: float, css: str = "limit") -> None:
         """Line over the whole width at a value of y."""
@@ -180,9 +187,19 @@ class Panel:
         """Return the whole drawing."""
         across, down = self.left + self.width + self.right, self.top + self.height + self.bottom
         return Markup(
-            f'<svg class="panel" viewBox="0 0 {across} {down}" width="{across}" height="{down}" role="img" '
-            f'aria-label="{escape(self.label)}">{self._axes()}{"".join(self._marks)}</svg>'
+            f'<svg class="{f"panel {self._css}".rstrip()}" viewBox="0 0 {across} {down}" width="{across}" '
+            f'height="{down}" role="img" aria-label="{escape(self.label)}">{self._behind()}{"".join(self._marks)}</svg>'
         )
+
+    def backdrop(self, identity: str) -> Markup:
+        """Return axes and marks as a backdrop that other panels of the page share; it draws nothing by itself."""
+        return Markup(
+            f'<svg class="panel store" width="0" height="0" aria-hidden="true"><defs><g id="{escape(identity)}">'
+            f"{self._axes()}{''.join(self._marks)}</g></defs></svg>"
+        )
+
+    def _behind(self) -> str:
+        return f'<use href="#{escape(self._backdrop)}"/>' if self._backdrop else self._axes()
 
     def _axes(self) -> str:
         base, right = self.top + self.height, self.left + self.width
@@ -211,4 +228,9 @@ class Panel:
 
     def _at(self, point: Point) -> str:
         u, v = self._uv(point)
-        return f"{u:.1f},{v:.1f}"
+        return f"{_px(u)},{_px(v)}"
+
+
+def _px(value: float) -> str:
+    """A length to a tenth of a pixel, without a zero at its end."""
+    return f"{value:.1f}".removesuffix(".0")

@@ -33,16 +33,13 @@ def leaderboard_svg(view: SiteView, palette: str, figure_style: str) -> str:
     width = max(_EDGE_PX * 2 + _NAME_PX + len(view.tasks) * (_CELL_PX + _GAP_PX), _LEAST_WIDTH_PX)
     height = _HEAD_PX + _ROW_PX * len(rows) + _FOOT_PX
     parts = [*_heads(view, height), *(mark for n, row in enumerate(rows) for mark in _row(matrix, row, n))]
-    note = (
-        f"Share of frames solved to within 10 km, with its 95 % interval. Detections: {view.modes[0]}. "
-        f"{len(view.solvers)} solvers, {view.n_answers} answers in all."
-    )
+    note = f"Share of frames solved to within 10 km, with 95 % intervals; {view.modes[0]} detections."
     parts.append(_text(_EDGE_PX, height - 14, note, "soft"))
     label = f"Success of {len(rows)} solvers on {len(view.tasks)} tasks"
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="panel" viewBox="0 0 {width} {height}" width="{width}" '
         f'height="{height}" role="img" aria-label="{escape(label)}"><style>{_style(palette)}{figure_style}'
-        f".panel .soft{{fill:var(--soft)}}.panel .head{{font-weight:600}}.panel .wide{{stroke-width:4}}</style>"
+        f".panel .soft{{fill:var(--soft)}}.panel .head{{font-weight:600}}.wide{{stroke-width:4}}</style>"
         f'<rect width="{width}" height="{height}" fill="var(--paper)"/>{"".join(parts)}</svg>\n'
     )
 
@@ -64,10 +61,10 @@ def _heads(view: SiteView, height: int) -> list[str]:
         left, base = _left(n), height - _FOOT_PX
         parts.append(_text(left, 28, task.name, "head"))
         parts.append(_text(left, 45, _short(task.condition), "soft"))
-        for share, words in ((0.0, "0"), (0.5, ""), (1.0, "100 %")):
+        for share, words, anchor in ((0.0, "0", "start"), (0.5, "", "middle"), (1.0, "100 %", "end")):
             u = left + share * _CELL_PX
             parts.append(f'<path class="grid" d="M{u:.1f} {_HEAD_PX - 6}V{base}"/>')
-            parts.append(_text(u, base + 15, words, "soft", "middle"))
+            parts.append(_text(u, base + 15, words, "soft", anchor))
     return parts
 
 

@@ -6,20 +6,24 @@ import base64
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import jinja2
 from markupsafe import Markup
+from rich.markup import escape
+from rich.table import Table
 
+from benchmark.calibration import RiskCoverage
 from benchmark.formatting import interval, number, percent
 from benchmark.intervals import Estimate
 from benchmark.results import write_atomically
 from benchmark.site import charts, columns
-from benchmark.site.boards import Board, Entry, Level, make_board
+from benchmark.site.boards import Board, Entry, make_board
 from benchmark.site.charts import Mark, Style
-from benchmark.site.failures import IMAGE_BUDGET_BYTES, make_cards
+from benchmark.site.failures import Card, make_cards
 from benchmark.site.frame_source import FrameSource
 from benchmark.site.leaderboard_figure import leaderboard_svg
 from benchmark.site.site_view import (
@@ -33,27 +37,44 @@ from benchmark.site.site_view import (
 from benchmark.site.tree import read_tree
 
 SITE_FOLDER = "site"
+LARGEST_SITE_BYTES = 4_900_000
 _SHEETS = ("palette.css", "page.css", "figure.css", "site/site.css")
 
 
-def write_site(
-    root: Path,
-    data: Path | None = None,
-    figure: Path | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
-) -> Path:
-    """Write the report over a tree of results to ``root/site``.
+def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> list[Board]:
+    """Compare all results of a tree, board by board.
 
     Parameters
     ----------
     root : Path
         Tree of results.
-    data : Path, optional
-        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
-    figure : Path, optional
-        Where to write the leaderboard as one picture too.
     progress : callable
         Called with the boards done and their number.
+
+    Raises
+    ------
+    ResultsError
+        There are no results, damaged ones, or some that cannot be compared.
+    """
+    groups = read_tree(root)
+    boards = []
+    for done, group in enumerate(groups):
+        progress(done, len(groups))
+        boards.append(make_board(group))
+    progress(len(groups), len(groups))
+    return boards
+
+
+def write_site(boards: Sequence[Board], root: Path, data: Path | None = None) -> Path:
+    """Write the report to ``root/site``; pages that an earlier report left there go.
+
+    Parameters
+    ----------
+    boards : sequence of Board
+    root : Path
+        Tree of results.
+    data : Path, optional
+        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
 
     Returns
     -------
@@ -63,20 +84,34 @@ def write_site(
     Raises
     ------
     ResultsError
-        There are no results, or damaged ones.
+        A picture is damaged.
     """
-    groups = read_tree(root)
-    boards = []
-    for done, group in enumerate(groups):
-        progress(done, len(groups))
-        boards.append(make_board(group))
-    progress(len(groups), len(groups))
     folder = root / SITE_FOLDER
-    for name, page in render_site(boards, FrameSource(data), root.name or ".").items():
+    pages = render_site(boards, FrameSource(data), root.name or ".")
+    for name, page in pages.items():
         write_atomically(folder / name, page.encode())
-    if figure is not None:
-        write_atomically(figure, render_figure(boards).encode())
+    for old in folder.glob("*.html"):
+        if old.name not in pages:
+            old.unlink()
     return folder / "index.html"
+
+
+def leaderboard_table(boards: Sequence[Board]) -> Table:
+    """Success of each solver on each task with its interval, for the terminal."""
+    view = make_view(boards, make_styles(boards), ".")
+    matrix = next(matrix for matrix in view.matrices if matrix.column is columns.SUCCESS)
+    table = Table(title="Share of frames within 10 km of the truth (95 % intervals in brackets)", title_justify="left")
+    for heading in ("solver", "detections", *(task.key for task in view.tasks)):
+        table.add_column(heading, overflow="fold")
+    for row in matrix.rows:
+        cells = [
+            "not run"
+            if entry is None
+            else f"{columns.SUCCESS.value(entry)} [dim]\\[{columns.SUCCESS.interval(entry)}][/dim]"
+            for _, entry in row.cells
+        ]
+        table.add_row(escape(row.label), row.detections, *cells)
+    return table
 
 
 def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> dict[str, str]:
@@ -84,26 +119,42 @@ def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> 
     styles = make_styles(boards)
     view = make_view(boards, styles, out_name)
     template = _templates(styles)
-    pages = {}
-    anchors: dict[tuple[str, str], str] = {}
-    for board in boards:
-        cards = make_cards(board, source, IMAGE_BUDGET_BYTES // len(boards))
-        anchors |= {(board.file_name, card.label): f"worst-{n}" for n, card in enumerate(cards, start=1)}
-        pages[board.file_name] = template("board.html").render(
+    drawn = [_board_charts(board, styles) for board in boards]
+
+    def board_page(place: int, cards: Sequence[Card]) -> str:
+        board = boards[place]
+        return template("board.html").render(
             board=board,
             siblings=[one for one in boards if one.task.key == board.task.key and one is not board],
             verdict=board_verdict(board),
             detectable_words=detectable_words(board),
-            charts=_board_charts(board, styles),
+            charts=drawn[place],
             differences=_differences(board),
             cards=cards,
             provenance=board_provenance(board),
         )
-    for solver in view.solvers:
-        curves = [(board, entry, _success_curve(board, entry, styles)) for board, entry in solver.entries]
-        pages[solver.file_name] = template("solver.html").render(solver=solver, curves=curves, anchors=anchors)
-    pages["index.html"] = template("index.html").render(site=view)
-    return pages
+
+    curves = {
+        solver.name: [(board, _success_panel(board, entry, styles[solver.name])) for board, entry in solver.entries]
+        for solver in view.solvers
+    }
+
+    def solver_pages(anchors: Mapping[tuple[str, str], str]) -> dict[str, str]:
+        return {
+            solver.file_name: template("solver.html").render(solver=solver, curves=curves[solver.name], anchors=anchors)
+            for solver in view.solvers
+        }
+
+    index = template("index.html").render(site=view)
+    # What the pages leave of the limit goes to pictures.
+    bare = [index, *solver_pages({}).values(), *(board_page(place, ()) for place in range(len(boards)))]
+    budget = max(LARGEST_SITE_BYTES - sum(len(page.encode()) for page in bare), 0) // len(boards)
+    cards = [make_cards(board, source, budget) for board in boards]
+    anchors = {
+        (board.file_name, card.label): card.anchor for board, some in zip(boards, cards, strict=True) for card in some
+    }
+    pages = {"index.html": index, **solver_pages(anchors)}
+    return pages | {board.file_name: board_page(place, cards[place]) for place, board in enumerate(boards)}
 
 
 def render_figure(boards: Sequence[Board]) -> str:
@@ -157,58 +208,41 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
+@dataclass(frozen=True, eq=False)
+class Drawings:
+    """One panel to an entry, and the backdrop that they share."""
+
+    backdrop: Markup
+    panels: tuple[tuple[Entry, Markup], ...]
+
+
+def _drawings(entries: Sequence[Entry], drawn: tuple[Markup, list[Markup]]) -> Drawings:
+    backdrop, panels = drawn
+    return Drawings(backdrop, tuple(zip(entries, panels, strict=True)))
+
+
 def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
     task = board.task
     style_of = {entry.label: styles[entry.stored.solver] for entry in board.entries}
-    breaks = [Mark(entry.label, style_of[entry.label], _inside(entry)) for entry in board.entries]
+    breaks = [
+        Mark(entry.label, style_of[entry.label], _inside(entry), columns.break_words(entry)) for entry in board.entries
+    ]
     breaks.sort(key=lambda mark: (math.isnan(mark.estimate.value), -task.harder * mark.estimate.value))
     scale = charts.condition_scale([entry.levels for entry in board.entries], task)
-    errors = charts.error_scale([entry.levels for entry in board.entries])
-    confident = [entry for entry in board.entries if entry.bins]
+    curves = [(entry.label, style_of[entry.label], entry.levels) for entry in board.entries]
+    sure = [entry for entry in board.entries if entry.bins]
+    bins = [(e.label, style_of[e.label], [(one.confidence, one.success) for one in e.bins]) for e in sure]
+    risks = [(e.label, style_of[e.label], _thinned(e.curve)) for e in sure]
     return {
-        "breaks": charts.forest(breaks, scale, f"Break points by solver over {task.axis}"),
+        "breaks": charts.forest(breaks, scale, f"Break points by solver over {task.axis}; the table above has them"),
         "pareto": charts.pareto(
             [(e.label, style_of[e.label], e.metrics["median_time_ms"], e.success) for e in board.entries],
-            "Success against median time by solver",
+            "Success against median time by solver; the table above has both",
         ),
-        "success": [(entry, _success_curve(board, entry, styles)) for entry in board.entries],
-        "errors": [
-            (
-                entry,
-                charts.error_curve(
-                    entry.levels,
-                    _others(board, entry),
-                    task,
-                    errors,
-                    style_of[entry.label],
-                    f"Median error of {entry.label} by {task.axis}; the numbers are in the table below",
-                ),
-            )
-            for entry in board.entries
-        ],
-        "reliability": [
-            (
-                entry,
-                charts.reliability(
-                    [(one.confidence, one.success) for one in entry.bins],
-                    style_of[entry.label],
-                    f"Reliability of the confidence of {entry.label}; the numbers are in the table below",
-                ),
-            )
-            for entry in confident
-        ],
-        "risk": [
-            (
-                entry,
-                charts.risk_coverage(
-                    _thinned(list(zip(entry.curve.coverage.tolist(), entry.curve.risk.tolist(), strict=True))),
-                    style_of[entry.label],
-                    f"Share of wrong answers of {entry.label} against the share of frames accepted; its area is in the "
-                    f"table above",
-                ),
-            )
-            for entry in confident
-        ],
+        "success": _drawings(board.entries, charts.success_curves(curves, task, "back-success")),
+        "errors": _drawings(board.entries, charts.error_curves(curves, task, "back-errors")),
+        "reliability": _drawings(sure, charts.reliabilities(bins, "back-reliability")),
+        "risk": _drawings(sure, charts.risk_coverages(risks, "back-risk")),
     }
 
 
@@ -221,21 +255,13 @@ def _inside(entry: Entry) -> Estimate:
     return Estimate(found.value, low, high, found.n)
 
 
-def _others(board: Board, entry: Entry) -> list[Sequence[Level]]:
-    return [other.levels for other in board.entries if other is not entry]
+def _success_panel(board: Board, entry: Entry, style: Style) -> Markup:
+    others = [other.levels for other in board.entries if other is not entry]
+    return charts.success_curve(entry.label, style, entry.levels, others, board.task)
 
 
-def _success_curve(board: Board, entry: Entry, styles: Mapping[str, Style]) -> Markup:
-    return charts.success_curve(
-        entry.levels,
-        _others(board, entry),
-        board.task,
-        styles[entry.stored.solver],
-        f"Success of {entry.label} by {board.task.axis}; the numbers are in the table of its task",
-    )
-
-
-def _thinned(points: list[tuple[float, float]], most: int = 80) -> list[tuple[float, float]]:
+def _thinned(curve: RiskCoverage, most: int = 30) -> list[tuple[float, float]]:
+    points = list(zip(curve.coverage.tolist(), curve.risk.tolist(), strict=True))
     stride = max(1, len(points) // most)
     return [*points[::stride], points[-1]] if points else []
 

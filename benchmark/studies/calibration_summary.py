@@ -155,7 +155,7 @@ def picture_table(shifts: Shifts) -> Table:
     """Rendered frames."""
     body: list[tuple[Cell, ...]] = []
     faults = [*(fault for fault in FAULTS if fault.key != "projection")]
-    rows = [(fault.key, f"{fault.title} {_picture_size(fault)}") for fault in faults]
+    rows = [(fault.key, _picture_title(fault)) for fault in faults]
     rows.append(
         (run.THESIS_CASE, "The thesis' own case: a stereographic frame at the zenith told to be a 120 deg pinhole")
     )
@@ -171,7 +171,7 @@ def picture_table(shifts: Shifts) -> Table:
         body.append(tuple(cells))
     n = len({row.site for row in shifts.rows if row.part == run.PICTURES})
     return Table(
-        "The same on pictures",
+        "Rendered frames",
         f"{n} rendered frames a row, detected by celnav; median shift, km",
         (
             "fault",
@@ -186,8 +186,10 @@ def picture_table(shifts: Shifts) -> Table:
     )
 
 
-def _picture_size(fault: Fault) -> str:
-    return "(120 deg camera, 20 deg tilt)" if fault.key == "refraction" else size_text(fault, fault.typical)
+def _picture_title(fault: Fault) -> str:
+    if fault.key == "refraction":
+        return "Refraction left out, 120 deg camera tilted by 20 deg"
+    return f"{fault.title} {size_text(fault, fault.typical)}"
 
 
 def sentences(shifts: Shifts) -> Sequence[str]:

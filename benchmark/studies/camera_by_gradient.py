@@ -33,7 +33,8 @@ from generator.sky.component import SkyTable
 F8 = NDArray[np.float64]
 
 BLURS_PX = (8.0, 4.0, 2.0, 1.0, 0.0)
-STEPS = 8
+COARSE_STEPS, MOST_STEPS = 8, 40
+"""Of a stage through a wide Gaussian, and of the last one, which goes on until it has settled."""
 STARTING_SIGMA = np.array([3e-3, 5e-3, *np.radians([0.15, 0.15, 0.15])])
 """How wrong the told camera is, one standard deviation: 0.3 % of focal length, 0.005 of k1, 0.15 deg about each axis."""
 SATURATED = 0.8
@@ -92,7 +93,7 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     values = np.zeros(5)
     information = np.eye(5)
     for blur_px in BLURS_PX:
-        for _ in range(STEPS):
+        for _ in range(COARSE_STEPS if blur_px else MOST_STEPS):
             model = stars.image(values, blur_px)
             step, information = _score(model.electrons, model.derivatives, observed, background, noise_variance,
                                        saturation_e(plan.spec.sensor), blur_px)  # fmt: skip

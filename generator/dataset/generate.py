@@ -8,6 +8,7 @@ from pathlib import Path
 
 from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
+from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
 from generator.dataset.manifest import make_manifest, write_manifest
@@ -64,6 +65,7 @@ def generate(
         The folder cannot be used, or workers keep dying.
     """
     first, stop = frames or (0, scenario.frame_count)
+    check_codec(spec.codec)
     target = open_target(str(out))
     open_dataset_target(target, scenario, text)
     reports = []

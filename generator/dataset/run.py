@@ -71,7 +71,7 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
     GeneratorError
         The place holds another dataset or other files, or cannot be written.
     """
-    for file in scenario.input_files():
+    for file in scenario.files:
         check_name(file.path)
     try:
         _store_scenario(target, scenario, text)
@@ -181,11 +181,16 @@ _worker: dict[str, Any] = {}
 """What a worker process was started with; empty in every other process."""
 
 
-def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:
+def prepare_worker() -> None:
+    """Let this process compute on one thread: Dr.Jit and linear algebra."""
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)
-    threadpool_limits(1)  # linear algebra
+    threadpool_limits(1)
+
+
+def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:
+    prepare_worker()
     _worker.update(scenario=scenario, spec=spec, target=target, done=done)
 
 

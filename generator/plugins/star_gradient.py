@@ -24,6 +24,8 @@ from generator.plugins.integrator import PSF_RADIUS_SIGMAS, NightSkyIntegrator
 from generator.plugins.stars import StarEmitter
 
 Floats = NDArray[np.float64]
+COARSE_RADIUS_SIGMAS = 3.5
+"""Where a blurred stamp ends: a thousandth of its light is beyond."""
 PARAMETERS = ("log focal length", "k1", "turn about x", "turn about y", "turn about z")
 """What an image is a function of: added to the logarithm of both focal lengths and to the lens model's k1; and a turn of the
 sky about the camera's axes after the scene's attitude, as a Gibbs vector times two (rad for small turns)."""
@@ -145,7 +147,7 @@ class DifferentiableStars:
         above = self.emitter.direction(star, time)[2] >= 0
         light = dr.select(valid & above, light, 0) * dr.gather(FLOAT64, FLOAT64(self.electrons), star)
         sigma_px = math.hypot(self.sigma_px, blur_px)
-        radius_px = math.ceil(PSF_RADIUS_SIGMAS * sigma_px + 0.5)
+        radius_px = math.ceil((COARSE_RADIUS_SIGMAS if blur_px else PSF_RADIUS_SIGMAS) * sigma_px + 0.5)
         reach = radius_px + 1
         near = valid & (u > -reach) & (v > -reach) & (u < camera.width + reach) & (v < camera.height + reach)
         kept = dr.compress(dr.detach(near & (light > 0)))

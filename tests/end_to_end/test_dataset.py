@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import duckdb
+import numpy as np
 import pandas as pd
 import psutil
 import pyarrow.dataset
@@ -24,11 +25,12 @@ from small_scenes import BASE
 
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
+from generator.dataset.images import decode
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
 from generator.dataset.verify import problems
-from generator.errors import GeneratorError
+from generator.errors import GeneratorError, ScenarioError
 from generator.object_table import OBJECT_SCHEMA
 from generator.scenario_file import load_scenario, parse_scenario
 
@@ -131,6 +133,24 @@ def test_one_frame_alone_has_the_same_bytes(dataset, scenario_path, tmp_path) ->
     assert problems(tmp_path / "one") == []
 
 
+def test_jpeg_xl_holds_the_same_numbers(dataset, scenario_path, tmp_path) -> None:
+    spec = DatasetSpec(shard_size=5, codec="jxl")
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", spec, frames=(7, 8))
+    stored = members(tmp_path / "jxl")
+    assert set(stored) == {"frame-00007.jxl", "frame-00007.json"}
+    np.testing.assert_array_equal(
+        decode(stored["frame-00007.jxl"], "jxl"), decode(members(dataset)["frame-00007.png"], "png")
+    )
+    assert problems(tmp_path / "jxl") == []
+
+
+def test_jpeg_xl_without_its_package_says_so_at_once(scenario_path, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(GeneratorError, match=r"pip install 'skybench\[jxl\]'"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", DatasetSpec(codec="jxl"))
+    assert not (tmp_path / "jxl").exists()
+
+
 def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     scenario, text = load_scenario(scenario_path), scenario_path.read_text()
     first = generate(scenario, text, tmp_path / "parts", SPEC, part=Part(0, 2))
@@ -198,11 +218,11 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     calls: list[int] = []
     render = shard_module.render_frame
 
-    def fragile(scenario, index):
+    def fragile(scenario, index, **options):
         calls.append(index)
         if index == 6 or (index == 2 and calls.count(2) == 1):
             raise RuntimeError("cosmic ray")
-        return render(scenario, index)
+        return render(scenario, index, **options)
 
     monkeypatch.setattr(shard_module, "render_frame", fragile)
     report = generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
@@ -227,6 +247,35 @@ def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_p
     with pytest.raises(GeneratorError, match=r"No space left on device.*run the same command again"):
         generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "full", SPEC)
     assert list((tmp_path / "full").glob("data/*/*")) == []
+
+
+def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
+    """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
+        "from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    )
+    out = tmp_path / "limited"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(out), "--shard-size", "5", "--exr",
+         "--workers", "0"], capture_output=True, text=True, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert "File too large" in run.stderr
+    assert "run the same command again" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == [
+        "logs/train/shard-000000.log", "scenario.yaml",
+    ]  # fmt: skip
+    generate(load_scenario(scenario_path), scenario_path.read_text(), out, SPEC)
+    assert fingerprint(out) == fingerprint(dataset)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders")
+def test_a_read_only_folder_is_a_clear_error(scenario_path, tmp_path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o555)
+    with pytest.raises(GeneratorError, match=r"locked.*cannot be written \(Permission denied\); choose another folder"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "locked" / "set", SPEC)
 
 
 def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
@@ -364,6 +413,17 @@ def test_a_begun_dataset_of_a_file_that_changed_is_refused(tmp_path) -> None:
     (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
     with pytest.raises(GeneratorError, match=r"land/ridge\.csv: differs"):
         generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+
+
+def test_a_file_that_changes_during_the_run_fails_its_frames(tmp_path) -> None:
+    """Frames of the old and of the new file never stand side by side under one hash."""
+    path = walled_scenario(tmp_path)
+    scenario = load_scenario(path)
+    (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
+    with pytest.raises(ScenarioError, match=r"'land/ridge\.csv' changed since the scenario was read"):
+        scenario.frame(0)
+    with pytest.raises(GeneratorError, match="changed since the scenario was read"):
+        generate(scenario, path.read_text(), tmp_path / "set", DatasetSpec())
 
 
 @pytest.mark.parametrize(

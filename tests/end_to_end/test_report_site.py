@@ -1,10 +1,14 @@
 """The report over tasks in a real browser, from disk, without a network."""
 
+import io
+
+import numpy as np
 import pytest
 from browser import chromium, console, open_page, requested
+from PIL import Image
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
-from benchmark.site.pages import write_site
+from benchmark.site.pages import make_boards, write_site
 
 PHONE_PX = 390
 
@@ -14,7 +18,7 @@ def site(tmp_path_factory):
     root = write_results(
         tmp_path_factory.mktemp("site") / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared")
     )
-    return write_site(root).parent
+    return write_site(make_boards(root), root).parent
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +154,14 @@ def test_a_worst_frame_is_enlarged_by_its_link(driver, site):
     card.find_element("css selector", "a.picture").send_keys("\ue007")
     assert card.size["width"] > 2 * before
     assert card.find_element("css selector", ".close").is_displayed()
+
+
+def test_panels_show_axes_and_curves_and_no_black_shapes(driver, site):
+    """Copies of a shared backdrop take their style only from rules that name nothing outside of it."""
+    open_page(driver, site / "bortle@1-dev-own.html")
+    panel = driver.find_element("css selector", ".small svg.panel")
+    driver.execute_script("arguments[0].scrollIntoView();", panel)
+    with Image.open(io.BytesIO(panel.screenshot_as_png)) as opened:
+        grey = np.asarray(opened.convert("L"))
+    assert (grey < 245).mean() > 0.02
+    assert (grey < 60).mean() < 0.01

@@ -42,7 +42,7 @@ def rendered(scene):
     ids=["still", "trailed fisheye", "rolling shutter"],
 )
 def test_it_renders_what_the_renderer_does(mi, lens, exposure_s, rolling) -> None:
-    """Pixel by pixel to 1e-4 of the brightest: the renderer gives faint stars fewer moments and sums in integers."""
+    """Pixel by pixel to 1e-4 of the brightest: the renderer gives faint stars fewer moments and smaller stamps."""
     from generator.plugins.star_gradient import DifferentiableStars
 
     scene = load(
@@ -52,7 +52,7 @@ def test_it_renders_what_the_renderer_does(mi, lens, exposure_s, rolling) -> Non
     found = DifferentiableStars(scene).image(np.zeros(5), derivatives=False).electrons
     assert expected.max() > 500
     assert np.abs(found - expected).max() < 1e-4 * expected.max()
-    assert found.sum() == pytest.approx(expected.sum(), rel=1e-5)
+    assert found.sum() == pytest.approx(expected.sum(), rel=1e-4)
 
 
 def test_a_changed_camera_is_the_renderer_s_with_those_numbers(mi) -> None:
@@ -75,12 +75,12 @@ def test_derivatives_are_those_of_differences(mi) -> None:
 
     stars = DifferentiableStars(load(mi, plan_frame(small_scenario(camera=LENS), 0)))
     values = np.array([0.001, -0.002, 0.001, 0.002, -0.001])
-    image = stars.image(values, blur_px=0.5)
+    image = stars.image(values)
     assert image.derivatives.shape == (5, 180, 270)
     for place, (name, h) in enumerate(zip(PARAMETERS, (1e-5, 1e-5, 1e-6, 1e-6, 1e-6), strict=True)):
         step = np.zeros(5)
         step[place] = h
-        ends = [stars.image(values + sign * step, 0.5, derivatives=False).electrons for sign in (1, -1)]
+        ends = [stars.image(values + sign * step, derivatives=False).electrons for sign in (1, -1)]
         by_difference = (ends[0] - ends[1]) / (2 * h)
         largest = np.abs(by_difference).max()
         assert np.abs(image.derivatives[place] - by_difference).max() < 2e-4 * largest, name
@@ -125,12 +125,15 @@ def test_the_camera_is_found_to_its_bound_on_ten_frames() -> None:
 
     And each parameter's root mean square error is below three times the bound.
     """
+    night = {"utc": ["2020-01-01T00:00:00Z", "2020-12-31T00:00:00Z"], "sun_below_deg": -18}
     scenario = small_scenario(
-        camera=LENS, site={"latitude_deg": {"uniform": [-50, 50]}, "longitude_deg": {"uniform": [-180, 180]}}, frames=10,
-        time={"utc_start": {"utc": ["2020-01-01T00:00:00Z", "2020-12-31T00:00:00Z"], "sun_below_deg": -18},
-              "exposure_s": 0.5},
+        camera=LENS,
+        site={"latitude_deg": {"uniform": [-50, 50]}, "longitude_deg": {"uniform": [-180, 180]}},
+        time={"utc_start": night, "exposure_s": 0.5},
         sky={"bortle": 3, "components": ["airglow", "zodiacal", "milky_way", "skyglow"]},
-    )  # fmt: skip
+        stars={"limiting_magnitude": 6.0},
+        frames=10,
+    )
     found = [recover_camera(scenario, index) for index in range(10)]
     errors = np.array([one.error / one.sigma for one in found])
     assert (np.sqrt(np.mean(errors**2, axis=0)) < 3).all()

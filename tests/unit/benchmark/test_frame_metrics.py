@@ -62,6 +62,19 @@ def test_the_kelvins_score_is_that_of_the_competition():
     assert kelvins_scores(frames).tolist() == [0.55, -1.0, 0.0, 0.0]
 
 
+def test_an_error_at_the_bound_has_the_ratio_of_the_documentation():
+    """Median of a round Gaussian error over its root mean square: sqrt(ln 2) = 0.833; of one in one direction: 0.674."""
+    rng = np.random.default_rng(np.random.SeedSequence(8))
+    n, bound = 20_000, 0.07
+    east, north = rng.normal(0, bound / math.sqrt(2), (2, n))
+    # The density of the ratio at its median gives a standard error of 0.0042 and 0.0056; four of them.
+    for error, expected in ((np.hypot(east, north), math.sqrt(math.log(2))), (np.abs(rng.normal(0, bound, n)), 0.6745)):
+        frames = table(error_km=error, crlb_km=[bound] * n)
+        assert measure(frames, [m for m in METRICS if m.key == "bound_ratio"])["bound_ratio"].value == pytest.approx(
+            expected, abs=0.022
+        )
+
+
 def test_frames_of_their_own_site_are_independent():
     frames = table(error_km=[1.0] * 30 + [100.0] * 10)
     found = measure(frames, METRICS[:3])["success_3km"]
@@ -112,6 +125,29 @@ def test_resampled_quantiles_are_quantiles_of_the_resampled_frames():
     assert Resamples.of(cluster, 50).weights.tolist() == drawn.weights.tolist()
     assert drawn.weights.sum(axis=1).tolist() == [8.0] * 50
     assert quantile_estimate([math.nan] * 3, 0.5, Resamples.of([1, 2, 3])).n == 0
+
+
+def test_sites_that_agree_are_not_taken_for_all_sites():
+    """Three sites without a fault: Wilson's bound says that up to 56 % of the others may have one."""
+    counts = {name: [5] * 9 for name in ("n_matches", "n_correct", "n_detected_stars")}
+    frames = table(confidence=[1.0] * 9, site=list("aaabbbccc"), time_ms=[1.0] * 9, **counts)
+    drawn, unseen = resamples_of(frames), wilson(0, 3)[1]
+    assert unseen == pytest.approx(0.5615, abs=1e-4)
+    ece, over, area = calibration_error(frames, drawn), overconfidence(frames, drawn), risk_coverage(frames).area
+    assert (ece.low, ece.high) == (area.low, area.high) == (0.0, pytest.approx(unseen))
+    assert (over.low, over.high) == (pytest.approx(-unseen), pytest.approx(unseen))
+    found = measure(frames)
+    assert (found["kelvins_score"].low, found["kelvins_score"].high) == (pytest.approx(1 - 2 * unseen), 1.0)
+    assert (found["median_error_km"].low, found["median_error_km"].high) == (0.0, math.inf)
+
+
+def test_a_quantile_that_few_frames_cannot_bound():
+    """As for order statistics: no finite upper end of a 90 % quantile below 36 frames, of a median below 6."""
+    for n, bounded in ((35, False), (36, True)):
+        drawn = Resamples.of(np.arange(n), 200)
+        assert math.isfinite(quantile_estimate(np.arange(1.0, n + 1), 0.9, drawn).high) == bounded
+    assert quantile_estimate(np.arange(1.0, 6), 0.5, Resamples.of(np.arange(5), 200)).high == math.inf
+    assert quantile_estimate(np.arange(1.0, 7), 0.5, Resamples.of(np.arange(6), 200)).high < math.inf
 
 
 def test_expanded_levels_of_hesterberg():
@@ -173,7 +209,7 @@ def test_a_comparison_by_hand():
     tables = two([1] * 8 + [0] * 2, [1, 1] + [0] * 8)
     (found,) = compare(tables)
     assert found.difference.value == pytest.approx(0.6)
-    assert (found.success_test.p, found.success_p_holm) == (2 / 2**6, 2 / 2**6)
+    assert (found.success_test.p, found.success_p_holm) == pytest.approx((2 / 2**6, 2 / 2**6))
     assert found.error_ratio.value == pytest.approx(100**-0.6)
     assert found.closer.value == pytest.approx(0.8)
     assert (found.n_frames, found.n_sites, found.design_effect) == (10, 10, 1.0)

@@ -100,7 +100,7 @@ def test_duplicates_strangers_and_missing_frames(file):
     [
         (b"", "is empty"),
         (b"\n\n", f"line 1: expected the header {HEADER}"),
-        (gzip.compress(HEADER.encode()), "is compressed (gzip); send the CSV or Parquet file itself"),
+        (gzip.compress(HEADER.encode(), mtime=0), "is compressed (gzip); send the CSV or Parquet file itself"),
         (b"\x28\xb5\x2f\xfd0000", "is compressed (zstd); send the CSV or Parquet file itself"),
         (b"frame_id,status,lat_deg\n", "line 1: lon_deg: column is missing"),
         (b"frame_id,status,lat_deg,lon_deg,password\n", "line 1: column 5 has no known name"),
@@ -137,6 +137,7 @@ def test_limits_of_size(file, monkeypatch):
     lines = "\n".join(f"frame-{i},refused,,,,,,," for i in range(4))
     assert problems_of(file, f"{HEADER}\n{lines}\n") == ["line 4: more than 2 rows; the rest is not read"]
     assert len(check_answers(file).answers) == 2
+    assert problems_of(file, HEADER + "\n" * 1100) == ["has more than 1002 lines"]
     monkeypatch.setattr(submission_cells, "LARGEST_FILE_BYTES", 50)
     assert problems_of(file, f"{HEADER}\n{lines}\n")[0].endswith("bytes, more than 50")
 
