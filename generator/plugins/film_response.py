@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 WAVELENGTH_GROUPS = 33
 """Wavelengths over four: one every 4.9 nm."""
-AIRMASS_NODES = 96
+AIRMASS_NODES = 160
 LARGEST_AIRMASS = 40.0
 AIRMASS_SCALE = 0.5
 """Nodes of the table of stars are evenly spaced in log(airmass + this)."""
