@@ -90,7 +90,13 @@ class SkyTable:
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
         zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self.pattern[-1, 0])
-        return float(BESSELL_V.mean(GRID_NM, self.spectra) @ zenith)
+        return float(v_weights() @ (zenith @ self.spectra))
+
+
+@functools.cache
+def v_weights() -> Floats:
+    """Weights of GRID_NM in the mean over the V band, (n,) array: the mean of a spectrum is their product."""
+    return BESSELL_V.mean(GRID_NM, np.eye(len(GRID_NM)))
 
 
 def black_sky() -> SkyTable:
