@@ -220,7 +220,6 @@ def run_task(run: TaskRun, pool: SolverPool, out: Path, progress: Callable[[int]
 
 
 def _provenance(run: TaskRun, jobs: int) -> RunProvenance:
-    definition = run.frames.task.definition
     return RunProvenance(
         dataset=run.frames.task.label,
         scenario_name=run.frames.task.scenario_of(run.frames.split).name,
@@ -234,15 +233,7 @@ def _provenance(run: TaskRun, jobs: int) -> RunProvenance:
         date_utc=provenance.now_utc(),
         jobs=jobs,
         task={
-            "name": definition.name,
-            "revision": definition.revision,
-            "sha256": run.frames.task.sha256,
-            "title": definition.title,
-            "split": run.frames.split,
-            "detections": run.detections,
-            "frames_per_condition": run.frames.per_condition,
-            "condition": definition.condition.model_dump(mode="json"),
-            "metric": definition.metric.model_dump(mode="json"),
+            **task_facts(run.frames, run.detections),
             "solver_title": run.solver.spec.title,
             "solver_licence": run.solver.spec.licence,
             "configuration_sha256": run.solver.configuration_sha256,
@@ -251,3 +242,19 @@ def _provenance(run: TaskRun, jobs: int) -> RunProvenance:
             "key": run.key,
         },
     )
+
+
+def task_facts(frames: TaskFrames, detections: DetectionsMode) -> dict[str, Any]:
+    """What a result's provenance says of its task."""
+    definition = frames.task.definition
+    return {
+        "name": definition.name,
+        "revision": definition.revision,
+        "sha256": frames.task.sha256,
+        "title": definition.title,
+        "split": frames.split,
+        "detections": detections,
+        "frames_per_condition": frames.per_condition,
+        "condition": definition.condition.model_dump(mode="json"),
+        "metric": definition.metric.model_dump(mode="json"),
+    }

@@ -96,13 +96,21 @@ class SkybenchSolver:
                 f"{distinct} distinct detections are too few: at least {self.config.min_stars} are needed",
             )
         with clock.stage("identify"):
-            alignment, effort = identify(prepared.question, load_sky_index(), self.config.search)
+            found = identify(prepared.question, load_sky_index(), self.config.search)
+        alignment, effort = found.alignment, found.effort
         if alignment is None:
             chance = min(1.0, 10.0**effort.best_log10_false_alarm)
             return Fix.refusal(
                 Reason.NO_HYPOTHESIS,
                 f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)",
                 confidence=1.0 - chance,
+            )
+        if found.rival is not None:
+            return Fix.refusal(
+                Reason.AMBIGUOUS,
+                f"two orientations explain the detections about as well: {len(alignment.detection)} and "
+                f"{len(found.rival.detection)} of the bright ones",
+                confidence=0.5,
             )
         with clock.stage("fix"):
             return self._fix(problem, prepared, orientation, to_terrestrial, alignment)

@@ -26,7 +26,7 @@ from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
-from generator.star_truth import StarTruth, star_truth
+from generator.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.stellar_spectra import colour_row, colour_table
 from generator.stray_light import with_stray_light
 
@@ -314,7 +314,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if layers:
             parts[emitter.id()] = mosaic(points, sensor)
         on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
-        truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        if emitter.id() == "objects":
+            truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
+        truths[emitter.id()] = truth
     # The emitter holds the Moon's disk behind the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(

@@ -119,8 +119,8 @@ def render_shard(
         return report
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or target.name}: writing failed ({error.strerror or error}); {shard.stem} is left out. "
-            "Mend it and run the same command again: finished shards are kept"
+            f"{error.filename or target.name}: reading or writing failed ({error.strerror or error}); "
+            f"{shard.stem} is left out. Mend it and run the same command again: finished shards are kept"
         ) from error
 
 

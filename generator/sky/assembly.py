@@ -77,7 +77,7 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     if "starlight" in active:
         layers["starlight"] = scattered_starlight(_star_light()[1], atmosphere)
     cities = layout(spec) if "skyglow" in active else ()
-    glow = skyglow(cities) if cities else None
+    glow = skyglow(cities, atmosphere) if cities else None
     asked_mag = _asked_zenith(spec)
     if asked_mag is not None:
         asked = float(radiance_from_surface_brightness(asked_mag))

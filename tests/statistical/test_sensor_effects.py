@@ -176,7 +176,7 @@ def scenario_with_curve(folder, text: str) -> Scenario:
 def test_an_efficiency_curve_may_come_from_a_file(tmp_path) -> None:
     scenario = scenario_with_curve(tmp_path, "wavelength_nm,quantum_efficiency\n400,0.5\n600,0.8\n")
     assert scenario.frame(0).sensor.quantum_efficiency == ((400.0, 0.5), (600.0, 0.8))
-    assert [file.path for file in scenario.input_files()] == ["qe.csv"]
+    assert [file.path for file in scenario.files] == ["qe.csv"]
     for text, fragment in {
         "nm,qe\n400,0.5\n": "expected wavelength_nm, quantum_efficiency",
         "wavelength_nm,quantum_efficiency\n400,x\n600,1\n": "not a number",

@@ -103,6 +103,23 @@ def test_last_known_position(sky, frames):
     assert solve(frame, UP, near=far).reason in {"no_hypothesis", "inconsistent"}
 
 
+@pytest.mark.parametrize("v_max", [4.0, 5.5])
+def test_two_skies_in_one_frame_are_ambiguous(v_max):
+    """Two exposures of equal depth, of which either alone is a good frame: the solver does not choose."""
+    condition = Condition("two", v_max=v_max, noise_px=0.5)
+    for number in range(4):
+        one, other = make_field(condition, 6, 2 * number), make_field(condition, 6, 2 * number + 1)
+        uv, flux = np.concatenate((one.uv, other.uv)), np.concatenate((one.flux, other.flux))
+        fix = celnav.solve(uv, camera_of(condition), one.utc, attitude_of(condition, one), flux=flux)
+        assert (fix.ok, fix.reason) == (False, "ambiguous"), fix
+        assert "two orientations" in fix.message
+        # A faint ghost of the other sky takes nothing away.
+        kept = np.random.default_rng(number).random(len(other.uv)) < 0.2
+        uv, flux = np.concatenate((one.uv, other.uv[kept])), np.concatenate((one.flux, other.flux[kept]))
+        fix = celnav.solve(uv, camera_of(condition), one.utc, attitude_of(condition, one), flux=flux)
+        assert fix.ok, fix.message
+
+
 def test_limiting_magnitude_is_that_of_the_faintest_stars(frames):
     for frame in frames[:6]:
         faintest = -2.5 * np.log10(frame.flux[299])
