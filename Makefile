@@ -38,7 +38,7 @@ format: install
 	@$(BIN)/ruff check --fix .
 
 lock:
-	@$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --generate-hashes \
+	@$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra peers --generate-hashes \
 		--custom-compile-command "make lock" pyproject.toml --output-file requirements.lock
 
 clean:

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmark import bench_cli, dataset_cli, study_cli
+from benchmark import bench_cli, dataset_cli, speed_cli, study_cli
 from benchmark.cli_errors import fail
 
 app = typer.Typer(
@@ -23,6 +23,8 @@ app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.
 app.command(epilog="Example: skybench generate scenes/thesis_mag.yaml --out out/thesis-mag")(dataset_cli.generate)
 app.command(epilog="Exit status: 0 whole, 1 damaged.")(dataset_cli.verify)
 app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(dataset_cli.export)
+app.command(epilog="Example: skybench show out/set, then open out/set-show/index.html")(dataset_cli.show)
+app.command(epilog=speed_cli.EPILOG)(speed_cli.speed)
 app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
@@ -69,7 +71,7 @@ def render(
 def bake(
     what: Annotated[str, typer.Argument(help="moon, city or all.")] = "all",
 ) -> None:
-    """Make the maps of moonlight and city light again, by radiative transfer with Mitsuba (about ten minutes)."""
+    """Make the maps of moonlight and city light again, by radiative transfer (about fifteen minutes on two cores)."""
     from generator.bake import make_maps
     from generator.errors import GeneratorError
 
@@ -94,23 +96,6 @@ def gallery(
 
     for path in make_gallery(out):
         typer.echo(path)
-
-
-@app.command(epilog="Exit status with --solver: 0 when every bar is reached, 1 otherwise.")
-def speed(
-    pairs: Annotated[int, typer.Option("--pairs", help="Pairs of frames to time.")] = 7,
-    solver: Annotated[bool, typer.Option("--solver", help="Measure the default solver on random star fields.")] = False,
-    fields: Annotated[int, typer.Option("--fields", min=1, help="With --solver: fields of each condition.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", help="With --solver: seed of the fields.")] = 2026,
-) -> None:
-    """Time a frame with the full sky against one with a plain sky, in turns; or measure the default solver."""
-    if solver:
-        from benchmark.solver_table import solver_speed
-
-        raise typer.Exit(0 if solver_speed(fields, seed, typer.echo) else 1)
-    from generator.sky_speed import time_skies
-
-    typer.echo(time_skies(pairs).summary())
 
 
 @app.command(epilog="Exit status: 0 when everything is ok, 1 otherwise.")

@@ -14,7 +14,8 @@ from benchmark.errors import ResultsError
 from benchmark.formatting import number
 from benchmark.metrics import FrameScore
 from benchmark.preview import encode_webp
-from benchmark.results import PREVIEW_FOLDER, DetectionRow, SolverResult
+from benchmark.result_tables import DetectionRow
+from benchmark.results import PREVIEW_FOLDER, SolverResult
 
 MAX_FRAMES = 60
 IMAGE_BUDGET_BYTES = 3_500_000

@@ -1,4 +1,4 @@
-"""Commands on datasets: plan, generate, verify."""
+"""Commands on datasets: plan, generate, verify, export, show."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import yaml
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -21,43 +22,56 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
+from rich.table import Column, Table
 
 from benchmark.cli_errors import fail
+from benchmark.formatting import duration, file_size
 from generator.errors import GeneratorError
 
 if TYPE_CHECKING:
     from generator.dataset.run import Runner
 
 _Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
-SECONDS_PER_MEGAPIXEL = 0.9
-BYTES_PER_PIXEL = 1.1
-BYTES_PER_STAR = 85
 
 
-def plan(scenario: _Scenario) -> None:
-    """Print what a scenario would make: frames, values, time and size."""
-    from generator.frame_plan import plan_frame
+def plan(
+    scenario: _Scenario,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Render three frames to know time and size instead of guessing them.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Print what a scenario would make: frames, values, files that it names, time and size."""
+    from generator.dataset.forecast import forecast
     from generator.scenario_file import load_scenario
 
     try:
         loaded = load_scenario(scenario)
-        first = plan_frame(loaded, 0)
+        with Console(stderr=True).status("planning"):
+            expected = forecast(loaded, measure)
     except GeneratorError as error:
         fail(error)
-    camera = first.spec.camera
-    pixels = camera.width * camera.height
-    size = loaded.frame_count * (pixels * BYTES_PER_PIXEL + len(first.stars) * BYTES_PER_STAR / 3)
-    seconds = loaded.frame_count * pixels / 1e6 * SECONDS_PER_MEGAPIXEL / (os.cpu_count() or 1)
-    table = Table("", loaded.name, show_header=True)
+    sweeps = {".".join(sweep.path): sweep.values for axis in loaded.axes for sweep in axis}
+    draws = {".".join(draw.path): _as_written(loaded.template, draw.path) for draw in loaded.draws}
+    files = {file.path: file.sha256 for file in loaded.files}
+    if as_json:
+        identity = {"name": loaded.name, "sha256": loaded.sha256, "seed": loaded.seed}
+        varied = {"sweeps": {key: list(values) for key, values in sweeps.items()}, "draws": draws, "files": files}
+        typer.echo(json.dumps(identity | asdict(expected) | varied))
+        return
+    table = Table("", Column(loaded.name, overflow="fold"), show_header=True)
     table.add_row("frames", f"{loaded.frame_count} ({loaded.combination_count} combinations x {loaded.repeats})")
-    for axis in loaded.axes:
-        for sweep in axis:
-            table.add_row(f"sweep {'.'.join(sweep.path)}", _listing(sweep.values))
-    for draw in loaded.draws:
-        table.add_row(f"draw {'.'.join(draw.path)}", str(draw.distribution))
-    table.add_row("image", f"{camera.width} x {camera.height}, {first.spec.sensor.bits} bits")
-    table.add_row("about", f"{size / 1e6:.0f} MB, {seconds / 60:.1f} min on {os.cpu_count()} cores")
+    for name, values in sweeps.items():
+        table.add_row(f"sweep {name}", _listing(values))
+    for name, distribution in draws.items():
+        table.add_row(f"draw {name}", distribution)
+    for name in files:
+        table.add_row("file", name)
+    table.add_row("image", f"{expected.width} x {expected.height}, {expected.bits} bits")
+    table.add_row("stars", f"{expected.catalogue_stars} above the first frame's horizon")
+    known = "measured on three frames" if expected.measured else "a guess; --measure renders three frames to know"
+    table.add_row("time", f"{duration(expected.seconds)} on {expected.cores} cores ({known})")
+    table.add_row("size", f"{file_size(expected.bytes)} as 16-bit PNG with truth")
     table.add_row("scenario hash", loaded.sha256)
     Console().print(table)
 
@@ -65,6 +79,13 @@ def plan(scenario: _Scenario) -> None:
 def _listing(values: tuple[object, ...]) -> str:
     shown = ", ".join(str(value) for value in values[:12])
     return shown + (f", … ({len(values)})" if len(values) > 12 else "")
+
+
+def _as_written(tree: Any, path: tuple[str, ...]) -> str:
+    """A scenario's value as its file has it, on one line."""
+    for key in path:
+        tree = tree[key]
+    return yaml.safe_dump(tree, default_flow_style=True, width=1000).strip()
 
 
 def generate(
@@ -195,3 +216,26 @@ def export(
     except GeneratorError as error:
         fail(error)
     typer.echo(f"{to} in {out}")
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
+    frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+) -> None:
+    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms."""
+    from benchmark.show.page import write_page
+
+    place = folder.resolve()
+    try:
+        with Progress(console=Console(stderr=True)) as progress:
+            task = progress.add_task("drawing", total=frames)
+            written = write_page(
+                folder,
+                out or place.with_name(f"{place.name}-show"),
+                frames,
+                lambda done, of: progress.update(task, completed=done, total=of),
+            )
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{written.shown} of {written.frames} frames, {written.size / 1e6:.1f} MB: open {written.page}")

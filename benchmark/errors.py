@@ -19,3 +19,11 @@ class UnknownSolverError(BenchmarkError):
 
 class ResultsError(BenchmarkError):
     """The results folder is empty, damaged, or holds results that do not belong together."""
+
+
+class TaskError(BenchmarkError):
+    """A task does not exist, or its files or frames are not as they must be."""
+
+
+class SolverError(BenchmarkError):
+    """A solver cannot be started here: its folder, its extra or its environment is missing."""

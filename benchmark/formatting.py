@@ -69,3 +69,19 @@ HEADLINE = (
     Column("median_time_ms", "median time, ms", "per frame", number),
     Column("p95_time_ms", "95 % time, ms", "per frame", number),
 )
+
+
+def duration(seconds: float) -> str:
+    """A length of time in the unit that suits it: ``42 s``, ``3.5 min``, ``12 h``, ``3 d``."""
+    for unit, length, most in (("s", 1.0, 120.0), ("min", 60.0, 120.0), ("h", 3600.0, 72.0)):
+        if seconds < most * length:
+            return f"{seconds / length:.2g} {unit}" if seconds / length < 10.0 else f"{seconds / length:.0f} {unit}"
+    return f"{seconds / 86400.0:.0f} d"
+
+
+def file_size(count: float) -> str:
+    """A number of bytes in the unit that suits it: ``640 kB``, ``1.2 GB``."""
+    for unit, size in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9)):
+        if count < 1000.0 * size:
+            return f"{count / size:.2g} {unit}" if count / size < 10.0 else f"{count / size:.0f} {unit}"
+    return f"{count / 1e12:.2g} TB"

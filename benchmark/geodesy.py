@@ -1,4 +1,4 @@
-"""Distance between two positions on the WGS84 ellipsoid."""
+"""Distance and direction between two positions on the WGS84 ellipsoid."""
 
 import math
 
@@ -39,6 +39,32 @@ def geodesic_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: flo
     Survey Review 23 (176), 88-93, 1975.
     C. F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87, 43-55, 2013 (test values).
     """
+    length_m, _ = _geodesic(lat1_deg, lon1_deg, lat2_deg, lon2_deg)
+    return length_m / 1000.0
+
+
+def east_north_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:
+    """Components to the east and to the north, at the first point, of the shortest path to the second.
+
+    Their root sum of squares is `geodesic_km`: the path's length in the direction in which it sets out (the geodesic
+    polar coordinates of the second point about the first).
+
+    Parameters
+    ----------
+    lat1_deg, lon1_deg, lat2_deg, lon2_deg : float
+        As of `geodesic_km`.
+
+    Returns
+    -------
+    (east, north) : float
+        Kilometres.
+    """
+    length_m, azimuth = _geodesic(lat1_deg, lon1_deg, lat2_deg, lon2_deg)
+    return length_m / 1000.0 * math.sin(azimuth), length_m / 1000.0 * math.cos(azimuth)
+
+
+def _geodesic(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:
+    """Length (metres) of the shortest path and its azimuth (radians, from north through east) at the first point."""
     if not all(math.isfinite(value) for value in (lat1_deg, lon1_deg, lat2_deg, lon2_deg)):
         raise ValueError(f"coordinates must be finite, found {(lat1_deg, lon1_deg, lat2_deg, lon2_deg)}")
     if abs(lat1_deg) > 90.0 or abs(lat2_deg) > 90.0:
@@ -46,18 +72,16 @@ def geodesic_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: flo
     phi1, phi2 = math.radians(lat1_deg), math.radians(lat2_deg)
     # remainder() brings the difference of longitude to -180..180 exactly, across the date line too.
     dlon = math.radians(math.remainder(lon2_deg - lon1_deg, 360.0))
-    distance_m = _vincenty_m(phi1, phi2, dlon)
-    if distance_m is None:
-        distance_m = _antipodal_m(phi1, phi2, dlon)
-    return distance_m / 1000.0
+    path = _vincenty(phi1, phi2, dlon)
+    return _antipodal(phi1, phi2, dlon) if path is None else path
 
 
 def _reduced_latitude(phi: float) -> float:
     return math.atan2((1.0 - WGS84_F) * math.sin(phi), math.cos(phi))
 
 
-def _vincenty_m(phi1: float, phi2: float, dlon: float) -> float | None:
-    """Vincenty's inverse formula in radians, metres; None where the iteration does not converge."""
+def _vincenty(phi1: float, phi2: float, dlon: float) -> tuple[float, float] | None:
+    """Vincenty's inverse formula: length (m) and azimuth at the first point (rad); None where it does not converge."""
     beta1, beta2 = _reduced_latitude(phi1), _reduced_latitude(phi2)
     sin1, cos1 = math.sin(beta1), math.cos(beta1)
     sin2, cos2 = math.sin(beta2), math.cos(beta2)
@@ -66,7 +90,7 @@ def _vincenty_m(phi1: float, phi2: float, dlon: float) -> float | None:
         sin_sigma = math.hypot(cos2 * math.sin(lam), cos1 * sin2 - sin1 * cos2 * math.cos(lam))
         if sin_sigma == 0.0:
             # Coincident points, or exactly antipodal ones, for which every azimuth fits the formula.
-            return 0.0 if sin1 * sin2 + cos1 * cos2 * math.cos(lam) > 0.0 else None
+            return (0.0, 0.0) if sin1 * sin2 + cos1 * cos2 * math.cos(lam) > 0.0 else None
         cos_sigma = sin1 * sin2 + cos1 * cos2 * math.cos(lam)
         sigma = math.atan2(sin_sigma, cos_sigma)
         sin_alpha = cos1 * cos2 * math.sin(lam) / sin_sigma
@@ -79,7 +103,9 @@ def _vincenty_m(phi1: float, phi2: float, dlon: float) -> float | None:
         if abs(new_lam) > math.pi:
             return None
         if abs(new_lam - lam) < _TOLERANCE_RAD:
-            return _vincenty_length_m(sigma, sin_sigma, cos_sigma, cos_2sm, cos2_alpha)
+            # Equation 20.
+            azimuth = math.atan2(cos2 * math.sin(new_lam), cos1 * sin2 - sin1 * cos2 * math.cos(new_lam))
+            return _vincenty_length_m(sigma, sin_sigma, cos_sigma, cos_2sm, cos2_alpha), azimuth
         lam = new_lam
     return None
 
@@ -94,8 +120,8 @@ def _vincenty_length_m(sigma: float, sin_sigma: float, cos_sigma: float, cos_2sm
     return WGS84_B_M * a * (sigma - delta)
 
 
-def _antipodal_m(phi1: float, phi2: float, dlon: float) -> float:
-    """Shortest path between nearly antipodal points, metres.
+def _antipodal(phi1: float, phi2: float, dlon: float) -> tuple[float, float]:
+    """Shortest path between nearly antipodal points: length (m) and azimuth at the first (rad).
 
     Every path from the first point to the second crosses the circle of points a quarter turn (in reduced latitude)
     from the first. Vincenty's formula converges from each end to any point of that circle, so the shortest path is
@@ -103,16 +129,19 @@ def _antipodal_m(phi1: float, phi2: float, dlon: float) -> float:
     """
     beta1 = _reduced_latitude(phi1)
 
-    def detour(azimuth: float) -> float:
+    def legs(azimuth: float) -> tuple[tuple[float, float], tuple[float, float]]:
         beta = math.asin(max(-1.0, min(1.0, math.cos(beta1) * math.cos(azimuth))))
         lam = math.atan2(math.sin(azimuth), -math.sin(beta1) * math.cos(azimuth))
         phi = math.atan2(math.sin(beta), (1.0 - WGS84_F) * math.cos(beta))
-        legs = _vincenty_m(phi1, phi, lam), _vincenty_m(phi, phi2, math.remainder(dlon - lam, 2.0 * math.pi))
-        if legs[0] is None or legs[1] is None:
+        first, second = _vincenty(phi1, phi, lam), _vincenty(phi, phi2, math.remainder(dlon - lam, 2.0 * math.pi))
+        if first is None or second is None:
             raise ArithmeticError("a quarter-turn leg did not converge")
-        return legs[0] + legs[1]
+        return first, second
+
+    def detour(azimuth: float) -> float:
+        return sum(length_m for length_m, _ in legs(azimuth))
 
     step = math.radians(2.0)
     best = min((index * step for index in range(180)), key=detour)
     refined = minimize_scalar(detour, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-9})
-    return float(refined.fun)
+    return float(refined.fun), legs(float(refined.x))[0][1]

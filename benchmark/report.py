@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 import jinja2
@@ -89,11 +88,14 @@ def _commands(out: Path, results: Sequence[SolverResult]) -> list[str]:
 
 def _render(out: Path, results: Sequence[SolverResult], commands: Sequence[str]) -> str:
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("benchmark"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    source = resources.files("benchmark").joinpath("templates", "report.html").read_text(encoding="utf-8")
     cards = make_cards(out, results)
-    return environment.from_string(source).render(
+    return environment.get_template("report.html").render(
         results=results,
         provenance=results[0].provenance,
         n_frames=results[0].overall.n_frames,

@@ -18,41 +18,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmark.dataset import FrameConditions
 from benchmark.errors import ResultsError
 from benchmark.intervals import CONFIDENCE, Estimate
 from benchmark.metrics import DEFINITIONS, FrameScore, Summary, by_bortle, summarise
+from benchmark.result_tables import DetectionRow, FrameDetails, finite, frame_table, match_table
 
 RESULT_FORMAT = "skybench-result/1"
 PREVIEW_FOLDER = "previews"
+SUMMARY_NAME = "summary.json"
 _SOLVER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@+-]{0,99}")
 _RUN_AGAIN = "run `skybench bench run` again"
-
-
-@dataclass(frozen=True)
-class DetectionRow:
-    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
-
-    frame_id: str
-    detection: int
-    u_px: float
-    v_px: float
-    flux: float | None
-    star_id: int | None
-    correct: bool | None
-
-
-@dataclass(frozen=True)
-class FrameDetails:
-    """What is recorded of a frame beside its score: covariance (ee, en, nn; km^2), confidence, times, conditions."""
-
-    cov_km2: tuple[float, float, float] | None
-    confidence: float | None
-    detect_ms: float
-    solve_ms: float
-    stage_ms: Mapping[str, float]
-    utc: str
-    conditions: FrameConditions
 
 
 @dataclass(frozen=True)
@@ -73,6 +48,8 @@ class RunProvenance:
         When the run ended.
     jobs : int
         Processes that worked at the same time, which bears on the times.
+    task : mapping or None
+        What of which task was run, see `benchmark.task_run`; None for a plain dataset.
     """
 
     dataset: str
@@ -86,6 +63,7 @@ class RunProvenance:
     machine: Mapping[str, str]
     date_utc: str
     jobs: int
+    task: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -111,21 +89,40 @@ def check_solver_name(name: str) -> None:
         raise ResultsError(f"solver name {name!r}: use letters, digits and . _ @ + - only, at most 100 of them")
 
 
+@dataclass(frozen=True)
+class ResultFiles:
+    """Where the three files of one solver's result lie."""
+
+    frames: Path
+    matches: Path
+    summary: Path
+
+    @classmethod
+    def beside(cls, out: Path, solver: str) -> "ResultFiles":
+        """Files of a plain run, all solvers' in one folder. Raises ResultsError for a name that is no file name."""
+        check_solver_name(solver)
+        return cls(out / f"{solver}.parquet", out / f"{solver}-matches.parquet", out / f"{solver}.json")
+
+    @classmethod
+    def within(cls, folder: Path) -> "ResultFiles":
+        """Files of a task's run, a folder to each solver and key."""
+        return cls(folder / "frames.parquet", folder / "matches.parquet", folder / SUMMARY_NAME)
+
+
 def write_result(
-    out: Path,
+    files: ResultFiles,
     solver: str,
     scores: Sequence[FrameScore],
     details: Sequence[FrameDetails],
     detections: Sequence[DetectionRow],
     provenance: RunProvenance,
 ) -> None:
-    """Write ``<solver>.parquet``, ``<solver>-matches.parquet`` and, last, ``<solver>.json``."""
+    """Write the tables of frames and detections and, last, the summary."""
     check_solver_name(solver)
-    out.mkdir(parents=True, exist_ok=True)
     stamp = json.dumps({"format": RESULT_FORMAT, "solver": solver, **dataclasses.asdict(provenance)}, allow_nan=False)
     metadata = {b"skybench": stamp.encode()}
-    _write_parquet(out / f"{solver}.parquet", _frame_table(scores, details).replace_schema_metadata(metadata))
-    _write_parquet(out / f"{solver}-matches.parquet", _match_table(detections).replace_schema_metadata(metadata))
+    _write_parquet(files.frames, frame_table(scores, details).replace_schema_metadata(metadata))
+    _write_parquet(files.matches, match_table(detections).replace_schema_metadata(metadata))
     summary = {
         "format": RESULT_FORMAT,
         "definitions": DEFINITIONS,
@@ -138,7 +135,7 @@ def write_result(
         "provenance": dataclasses.asdict(provenance),
     }
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    write_atomically(out / f"{solver}.json", text.encode())
+    write_atomically(files.summary, text.encode())
 
 
 def read_results(out: Path) -> list[SolverResult]:
@@ -149,7 +146,7 @@ def read_results(out: Path) -> list[SolverResult]:
     ResultsError
         The folder holds none, a file is damaged, or the results are not of one dataset and one set of definitions.
     """
-    results = [_read_result(path) for path in _summary_paths(out)]
+    results = [_read_result(ResultFiles.beside(out, path.stem)) for path in _summary_paths(out)]
     if not results:
         raise ResultsError(
             f"{out}: no results in it; make some with `skybench bench run DIR --solver NAME --out {out}`"
@@ -164,6 +161,22 @@ def read_results(out: Path) -> list[SolverResult]:
     return results
 
 
+def read_task_results(root: Path) -> list[SolverResult]:
+    """Read every finished result of the layout ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER-KEY/``, in the order of the paths.
+
+    The table of detections may be missing (it is large, and nothing but pictures needs it): `detections` is then empty.
+
+    Raises
+    ------
+    ResultsError
+        There is none, or a file is damaged.
+    """
+    found = sorted(path.parent for path in root.glob(f"*@*/*/*/*/{SUMMARY_NAME}") if path.is_file())
+    if not found:
+        raise ResultsError(f"{root}: no results of tasks in it; make some with `skybench bench run TASK --solver NAME`")
+    return [_read_result(ResultFiles.within(folder)) for folder in found]
+
+
 def check_room(out: Path, solvers: Iterable[str], scenario_sha256: str, truth_sha256: str) -> None:
     """Refuse, before any work, to put results beside those of another dataset.
 
@@ -176,7 +189,7 @@ def check_room(out: Path, solvers: Iterable[str], scenario_sha256: str, truth_sh
     for path in _summary_paths(out):
         if path.stem in replaced:
             continue
-        if _fingerprint(_read_summary(path)[1]) != (scenario_sha256, truth_sha256):
+        if _fingerprint(read_summary(path)[1]) != (scenario_sha256, truth_sha256):
             raise ResultsError(
                 f"{path}: is a result on another dataset; choose another --out, delete it, or add --solver {path.stem}"
             )
@@ -199,66 +212,10 @@ def _write_parquet(path: Path, table: pa.Table) -> None:
     write_atomically(path, sink.getvalue().to_pybytes())
 
 
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _frame_table(scores: Sequence[FrameScore], details: Sequence[FrameDetails]) -> pa.Table:
-    columns: list[tuple[str, Any, str, list[Any]]] = [
-        ("frame_id", pa.string(), "", [s.frame_id for s in scores]),
-        ("index", pa.int32(), "", [s.index for s in scores]),
-        ("bortle", pa.int32(), "", [s.bortle for s in scores]),
-        ("width_px", pa.int32(), "px", [s.width_px for s in scores]),
-        ("height_px", pa.int32(), "px", [s.height_px for s in scores]),
-        ("zenith_mag_arcsec2", pa.float64(), "mag arcsec-2", [d.conditions.zenith_mag_arcsec2 for d in details]),
-        ("true_latitude_deg", pa.float64(), "deg", [d.conditions.latitude_deg for d in details]),
-        ("true_longitude_deg", pa.float64(), "deg", [d.conditions.longitude_deg for d in details]),
-        ("utc_mid", pa.string(), "", [d.utc for d in details]),
-        ("exposure_s", pa.float64(), "s", [d.conditions.exposure_s for d in details]),
-        ("n_in_field", pa.int32(), "", [d.conditions.n_in_field for d in details]),
-        ("status", pa.string(), "", [s.status for s in scores]),
-        ("reason", pa.string(), "", [s.reason for s in scores]),
-        ("lat_deg", pa.float64(), "deg", [s.lat_deg for s in scores]),
-        ("lon_deg", pa.float64(), "deg", [s.lon_deg for s in scores]),
-        ("error_km", pa.float64(), "km", [_finite(s.error_km) for s in scores]),
-        ("cov_ee_km2", pa.float64(), "km2", [d.cov_km2[0] if d.cov_km2 else None for d in details]),
-        ("cov_en_km2", pa.float64(), "km2", [d.cov_km2[1] if d.cov_km2 else None for d in details]),
-        ("cov_nn_km2", pa.float64(), "km2", [d.cov_km2[2] if d.cov_km2 else None for d in details]),
-        ("confidence", pa.float64(), "", [_finite(d.confidence) for d in details]),
-        ("n_detections", pa.int32(), "", [s.n_detections for s in scores]),
-        ("n_detected_stars", pa.int32(), "", [s.n_detected_stars for s in scores]),
-        ("n_matches", pa.int32(), "", [s.n_matches for s in scores]),
-        ("n_correct", pa.int32(), "", [s.n_correct for s in scores]),
-        ("time_ms", pa.float64(), "ms", [s.time_ms for s in scores]),
-        ("detect_ms", pa.float64(), "ms", [d.detect_ms for d in details]),
-        ("solve_ms", pa.float64(), "ms", [d.solve_ms for d in details]),
-        ("stage_ms", pa.map_(pa.string(), pa.float64()), "ms", [list(d.stage_ms.items()) for d in details]),
-    ]
-    return _table(columns)
-
-
-def _match_table(rows: Sequence[DetectionRow]) -> pa.Table:
-    columns: list[tuple[str, Any, str, list[Any]]] = [
-        ("frame_id", pa.string(), "", [r.frame_id for r in rows]),
-        ("detection", pa.int32(), "", [r.detection for r in rows]),
-        ("u_px", pa.float64(), "px", [r.u_px for r in rows]),
-        ("v_px", pa.float64(), "px", [r.v_px for r in rows]),
-        ("flux", pa.float64(), "detector's own", [r.flux for r in rows]),
-        ("star_id", pa.int32(), "", [r.star_id for r in rows]),
-        ("correct", pa.bool_(), "", [r.correct for r in rows]),
-    ]
-    return _table(columns)
-
-
-def _table(columns: Sequence[tuple[str, Any, str, list[Any]]]) -> pa.Table:
-    schema = pa.schema([pa.field(name, kind, metadata={"unit": unit}) for name, kind, unit, _ in columns])
-    return pa.Table.from_arrays([pa.array(values, type=kind) for _, kind, _, values in columns], schema=schema)
-
-
 def _summary_to_json(summary: Summary) -> dict[str, Any]:
     def entry(value: object) -> object:
         if isinstance(value, Estimate):
-            return {"value": _finite(value.value), "low": _finite(value.low), "high": _finite(value.high), "n": value.n}
+            return {"value": finite(value.value), "low": finite(value.low), "high": finite(value.high), "n": value.n}
         return value
 
     return {field.name: entry(getattr(summary, field.name)) for field in dataclasses.fields(Summary)}
@@ -285,37 +242,47 @@ def _fingerprint(provenance: RunProvenance) -> tuple[str, str]:
     return provenance.scenario_sha256, provenance.truth_sha256
 
 
-def _read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
+def read_summary(path: Path) -> tuple[dict[str, Any], RunProvenance]:
+    """Read a solver's summary file.
+
+    Raises
+    ------
+    ResultsError
+        It is damaged, of another format or other definitions, or not of the solver whose name it bears.
+    """
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
-        found = summary["format"], summary["definitions"], summary["solver"]
+        found, solver = (summary["format"], summary["definitions"]), summary["solver"]
         provenance = RunProvenance(**summary["provenance"])
     except (ValueError, KeyError, TypeError, OSError) as error:
         raise ResultsError(f"{path}: not a readable result ({error!r}); delete it or {_RUN_AGAIN}") from error
-    if found != (RESULT_FORMAT, DEFINITIONS, path.stem):
-        expected = (RESULT_FORMAT, DEFINITIONS, path.stem)
-        raise ResultsError(f"{path}: is {found}, this version reads {expected}; {_RUN_AGAIN}")
-    check_solver_name(path.stem)
+    if found != (RESULT_FORMAT, DEFINITIONS):
+        raise ResultsError(f"{path}: is {found}, this version reads {(RESULT_FORMAT, DEFINITIONS)}; {_RUN_AGAIN}")
+    owned = path.parent.name.startswith(f"{solver}-") if path.name == SUMMARY_NAME else path.stem == solver
+    if not isinstance(solver, str) or not owned:
+        raise ResultsError(f"{path}: holds a result of {solver!r}, which its name does not say; {_RUN_AGAIN}")
+    check_solver_name(solver)
     return summary, provenance
 
 
-def _read_result(path: Path) -> SolverResult:
-    summary, provenance = _read_summary(path)
-    frames_path, matches_path = path.with_suffix(".parquet"), path.with_name(f"{path.stem}-matches.parquet")
+def _read_result(files: ResultFiles) -> SolverResult:
+    summary, provenance = read_summary(files.summary)
     try:
         overall = _summary_from_json(summary["overall"])
         bortle = tuple((entry["bortle"], _summary_from_json(entry)) for entry in summary["by_bortle"])
     except (KeyError, TypeError, ValueError) as error:
-        raise ResultsError(f"{path}: its summary is damaged ({error!r}); {_RUN_AGAIN}") from error
+        raise ResultsError(f"{files.summary}: its summary is damaged ({error!r}); {_RUN_AGAIN}") from error
     scores = []
-    for row in _read_rows(frames_path):
+    for row in _read_rows(files.frames):
         values = {field.name: row[field.name] for field in dataclasses.fields(FrameScore)}
         values["error_km"] = math.inf if values["error_km"] is None else values["error_km"]
         scores.append(FrameScore(**values))
     if summarise(scores) != overall and not _same(summarise(scores), overall):
-        raise ResultsError(f"{frames_path}: does not belong to {path.name}; {_RUN_AGAIN}")
-    detections = tuple(DetectionRow(**row) for row in _read_rows(matches_path))
-    return SolverResult(path.stem, provenance, overall, bortle, tuple(scores), detections)
+        raise ResultsError(f"{files.frames}: does not belong to {files.summary.name}; {_RUN_AGAIN}")
+    detections: tuple[DetectionRow, ...] = ()
+    if provenance.task is None or files.matches.is_file():
+        detections = tuple(DetectionRow(**row) for row in _read_rows(files.matches))
+    return SolverResult(summary["solver"], provenance, overall, bortle, tuple(scores), detections)
 
 
 def _same(one: Summary, other: Summary) -> bool:

@@ -16,13 +16,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmark import provenance
 from benchmark.dataset import Dataset, Frame, load_image, open_dataset
 from benchmark.errors import DatasetError, ResultsError
-from benchmark.geodesy import geodesic_km
+from benchmark.frame_bounds import bound_of
+from benchmark.frame_conditions import site_of
+from benchmark.geodesy import east_north_km, geodesic_km
+from benchmark.memory import peak_mib, reset_peak
 from benchmark.metrics import ERROR, FIX, REFUSED, FrameScore, Summary, summarise
 from benchmark.preview import preview_webp
+from benchmark.result_tables import DetectionRow, FrameDetails, finite
 from benchmark.results import (
     PREVIEW_FOLDER,
-    DetectionRow,
-    FrameDetails,
+    ResultFiles,
     RunProvenance,
     check_room,
     check_solver_name,
@@ -110,7 +113,7 @@ def run_benchmark(
         mine = [outcome.solvers[place] for outcome in outcomes]
         scores = [outcome.score for outcome in mine]
         write_result(
-            out,
+            ResultFiles.beside(out, contestant.name),
             contestant.name,
             scores,
             [outcome.details for outcome in mine],
@@ -141,6 +144,7 @@ def judge_frame(
     found: dict[str, tuple[Detections | Exception, float]] = {}
     outcomes = []
     for solver in solvers:
+        known = reset_peak()
         if solver.detector not in found:
             found[solver.detector] = _detect(solver, image)
         detections, detect_ms = found[solver.detector]
@@ -152,7 +156,8 @@ def judge_frame(
             uv, flux = _points(detections)
             answer, status = _solve(solver, detections, frame, len(uv))
         solve_ms = 1000.0 * (time.perf_counter() - start)
-        outcomes.append(_judge(frame, answer, status, uv, flux, detect_ms, solve_ms))
+        memory_mib = peak_mib() if known else None
+        outcomes.append(judge_answer(frame, answer, status, uv, flux, detect_ms, solve_ms, memory_mib))
     return tuple(outcomes)
 
 
@@ -216,16 +221,12 @@ def check_answer(answer: Answer, n_detections: int) -> None:
         raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
 
 
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _refusal(error: Exception) -> Answer:
     text = " ".join(f"error: {type(error).__name__}: {error}".split())
     return Answer(ok=False, reason=text[:_MAX_REASON])
 
 
-def _judge(
+def judge_answer(
     frame: Frame,
     answer: Answer,
     status: str,
@@ -233,13 +234,31 @@ def _judge(
     flux: NDArray[np.float64],
     detect_ms: float,
     solve_ms: float,
+    peak_memory_mib: float | None,
 ) -> SolverOutcome:
+    """Hold an answer that `check_answer` has let pass against the frame's truth.
+
+    Parameters
+    ----------
+    frame : Frame
+    answer : Answer
+    status : str
+        ``fix``, ``refused`` or ``error``.
+    uv : ndarray, shape (n, 2)
+        Detections that the answer's matches point to, px.
+    flux : ndarray, shape (n,)
+        Their brightness, NaN where unknown.
+    detect_ms, solve_ms : float
+    peak_memory_mib : float or None
+    """
     conditions = frame.conditions
     error_km = math.inf
-    lat_deg = lon_deg = None
+    lat_deg = lon_deg = east_km = north_km = None
     if answer.ok and answer.lat_deg is not None and answer.lon_deg is not None:
         lat_deg, lon_deg = answer.lat_deg, answer.lon_deg
-        error_km = geodesic_km(conditions.latitude_deg, conditions.longitude_deg, lat_deg, lon_deg)
+        places = conditions.latitude_deg, conditions.longitude_deg, lat_deg, lon_deg
+        error_km = geodesic_km(*places)
+        east_km, north_km = east_north_km(*places)
     # A refused frame claims nothing, whatever the solver may have had in hand.
     matches = answer.matches if answer.ok else np.empty((0, 2), dtype=np.int64)
     stars = score_matches(uv, matches, frame.truth)
@@ -248,7 +267,7 @@ def _judge(
         for (detection, star), right in zip(matches, stars.correct, strict=True)
     }
     rows = tuple(
-        DetectionRow(frame.frame_id, i, float(u), float(v), _finite_or_none(flux[i]), *claims.get(i, (None, None)))
+        DetectionRow(frame.frame_id, i, float(u), float(v), finite(flux[i]), *claims.get(i, (None, None)))
         for i, (u, v) in enumerate(uv)
     )
     score = FrameScore(
@@ -277,6 +296,12 @@ def _judge(
         stage_ms=dict(answer.time_ms),
         utc=frame.observation.utc,
         conditions=conditions,
+        condition=frame.condition,
+        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        error_east_km=east_km,
+        error_north_km=north_km,
+        crlb_km=bound_of(frame),
+        peak_memory_mib=peak_memory_mib,
     )
     return SolverOutcome(score, details, rows)
 

@@ -1,19 +1,32 @@
-"""Cache of derived tables on disk: .npz without pickle, written atomically, of no consequence when it cannot be."""
+"""Cache of derived tables on disk: one file a table, mapped into memory, of no consequence when it cannot be.
+
+A file holds a line of JSON (names, element types, shapes, places, and the file's size) and then the arrays as they lie in
+memory, each at a multiple of 64 bytes. Mapped, it costs nothing to open, and only what is looked at is read. There is no
+pickle in it, it is written atomically, and one that is cut short or of another kind is built anew.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
+import math
+import mmap
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[np.generic]]
+
+FORMAT = "celnav-cache/1"
+ALIGNMENT = 64
+LONGEST_HEADER = 1 << 20
+PLAIN_KINDS = "biuf"
 
 
 def cache_dir() -> Path:
@@ -35,28 +48,60 @@ def digest(*parts: bytes | str) -> str:
 def cached(name: str, key: str, build: Callable[[], Mapping[str, NDArray[np.generic]]]) -> Arrays:
     """Return the arrays cached under `name` and `key`, building and storing them where there are none.
 
-    A cache that cannot be read or written costs time, not correctness: the arrays are then built again.
+    Arrays from the cache cannot be written to. A cache that cannot be read or written costs time, not correctness: the
+    arrays are then built again.
     """
     try:
-        path = cache_dir() / f"{name}-{key}.npz"
+        path = cache_dir() / f"{name}-{key}.tables"
     except RuntimeError:  # there is no home folder
         return dict(build())
-    damaged_or_absent = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
-    with (
-        contextlib.suppress(*damaged_or_absent),
-        path.open("rb") as file,
-        np.load(file, allow_pickle=False) as stored,
-    ):
-        return {member: stored[member] for member in stored.files}
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError), path.open("rb") as file:
+        return _map(file)
     arrays = dict(build())
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         try:
             with os.fdopen(handle, "wb") as target:
-                np.savez(target, allow_pickle=False, **arrays)
+                _write(target, arrays)
             os.replace(temporary, path)
         except BaseException:
             os.unlink(temporary)
             raise
+    return arrays
+
+
+def _aligned(position: int) -> int:
+    return -(-position // ALIGNMENT) * ALIGNMENT
+
+
+def _write(target: BinaryIO, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+    members, position = {}, 0
+    for name, array in arrays.items():
+        if array.dtype.kind not in PLAIN_KINDS:
+            raise TypeError(f"table {name} holds {array.dtype}, which the cache does not store")
+        members[name] = {"dtype": array.dtype.str, "shape": array.shape, "at": position}
+        position = _aligned(position + array.nbytes)
+    # Places count from the end of the header, whose length they would otherwise change.
+    header = json.dumps({"format": FORMAT, "bytes": position, "members": members}).encode()
+    target.write(header.ljust(_aligned(len(header) + 1) - 1) + b"\n")
+    for array in arrays.values():
+        target.write(np.ascontiguousarray(array).tobytes())
+        target.write(b"\0" * (_aligned(array.nbytes) - array.nbytes))
+
+
+def _map(file: BinaryIO) -> Arrays:
+    """Map a file of the cache; raises ValueError, KeyError or TypeError where it is not what `_write` writes."""
+    line = file.readline(LONGEST_HEADER)
+    header = json.loads(line)
+    if header["format"] != FORMAT or os.fstat(file.fileno()).st_size != len(line) + header["bytes"]:
+        raise ValueError("no whole file of this format")
+    mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    arrays: Arrays = {}
+    for name, member in header["members"].items():
+        dtype = np.dtype(member["dtype"])
+        if dtype.kind not in PLAIN_KINDS:
+            raise ValueError(f"table {name} holds {dtype}")
+        flat = np.frombuffer(mapped, dtype, math.prod(member["shape"]), len(line) + member["at"])
+        arrays[name] = flat.reshape(member["shape"])
     return arrays

@@ -1,12 +1,13 @@
 """From catalogue places to apparent directions at a site: ERFA's full chain.
 
 Proper motion, parallax, light deflection, annual aberration, precession-nutation (IAU 2006/2000A), Earth rotation with
-UT1, polar motion and diurnal aberration are ERFA's ``apco13``, ``atciq`` and ``atioq``; refraction is
-:mod:`generator.refraction`.
+UT1, polar motion and diurnal aberration are ERFA's ``apco13``, ``atciq`` and ``atioq`` (its rotations and its aberration for
+many stars at once); refraction is :mod:`generator.refraction`.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,6 @@ from generator.times import EarthOrientation, Instant
 MAS_TO_RAD = np.pi / (180 * 3600 * 1000)
 J2000_MJD = 51544.5
 DAYS_PER_JULIAN_YEAR = 365.25
-HORIZON_MARGIN_DEG = 3.0
 
 
 @dataclass(frozen=True)
@@ -44,26 +44,28 @@ class Air:
 
 @dataclass(frozen=True)
 class ApparentPlaces:
-    """Apparent directions of stars at a site.
+    """Apparent (refracted) directions of n stars at a site.
 
     Attributes
     ----------
-    azimuth_deg, altitude_deg : (n,) arrays
-        Apparent (refracted) horizontal coordinates, deg.
     enu : (n, 3) array
-        The same as unit vectors east, north, up.
+        Unit vectors east, north, up.
     """
 
-    azimuth_deg: NDArray[np.float64]
-    altitude_deg: NDArray[np.float64]
+    enu: NDArray[np.float64]
 
-    @property
-    def enu(self) -> NDArray[np.float64]:
-        """Unit vectors east, north, up, (n, 3)."""
-        azimuth, altitude = np.radians(self.azimuth_deg), np.radians(self.altitude_deg)
-        return np.stack(
-            [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)], axis=-1
-        )
+    def __getitem__(self, selection: NDArray[np.bool_]) -> ApparentPlaces:
+        return ApparentPlaces(self.enu[selection])
+
+    @functools.cached_property
+    def azimuth_deg(self) -> NDArray[np.float64]:
+        """From north through east, 0 to 360 deg, (n,) array."""
+        return np.degrees(np.arctan2(self.enu[:, 0], self.enu[:, 1])) % 360
+
+    @functools.cached_property
+    def altitude_deg(self) -> NDArray[np.float64]:
+        """Above the horizon, deg, (n,) array."""
+        return np.degrees(np.arctan2(self.enu[:, 2], np.hypot(self.enu[:, 0], self.enu[:, 1])))
 
 
 def apparent_places(
@@ -111,16 +113,20 @@ def _context(site: Site, instant: Instant, orientation: EarthOrientation) -> Any
 
 @dataclass(frozen=True)
 class IntermediatePlaces:
-    """Places in the celestial intermediate system (CIRS), rad: everything applied but the Earth's rotation and the air.
+    """Places in the celestial intermediate system (CIRS): everything applied but the Earth's rotation and the air.
 
     They change by less than 0.1 arcsec an hour (diurnal aberration turns with the observer), which exposures neglect.
+
+    Attributes
+    ----------
+    cirs : (n, 3) array
+        Unit vectors.
     """
 
-    ri: NDArray[np.float64]
-    di: NDArray[np.float64]
+    cirs: NDArray[np.float64]
 
     def __getitem__(self, selection: NDArray[np.bool_]) -> IntermediatePlaces:
-        return IntermediatePlaces(self.ri[selection], self.di[selection])
+        return IntermediatePlaces(self.cirs[selection])
 
 
 def intermediate_places(
@@ -137,36 +143,50 @@ def intermediate_places(
         np.zeros(len(stars)),
         _context(site, instant, orientation),
     )
-    return IntermediatePlaces(ri, di)
+    return IntermediatePlaces(erfa.s2c(ri, di))
 
 
 def observed_places(
     places: IntermediatePlaces, site: Site, instant: Instant, orientation: EarthOrientation, air: Air
 ) -> ApparentPlaces:
     """Apparent places of n stars at an instant from their intermediate places near it (same hour)."""
-    azimuth, zenith_distance, *_ = erfa.atioq(places.ri, places.di, _context(site, instant, orientation))
-    true_altitude = 90 - np.degrees(zenith_distance)
+    context = _context(site, instant, orientation)
+    # Components first: each is contiguous.
+    east, north, up = _enu_from_cirs(context) @ places.cirs.T
+    # Diurnal aberration, as in ERFA's atioq: the observer moves east.
+    speed = float(context["diurab"])
+    shrink = 1 - speed * east
+    east, north, up = shrink * (east + speed), shrink * north, shrink * up
+    level = np.sqrt(east**2 + north**2)
+    altitude = np.arctan2(up, level)
     lift = refraction_deg(
-        true_altitude,
+        np.degrees(altitude),
         pressure_hpa=air.pressure_hpa,
         temperature_c=air.temperature_c,
         relative_humidity=air.relative_humidity,
     )
-    return ApparentPlaces(np.degrees(azimuth) % 360, true_altitude + lift)
+    lifted = altitude + np.radians(lift)
+    stretch = np.cos(lifted) / np.maximum(level, 1e-300)
+    return ApparentPlaces(np.stack([stretch * east, stretch * north, np.sin(lifted)], axis=-1))
 
 
-def possibly_up(stars: StarCatalogue, site: Site, instant: Instant) -> NDArray[np.bool_]:
-    """Which of n stars can stand above the horizon: all that do, and none deeper than about 4 deg below it.
+def _enu_from_cirs(context: Any) -> NDArray[np.float64]:
+    """Rotation (3, 3) by the Earth's rotation angle, polar motion and the site's latitude, as in ERFA's ``atioq``."""
+    sine, cosine = np.sin(context["eral"]), np.cos(context["eral"])
+    turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    sx, cx, sy, cy = (f(context[name]) for name in ("xpl", "ypl") for f in (np.sin, np.cos))
+    wobble = np.array([[cx, 0, sx], [sx * sy, cy, -cx * sy], [-sx * cy, sy, cx * cy]])
+    sine, cosine = context["sphi"], context["cphi"]
+    # Of the axes meridian (towards the zenith's side), east, pole.
+    horizon = np.array([[0, 1, 0], [-sine, 0, cosine], [cosine, 0, sine]])
+    return horizon @ wobble @ turn
 
-    The zenith is taken at the Earth rotation angle, in ICRS axes; precession since J2000.0 and UT1-UTC stay within the margin
-    for a century.
-    """
-    right_ascension = erfa.era00(instant.utc1, instant.utc2) + np.radians(site.longitude_deg)
-    latitude = np.radians(site.latitude_deg)
-    declination = np.radians(stars.dec_deg)
-    hour_angle = right_ascension - np.radians(stars.ra_deg)
-    sine = np.sin(latitude) * np.sin(declination) + np.cos(latitude) * np.cos(declination) * np.cos(hour_angle)
-    return sine > np.sin(np.radians(-HORIZON_MARGIN_DEG))
+
+def stars_within(stars: StarCatalogue, axis_icrs: NDArray[np.float64], angle_deg: float) -> NDArray[np.bool_]:
+    """Which of n stars lie within an angle of an ICRS unit vector by their places at J2000.0, (n,) array."""
+    if angle_deg >= 180:
+        return np.ones(len(stars), bool)
+    return stars.icrs @ axis_icrs > np.cos(np.radians(angle_deg))
 
 
 def places_of_date(stars: StarCatalogue, instant: Instant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from generator.projection import MODELS, Projection, ProjectionError
 from generator.psf_stack import read_stack
-from generator.strict import File, Fraction, Numbers, Strict
+from generator.strict import File, Fraction, Numbers, Strict, listed
 
 Waves = Annotated[float, Field(ge=-5, le=5)]
+LEAST_DIRECT_SHARE = 0.4
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
 
 
@@ -83,6 +84,36 @@ class PsfSpec(Strict):
         return self.stack is not None or (self.diffraction is not None and self.diffraction.varies)
 
 
+class BloomSpec(Strict):
+    """Light scattered in the lens into wide wings 1 / (1 + (r / core_px)^slope) around every point of light."""
+
+    share: Annotated[float, Field(gt=0, le=0.5)]
+    """Of the light, 0-0.5."""
+    core_px: Annotated[float, Field(ge=0.5, le=100)] = 2.0
+    """Where the wings set in, px."""
+    slope: Annotated[float, Field(ge=1, le=6)] = 2.0
+    """Exponent of the wings."""
+    reach_px: Annotated[int, Field(ge=2, le=1000)] = 200
+    """Where they end, px."""
+
+
+class GhostSpec(Strict):
+    """Light reflected twice in the lens: an even disk at a multiple of the point's distance from the principal point."""
+
+    share: Annotated[float, Field(gt=0, le=0.1)]
+    """Of the light, 0-0.1."""
+    magnification: Annotated[float, Field(ge=-10, le=10)]
+    """The disk's distance from the principal point over the point's own; negative on the other side."""
+    diameter_px: Annotated[float, Field(ge=2, le=500)]
+    """Of the disk, px; at least twice the magnification."""
+
+    @model_validator(mode="after")
+    def _without_gaps(self) -> GhostSpec:
+        if self.diameter_px < 2 * abs(self.magnification):
+            raise ValueError(f"diameter_px: found {self.diameter_px:g}, expected at least twice the magnification")
+        return self
+
+
 def _field_fits_model(hfov_deg: float | None, info: ValidationInfo) -> float | None:
     limits = {"pinhole": 180.0, "orthographic": 180.0, "equidistant": 360.0, "equisolid": 360.0, "stereographic": 360.0}
     model = info.data.get("model")
@@ -138,6 +169,13 @@ class CameraSpec(Strict):
     """Standard deviation of the Gaussian point spread function, px, where `psf` is not given."""
     psf: PsfSpec | None = None
     """Another point spread function."""
+    # Left out of the scenario's hash where they are not given, as if there were no such keys.
+    bloom: BloomSpec | None = Field(default=None, exclude_if=lambda bloom: bloom is None)
+    """Scatter in the lens."""
+    ghosts: Annotated[tuple[GhostSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(
+        default=(), exclude_if=lambda ghosts: not ghosts
+    )
+    """Reflections in the lens."""
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraSpec:
@@ -148,6 +186,11 @@ class CameraSpec(Strict):
             raise ValueError("focal_length_mm needs pixel_pitch_um")
         if self.psf is not None and self.psf.diffraction is not None and self.pixel_pitch_um is None:
             raise ValueError("psf.diffraction needs pixel_pitch_um")
+        if self.direct_share < LEAST_DIRECT_SHARE:
+            raise ValueError(
+                f"bloom and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
+                f"{1 - LEAST_DIRECT_SHARE:.2g} together"
+            )
         try:
             self.projection.check_frame(self.width, self.height, self.image_circle_px)
         except ProjectionError as error:
@@ -157,6 +200,11 @@ class CameraSpec(Strict):
             if not 0 <= factor <= 1 + 1e-9:
                 raise ValueError(f"vignetting: found a factor {factor:.3g} inside the frame, expected 0 to 1")
         return self
+
+    @property
+    def direct_share(self) -> float:
+        """Part of the light that goes neither into bloom nor into ghosts."""
+        return 1 - (self.bloom.share if self.bloom else 0.0) - sum(ghost.share for ghost in self.ghosts)
 
     @property
     def f_px(self) -> float:

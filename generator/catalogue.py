@@ -104,13 +104,20 @@ class StarCatalogue:
         return len(self.hip)
 
     def __getitem__(self, selection: NDArray[np.bool_] | NDArray[np.intp]) -> StarCatalogue:
-        return StarCatalogue(*(getattr(self, field.name)[selection] for field in fields(self)))
+        rows = np.flatnonzero(selection) if selection.dtype == bool else selection
+        return StarCatalogue(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     @property
     def star_id(self) -> NDArray[np.int32]:
         """Hipparcos number, or minus the HR number where there is none, or the other id where there is neither."""
         named = np.where(self.hip > 0, self.hip, -self.hr)
         return np.where(named == 0, self.other_id, named).astype(np.int32)
+
+    @functools.cached_property
+    def icrs(self) -> Floats:
+        """Unit vectors at J2000.0, (n, 3) array."""
+        ra, dec = np.radians(self.ra_deg), np.radians(self.dec_deg)
+        return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
 
     def joined(self, other: StarCatalogue) -> StarCatalogue:
         """Both catalogues' stars, this one's first."""

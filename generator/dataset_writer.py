@@ -20,6 +20,7 @@ from generator.files import atomic_path, write_bytes
 from generator.frame_plan import FramePlan, plan_frame
 from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes, star_table
 from generator.object_table import object_table
+from generator.png import png16
 from generator.scenario_file import Scenario
 from generator.scene import ExpectedFrame, render_expected
 from generator.seeds import random_stream
@@ -61,13 +62,13 @@ class RenderedFrame:
     developed: NDArray[np.uint8] | None = None
 
 
-def render_frame(scenario: Scenario, index: int, layers: bool = False) -> RenderedFrame:
-    """Render frame `index` of a scenario, with `layers` each component by itself too.
+def render_frame(scenario: Scenario, index: int, layers: bool = False, channels: bool = True) -> RenderedFrame:
+    """Render frame `index` of a scenario, with `layers` each component by itself too; `channels`: see `render_expected`.
 
     The result depends on the scenario and the index alone.
     """
     plan = plan_frame(scenario, index)
-    expected = render_expected(plan, layers)
+    expected = render_expected(plan, layers, channels)
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
@@ -98,9 +99,16 @@ def hud_lines(plan: FramePlan) -> tuple[str, ...]:
 
 def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
     """Encode DN as a 16-bit greyscale PNG, or an 8-bit picture as grey or colour."""
+    if pixels.dtype == np.uint16:
+        return png16(pixels.astype(np.uint16, copy=False))
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()
+
+
+def hud_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The head-up display's mask as a picture: 255 where it covers the frame, 0 elsewhere."""
+    return np.where(mask, 255, 0).astype(np.uint8)
 
 
 def write_exr(path: Path, frame: RenderedFrame) -> None:
@@ -133,7 +141,7 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     if frame.developed is not None:
         write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
     if frame.hud is not None:
-        write_bytes(folder / f"{stem}-hud.png", png_bytes(np.where(frame.hud, 255, 0).astype(np.uint8)))
+        write_bytes(folder / f"{stem}-hud.png", png_bytes(hud_picture(frame.hud)))
     write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
 
 

@@ -66,7 +66,7 @@ def expose(
         DN, 0 to 2^bits - 1.
     """
     exposure = Exposure(exposure_s, stream, unit or stream)
-    signal = np.asarray(electrons, dtype=np.float64)
+    signal = np.asarray(electrons, dtype=np.float32)
     for effect in effects(sensor):
         signal = effect.apply(signal, exposure)
     return signal.astype(np.uint16)

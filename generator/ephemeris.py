@@ -86,14 +86,9 @@ def _barycentric(target: int, tdb1: float, tdb2: float) -> Floats:
     return position
 
 
-def observe(target: int, site: Site, instant: Instant, orientation: EarthOrientation) -> Body:
-    """Where a body (kernel number) is for an observer at the site.
-
-    Raises
-    ------
-    TimeRangeError
-        Outside DE421's years.
-    """
+@functools.lru_cache(maxsize=4)
+def _observer(site: Site, instant: Instant, orientation: EarthOrientation) -> tuple[float, float, Floats]:
+    """Two-part TDB, and the place of the site relative to the solar system's barycentre, km (3,)."""
     tai = erfa.utctai(instant.utc1, instant.utc2)
     tdb1, tdb2 = (float(part) for part in erfa.taitt(*tai))
     start, end = float(_kernel()[0, 3].start_jd), float(_kernel()[0, 3].end_jd)
@@ -108,7 +103,18 @@ def observe(target: int, site: Site, instant: Instant, orientation: EarthOrienta
     # ERFA's own Earth is good to some km, too little for the Moon: take the observer's place on the Earth from it alone.
     _, erfa_earth = erfa.epv00(tdb1, tdb2)
     on_earth_km = (np.array(astrom["eb"]) - np.array(erfa_earth["p"])) * AU_KM
-    observer = _barycentric(EARTH, tdb1, tdb2) + on_earth_km
+    return tdb1, tdb2, _barycentric(EARTH, tdb1, tdb2) + on_earth_km
+
+
+def observe(target: int, site: Site, instant: Instant, orientation: EarthOrientation) -> Body:
+    """Where a body (kernel number) is for an observer at the site.
+
+    Raises
+    ------
+    TimeRangeError
+        Outside DE421's years.
+    """
+    tdb1, tdb2, observer = _observer(site, instant, orientation)
     light_days = 0.0
     for _ in range(3):
         position = _barycentric(target, tdb1, tdb2 - light_days)

@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.errors import ScenarioError
 from generator.foreground_spec import ForegroundSpec, HorizonSpec, ShapeSpec
 from generator.horizon_profile import elevation_deg, read_profile
+from generator.mesh_file import mesh_description
 
 Floats = NDArray[np.float64]
 
 WALL_STEP_DEG = 0.25
 LOWEST_DEG = -89.0
-MOST_FACES = 5_000_000
 
 
 def shape_dicts(spec: ForegroundSpec, mi: Any) -> dict[str, Any]:
-    """Parts of a scene dictionary for everything that stands in front of the sky.
-
-    Raises
-    ------
-    ScenarioError
-        A mesh that cannot be read, or that is open where it must be closed.
-    """
+    """Parts of a scene dictionary for everything that stands in front of the sky."""
     parts: dict[str, Any] = {}
     if spec.horizon is not None:
         parts["horizon"] = _wall(spec.horizon, mi)
     for number, shape in enumerate(spec.shapes):
-        parts[f"shape{number}"] = _mesh_from_file(shape, f"foreground.shapes.{number}", mi)
+        parts[f"shape{number}"] = _mesh_from_file(shape, mi)
     return parts
 
 
@@ -72,38 +64,6 @@ def _wall(horizon: HorizonSpec, mi: Any) -> Any:
     return mesh
 
 
-def _mesh_from_file(shape: ShapeSpec, key: str, mi: Any) -> Any:
-    location = Path(shape.file.location)
-    kind = location.suffix.lower().removeprefix(".")
-    if kind not in ("ply", "obj"):
-        raise ScenarioError(f"{key}.file: found '{shape.file.path}', expected a .ply or .obj file")
+def _mesh_from_file(shape: ShapeSpec, mi: Any) -> Any:
     place = mi.ScalarTransform4f().translate(list(shape.translate_m)).scale(shape.scale)
-    description = {"type": kind, "filename": str(location), "to_world": place, "bsdf": _surface(shape.reflectance)}
-    try:
-        mesh = mi.load_dict(description)
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise ScenarioError(f"{key}.file: '{shape.file.path}' cannot be read as a mesh ({reason[:120]})") from error
-    parameters = mi.traverse(mesh)
-    vertices = np.array(parameters["vertex_positions"]).reshape(-1, 3)
-    faces = np.array(parameters["faces"]).reshape(-1, 3)
-    if not 1 <= len(faces) <= MOST_FACES or not np.isfinite(vertices).all():
-        raise ScenarioError(
-            f"{key}.file: '{shape.file.path}' has {len(faces)} faces; expected 1 to {MOST_FACES}, finite"
-        )
-    open_edges = count_open_edges(vertices, faces)
-    if shape.closed and open_edges:
-        raise ScenarioError(
-            f"{key}.file: '{shape.file.path}' is not closed: {open_edges} edges do not join exactly two faces; "
-            "mend it, or say closed: false for an open sheet"
-        )
-    return mesh
-
-
-def count_open_edges(vertices: NDArray[Any], faces: NDArray[Any]) -> int:
-    """Edges that do not join exactly two faces; vertices at the same place count as one."""
-    _, merged = np.unique(vertices, axis=0, return_inverse=True)
-    corners = merged.reshape(-1)[faces]
-    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
-    _, counts = np.unique(edges, axis=0, return_counts=True)
-    return int((counts != 2).sum())
+    return mi.load_dict(mesh_description(shape.file) | {"to_world": place, "bsdf": _surface(shape.reflectance)})

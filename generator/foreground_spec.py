@@ -4,25 +4,48 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.io import verify_checksum
 
 from generator.horizon_profile import read_profile
-from generator.strict import File, Fraction, Strict, listed
+from generator.strict import File, Fraction, InputFile, Strict, listed
 
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+def _readable_mesh(file: InputFile) -> InputFile:
+    from generator.mesh_file import read_mesh  # loads Mitsuba, which scenarios without meshes need not wait for
+
+    read_mesh(file)
+    return file
+
+
+def _closed_mesh(closed: bool, info: ValidationInfo) -> bool:
+    from generator.mesh_file import read_mesh
+
+    if closed and "file" in info.data:
+        file = info.data["file"]
+        open_edges = read_mesh(file).open_edges
+        if open_edges:
+            raise ValueError(
+                f"'{file.path}' is not closed: {open_edges} edges do not join exactly two faces; "
+                "mend it, or say closed: false for an open sheet"
+            )
+    return closed
 
 
 class ShapeSpec(Strict):
     """A mesh, in metres: x east, y north, z up; the camera is at the origin."""
 
-    file: File
+    file: Annotated[File, AfterValidator(_readable_mesh)]
     """PLY or OBJ."""
     translate_m: Annotated[tuple[Metres, Metres, Metres], BeforeValidator(listed)] = (0.0, 0.0, 0.0)
     """Moves the mesh after scaling."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     reflectance: Fraction = 0.15
     """Diffuse, 0-1."""
-    closed: bool = True
+    closed: Annotated[bool, AfterValidator(_closed_mesh)] = Field(default=True, validate_default=True)
     """Whether the mesh must be a closed solid; terrain and skylines may be open sheets (false)."""
 
 
@@ -92,6 +115,19 @@ class TleSpec(Strict):
     v_mag: Annotated[float, Field(ge=-20, le=12)]
     """Apparent V at the ground."""
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @model_validator(mode="after")
+    def _element_set(self) -> TleSpec:
+        try:
+            verify_checksum(self.line1, self.line2)
+            orbit = Satrec.twoline2rv(self.line1, self.line2)
+        except ValueError as error:
+            raise ValueError(f"not a two-line element set ({str(error).splitlines()[0]})") from error
+        if not (self.line1.startswith("1 ") and self.line2.startswith("2 ") and self.line1[2:7] == self.line2[2:7]):
+            raise ValueError("not a two-line element set (lines 1 and 2 of one satellite)")
+        if orbit.error:
+            raise ValueError(f"not a two-line element set ({SGP4_ERRORS.get(orbit.error, 'unusable elements')})")
+        return self
 
 
 class ForegroundSpec(Strict):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +15,15 @@ from generator.astrometry import (
     intermediate_places,
     observed_places,
     places_of_date,
-    possibly_up,
+    stars_within,
 )
 from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
+from generator.camera_spec import CameraSpec
 from generator.catalogue import StarCatalogue, load_catalogue
 from generator.ephemeris import planets
 from generator.flying_objects import FlyingObjects, plan_objects
 from generator.motion import Motion, plan_motion
+from generator.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.scenario import AtmosphereSpec, FrameSpec
 from generator.scenario_file import Scenario
 from generator.scintillation import scintillation_factors, scintillation_sigma
@@ -33,6 +36,12 @@ Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 60.0
 """Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
+
+SKY_RATE_DEG_S = 15.05 / 3600
+FIELD_MARGIN_DEG = 2.5
+"""More than refraction, aberration, and proper motion over a century move a star."""
+LARGEST_CHROMATIC_SHARE = 2.5
+"""Longest shift of a wavelength band over the point spread function's lateral chromatic shift."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,8 @@ class FramePlan:
     orientation : EarthOrientation
         At mid-exposure.
     stars : StarCatalogue
-        The n stars above the horizon and brighter than the limit.
+        The n stars above the horizon, brighter than the limit, whose light may touch the frame; some lie a few degrees
+        outside of it.
     ra_deg, dec_deg : (n,) arrays
         ICRS, proper motion applied to mid-exposure.
     start, middle, end : ApparentPlaces
@@ -114,22 +124,18 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     orientation = earth_orientation(utc_mid)
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
-    catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
-    if spec.stars.planets:
-        catalogue = catalogue.joined(planets(site, utc_mid, orientation))
-    stars = catalogue[catalogue.v_mag <= spec.stars.limiting_magnitude]
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
-    stars = stars[possibly_up(stars, site, utc_mid)]
+    motion = plan_motion(spec, scenario.seed, index)
+    stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
     places = intermediate_places(stars, site, utc_mid, orientation)
     middle = observed_places(places, site, utc_mid, orientation, air)
-    up = middle.altitude_deg > 0
-    stars, places = stars[up], places[up]
+    up = middle.enu[:, 2] > 0
+    stars, places, middle = stars[up], places[up], middle[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
     path = [
         observed_places(places, site, utc_start.plus(float(after)), orientation, air)
         for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
     ]
-    middle = ApparentPlaces(middle.azimuth_deg[up], middle.altitude_deg[up])
     scintillation = np.ones(len(stars))
     if spec.stars.scintillation:
         sigma = scintillation_sigma(
@@ -150,13 +156,43 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         middle=middle,
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
-        motion=plan_motion(spec, scenario.seed, index),
+        motion=motion,
         objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
         airmass=airmass(middle.altitude_deg) if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
         cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(middle.enu),
         scintillation=scintillation,
     )
+
+
+def _stars_around(
+    spec: FrameSpec, motion: Motion, sky: SkyState, site: Site, instant: Instant, orientation: EarthOrientation
+) -> StarCatalogue:
+    """Stars and planets that may be above the horizon and in the frame at some time of the exposure, and some more."""
+    catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
+    boresight = motion.R_mid[2]
+    turned = np.degrees(np.arccos(np.clip(motion.R_cam[:, 2] @ boresight, -1, 1))).max()
+    field_deg = field_radius_deg(spec.camera) + turned + spec.shutter_s * SKY_RATE_DEG_S + FIELD_MARGIN_DEG
+    parts = [catalogue]
+    if spec.stars.planets:
+        parts.append(planets(site, instant, orientation))
+    chosen = []
+    for part in parts:
+        wanted = part.v_mag <= spec.stars.limiting_magnitude
+        wanted &= stars_within(part, sky.icrs_from_enu[:, 2], 90 + FIELD_MARGIN_DEG)
+        wanted &= stars_within(part, sky.icrs_from_enu @ boresight, field_deg)
+        chosen.append(part[wanted])
+    return chosen[0].joined(chosen[1]) if len(chosen) > 1 else chosen[0]
+
+
+@functools.lru_cache(maxsize=64)
+def field_radius_deg(camera: CameraSpec) -> float:
+    """Angle from the boresight, deg, beyond which no star's light touches the frame of a camera at rest."""
+    reach_px = PSF_REACH_SIGMAS * equivalent_sigma_px(camera)
+    if camera.psf is not None:
+        drawn_px = camera.psf.support_px + abs(camera.psf.lateral_chromatic_px) * LARGEST_CHROMATIC_SHARE
+        reach_px = max(reach_px, drawn_px)
+    return camera.projection.angle_deg(camera.corner_px + reach_px + 2)
 
 
 def refracting_air(spec: AtmosphereSpec) -> Air:

@@ -16,11 +16,10 @@ from generator.ephemeris import PLANET_ID_BASE
 from generator.frame_plan import FramePlan
 from generator.mitsuba_runtime import choose_variant
 from generator.motion import Motion
-from generator.psf import equivalent_sigma_px
+from generator.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.scene import ExpectedFrame
 
 FORMAT = "skybench-frame/1"
-PSF_REACH_SIGMAS = 6.0
 
 STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -187,11 +186,11 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     peak = _brightest_pixel_around(expected.electrons, row, column) + sensor.mean_dark_e_s * spec.time.exposure_s
     columns = {
         "index": np.full(len(rows), plan.index),
-        "frame_id": [plan.frame_id] * len(rows),
+        "frame_id": pa.repeat(plan.frame_id, len(rows)),
         "star_id": star_id[rows],
         "hip": plan.stars.hip[rows],
         "hr": plan.stars.hr[rows],
-        "kind": np.where(star_id[rows] > PLANET_ID_BASE, "planet", "star"),
+        "kind": pa.array(["star", "planet"]).take(pa.array((star_id[rows] > PLANET_ID_BASE).astype(np.int8))),
         "ra_deg": plan.ra_deg[rows],
         "dec_deg": plan.dec_deg[rows],
         "v_mag": plan.stars.v_mag[rows],
@@ -209,14 +208,19 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "end_v_px": end[:, 1],
         "electrons_e": electrons,
         "fraction_in_frame": expected.fraction_in_frame[rows],
-        "snr": matched_filter_snr(electrons, sky, sigma, spec.time.exposure_s, sensor),
+        "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
         "saturated": peak >= saturation_e(sensor),
         "occluded": expected.occluded[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],
         "scintillation": plan.scintillation[rows],
     }
-    arrays = [pa.array(columns[field.name], type=field.type) for field in STAR_SCHEMA]
+    arrays = [_column(columns[field.name], field.type) for field in STAR_SCHEMA]
     return pa.Table.from_arrays(arrays, schema=STAR_SCHEMA)
+
+
+def _column(values: Any, kind: pa.DataType) -> pa.Array:
+    """A column of the table."""
+    return values if isinstance(values, pa.Array) else pa.array(values, type=kind)
 
 
 def _brightest_pixel_around(

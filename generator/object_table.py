@@ -1,12 +1,18 @@
-"""The table of flying objects: what docs/dataset_format.md promises of objects.parquet."""
+"""The table of flying objects and the Moon: what docs/dataset_format.md promises of objects.parquet."""
 
 from __future__ import annotations
+
+from dataclasses import fields
 
 import numpy as np
 import pyarrow as pa
 
 from generator.frame_plan import FramePlan
 from generator.scene import ExpectedFrame
+from generator.sky.moonlight import MOON_BV_MAG
+from generator.star_truth import StarTruth
+
+MOON_OBJECT = -1
 
 OBJECT_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -32,17 +38,30 @@ OBJECT_SCHEMA = pa.schema(
 
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects: those whose light reaches the frame, hidden ones included."""
-    objects, truth = plan.objects, expected.objects
+    """Return the truth of a frame's flying objects and of the Moon: those whose light reaches the frame, hidden ones too.
+
+    The Moon's row comes last, with the object number MOON_OBJECT and V above the atmosphere.
+    """
+    objects, moon = plan.objects, expected.moon
+    number = np.concatenate([objects.number, np.full(len(moon.electrons), MOON_OBJECT)])
+    kind = [*objects.kind, *["moon"] * len(moon.electrons)]
+    v_mag = np.concatenate([objects.v_mag, np.full(len(moon.electrons), plan.sky.moon_v_mag)])
+    bv_mag = np.concatenate([objects.bv_mag, np.full(len(moon.electrons), MOON_BV_MAG)])
+    truth = StarTruth(
+        *(
+            np.concatenate([getattr(expected.objects, field.name), getattr(moon, field.name)])
+            for field in fields(StarTruth)
+        )
+    )
     rows = np.flatnonzero((truth.fraction_in_frame > 0) | truth.occluded)
     centroid = np.where(np.isfinite(truth.centroid_px), truth.centroid_px, 0.5 * (truth.start_px + truth.end_px))
     columns = {
         "index": np.full(len(rows), plan.index),
         "frame_id": [plan.frame_id] * len(rows),
-        "object": objects.number[rows],
-        "kind": [objects.kind[row] for row in rows],
-        "v_mag": objects.v_mag[rows],
-        "bv_mag": objects.bv_mag[rows],
+        "object": number[rows],
+        "kind": [kind[row] for row in rows],
+        "v_mag": v_mag[rows],
+        "bv_mag": bv_mag[rows],
         "centroid_u_px": centroid[rows, 0],
         "centroid_v_px": centroid[rows, 1],
         "start_u_px": truth.start_px[rows, 0],

@@ -39,15 +39,19 @@ BAND_COUNT = 4
 REFERENCE_NM = 550.0
 CHROMATIC_SPAN_NM = 200.0
 MARGIN_PX = 4
+PSF_REACH_SIGMAS = 6.0
+"""Equivalent standard deviations from a star within which its light counts."""
 
 
 @dataclass(frozen=True)
 class PsfTable:
-    """What :class:`generator.plugins.psf_atlas.PsfAtlas` reads.
+    """Point spread functions on a grid of field positions, for a few wavelength bands.
 
     Attributes
     ----------
     stamps : (bands, rows, columns, n, n) array
+        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
+        radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
     shift : (bands,) array
     edges_nm : (bands + 1,) array
         The bands' limits.
@@ -57,8 +61,58 @@ class PsfTable:
     shift: Floats
     edges_nm: Floats
 
+    @functools.cached_property
+    def cumulated(self) -> Floats:
+        """Light on fine samples before each row and column, (bands, rows, columns, n + 1, n + 1) array.
 
-@functools.lru_cache(maxsize=8)
+        Fine samples integrate to the light: each stands for 1/FINE_PER_PX^2 of it, those on the rim for half as much.
+        """
+        size = self.stamps.shape[-1]
+        result = np.zeros((*self.stamps.shape[:3], size + 1, size + 1))
+        result[..., 1:, 1:] = self.stamps
+        result[..., [1, -1], :] *= 0.5
+        result[..., [1, -1]] *= 0.5
+        result /= FINE_PER_PX**2
+        np.cumsum(result, axis=-1, out=result)
+        return np.cumsum(result, axis=-2, out=result)
+
+    @property
+    def by_phase(self) -> NDArray[np.float32]:
+        """The stamps' samples by their place within a pixel first: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
+        *nodes, size, _ = self.stamps.shape
+        side = size // FINE_PER_PX + 1
+        spare = side * FINE_PER_PX - size
+        padded = np.pad(self.stamps, [(0, 0)] * 3 + [(0, spare)] * 2)
+        return padded.reshape(*nodes, side, FINE_PER_PX, side, FINE_PER_PX).transpose(0, 1, 2, 4, 6, 3, 5)
+
+    @functools.cached_property
+    def inside(self) -> Floats:
+        """Light within squares of 1, 3, 5 … px around a star, (radius + 1, bands, rows, columns) array."""
+        middle = self.stamps.shape[-1] // 2
+
+        def square(half: int) -> Floats:
+            first, stop = middle - half, middle + half + 1
+            corners = self.cumulated
+            return (
+                corners[..., stop, stop] - corners[..., first, stop] - corners[..., stop, first]
+                + corners[..., first, first]
+            )  # fmt: skip
+
+        halves = np.arange(FINE_PER_PX // 2, middle + 1, FINE_PER_PX)
+        # The rim of a square counts for half.
+        return np.array([(square(h) + square(h - 1)) / 2 if h < middle else square(h) for h in halves])
+
+    @functools.cached_property
+    def beyond(self) -> Floats:
+        """Largest share of a pixel outside those squares, anywhere in the field and in any band, (radius + 1,) array."""
+        largest = self.stamps.max(axis=(0, 1, 2))
+        from_middle = np.abs(np.arange(len(largest)) - len(largest) // 2)
+        distance = np.maximum(from_middle[:, None], from_middle)
+        halves = np.arange(FINE_PER_PX // 2, len(largest) // 2, FINE_PER_PX)
+        return np.array([*(largest[distance >= half].max() for half in halves), 0.0])
+
+
+@functools.lru_cache(maxsize=2)
 def psf_table(camera: CameraSpec) -> PsfTable:
     """Tabulate a camera's point spread function (its `psf` section, which must be given)."""
     psf = camera.psf
@@ -85,6 +139,7 @@ def psf_table(camera: CameraSpec) -> PsfTable:
     return PsfTable(stamps, shift, edges)
 
 
+@functools.lru_cache(maxsize=64)
 def equivalent_sigma_px(camera: CameraSpec) -> float:
     """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
 

@@ -148,7 +148,7 @@ class SkySpec(Strict):
     """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; nothing for a black sky."""
 
     bortle: Annotated[int, Field(ge=1, le=9)] | None = None
-    """Bortle class: a place whose lamps bring a natural zenith of V 22.0 to the table of docs/physics.md."""
+    """Bortle class: a place, and the zenith brightness of the table in docs/physics.md, as zenith_mag_arcsec2 gives it."""
     zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
     """Total brightness of the zenith of this very frame without Moon, twilight and cloud, V mag/arcsec^2."""
     cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None

@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -20,6 +21,7 @@ from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario import FrameSpec
 from generator.seeds import random_stream
+from generator.strict import InputFile
 from generator.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 
 LARGEST_FILE_BYTES = 1_000_000
@@ -75,6 +77,8 @@ class Scenario:
         Distributions.
     source : str
         File name, for messages.
+    files : tuple of InputFile
+        Files that it names; their hashes are part of its own.
     """
 
     name: str
@@ -85,6 +89,7 @@ class Scenario:
     axes: tuple[tuple[Sweep, ...], ...]
     draws: tuple[Draw, ...]
     source: str = field(compare=False)
+    files: tuple[InputFile, ...] = ()
 
     @property
     def combination_count(self) -> int:
@@ -120,7 +125,15 @@ class Scenario:
                 except ScenarioError as error:
                     raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: frame {index}: {error}") from error
                 chosen[draw.path] = value
-        return _validate(_resolve(self.template, chosen), self.source)
+        files: list[InputFile] = []
+        spec = _validate(_resolve(self.template, chosen), self.source, files)
+        known = {file.path: file.sha256 for file in self.files}
+        for file in files:
+            if known.get(file.path) != file.sha256:
+                raise ScenarioError(
+                    f"{self.source}: '{file.path}' changed since the scenario was read; run the command again"
+                )
+        return spec
 
     def _swept(self, combination: int) -> dict[KeyPath, Any]:
         """Values of the sweeps in one combination."""
@@ -130,19 +143,39 @@ class Scenario:
             chosen |= {sweep.path: sweep.values[position] for sweep in axis}
         return chosen
 
-    def check(self) -> None:
-        """Validate every swept value, and both ends of every distribution, before any work. Raises ScenarioError."""
+    def check(self) -> tuple[InputFile, ...]:
+        """Validate every swept value, and both ends of every distribution, before any work.
+
+        Returns
+        -------
+        tuple of InputFile
+            Files that the scenario names in any of its frames, each once, by path.
+
+        Raises
+        ------
+        ScenarioError
+        """
+        found: list[InputFile] = []
+        for _ in self._representatives(found):
+            pass
+        named = {file.path: file for file in found}
+        return tuple(named[path] for path in sorted(named))
+
+    def _representatives(self, files: list[InputFile]) -> Iterator[FrameSpec]:
+        """Validated frames in which every swept value, and both ends of every distribution, occur; adds to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
         for axis in reversed(self.axes):
             for position in range(len(axis[0].values)):
-                _validate(_resolve(self.template, self._swept(position * stride) | first), self.source)
+                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source, files)
             stride *= len(axis[0].values)
         for draw, values in zip(self.draws, ends, strict=True):
             for value in values:
-                _validate(_resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source)
-        _validate(_resolve(self.template, self._swept(0) | first), self.source)
+                yield _validate(
+                    _resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source, files
+                )
+        yield _validate(_resolve(self.template, self._swept(0) | first), self.source, files)
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -152,11 +185,7 @@ class Scenario:
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
         for path in [*self._swept(0), *first]:
-            parent: Any = complete
-            for key in path[:-1]:
-                parent = parent.get(key) if isinstance(parent, dict) else None
-            if isinstance(parent, dict):
-                parent.pop(path[-1], None)
+            _forget(complete, path)
         meaning = {
             "format": 1,
             "skybench": __version__,
@@ -217,8 +246,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
     scenario = Scenario(name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source)
     if scenario.frame_count > LARGEST_FRAME_COUNT:
         raise ScenarioError(f"{source}: it makes {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
-    scenario.check()
-    return scenario
+    return dataclasses.replace(scenario, files=scenario.check())
 
 
 def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
@@ -240,7 +268,23 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
         return chosen[path]
     if isinstance(tree, dict):
         return {key: _resolve(value, chosen, (*path, str(key))) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_resolve(value, chosen, (*path, str(place))) for place, value in enumerate(tree)]
     return tree
+
+
+def _forget(tree: Any, path: KeyPath) -> None:
+    """Take the value at a path out of a tree of mappings and lists, where there is one."""
+    *parents, last = path
+    for key in parents:
+        if isinstance(tree, list):
+            tree = tree[int(key)] if key.isdigit() and int(key) < len(tree) else None
+        else:
+            tree = tree.get(key) if isinstance(tree, dict) else None
+    if isinstance(tree, dict):
+        tree.pop(last, None)
+    elif isinstance(tree, list) and last.isdigit() and int(last) < len(tree):
+        tree[int(last)] = None
 
 
 def _observer(site: Any) -> Observer | None:
@@ -253,9 +297,12 @@ def _observer(site: Any) -> Observer | None:
     return Observer(float(latitude), float(longitude))
 
 
-def _validate(tree: dict[str, Any], source: str) -> FrameSpec:
+def _validate(tree: dict[str, Any], source: str, files: list[InputFile] | None = None) -> FrameSpec:
+    """Check a frame's tree of values; the files that it names are added to `files`."""
     try:
-        return FrameSpec.model_validate(tree, context={"folder": Path(source).parent})
+        return FrameSpec.model_validate(
+            tree, context={"folder": Path(source).parent, "files": [] if files is None else files}
+        )
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]

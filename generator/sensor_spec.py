@@ -65,7 +65,8 @@ class SensorSpec(Strict):
     """What turns photons into DN."""
 
     quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
-    """A named curve or a list of [nm, 0-1], linear in between, zero outside. A colour sensor uses its own three."""
+    """A named curve, a list of [nm, 0-1], or a CSV file (wavelength_nm, quantum_efficiency), linear in between, zero outside.
+    A colour sensor uses its own three."""
     colour: ColourSpec | None = None
     """A Bayer filter array; without it the sensor is monochrome."""
     rolling_shutter: ShutterSpec | None = None

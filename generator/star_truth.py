@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,31 @@ class StarTruth:
         """Truth of the first `count` stars."""
         return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
 
+    def together_from(self, first: int) -> StarTruth:
+        """Truth of what the rows from `first` on are together: one source, or none where there are no such rows."""
+        rows = slice(first, None)
+        electrons = self.electrons[rows]
+        if not len(electrons):
+            return self.first(0)
+        weight = electrons if electrons.sum() > 0 else np.ones(len(electrons))
+
+        def mean(values: Floats) -> Floats:
+            lit = np.isfinite(values.sum(axis=-1) if values.ndim > 1 else values) & (weight > 0)
+            if not lit.any():
+                return np.full((1, *values.shape[1:]), np.nan)
+            return np.average(values[lit], axis=0, weights=weight[lit])[None]
+
+        return StarTruth(
+            mean(self.u_px[rows]),
+            mean(self.v_px[rows]),
+            mean(self.start_px[rows]),
+            mean(self.end_px[rows]),
+            mean(self.centroid_px[rows]),
+            np.array([electrons.sum()]),
+            mean(self.fraction_in_frame[rows]),
+            np.array([self.occluded[rows].mean() > 0.5]),
+        )
+
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     """Truth of stars.
@@ -40,7 +65,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     Parameters
     ----------
     plan : FramePlan
-    tracks : generator.plugins.star_splats.StarTracks
+    tracks : generator.plugins.star_tracks.StarTracks
     on_axis_e : (n, bands) array
         Each star's electrons on the axis, in the point spread function's wavelength bands.
     """
@@ -68,6 +93,26 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     )
 
 
+def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:
+    """The truth with starts and ends where light first and last comes from, of lights that are dark when the exposure does.
+
+    Parameters
+    ----------
+    truth : StarTruth
+    tracks : generator.plugins.star_splats.StarTracks
+        Their moments are in the order of time, source by source.
+    light_curve : (n, parts) array
+        Relative brightness over the exposure.
+    """
+    start, end = truth.start_px.copy(), truth.end_px.copy()
+    lit, first = np.unique(tracks.star, return_index=True)
+    last = np.append(first[1:], len(tracks.star)) - 1
+    for place, moments, dark in ((start, first, light_curve[:, 0] == 0), (end, last, light_curve[:, -1] == 0)):
+        late = dark[lit]
+        place[lit[late]] = np.stack([tracks.u, tracks.v], axis=1)[moments[late]]
+    return replace(truth, start_px=start, end_px=end)
+
+
 def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
     """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
     scale = math.sqrt(2) * sigma_px
@@ -80,14 +125,9 @@ def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
     That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
     """
     camera = plan.spec.camera
-    stamps = psf_table(camera).stamps[band].astype(np.float64)
-    rows, columns, size = stamps.shape[:3]
-    # Sums over whole pixels: fine samples integrate to the light, each for 1/FINE_PER_PX^2 of it.
-    fine = stamps / FINE_PER_PX**2
-    fine[..., [0, -1]] *= 0.5
-    fine[..., [0, -1], :] *= 0.5
-    cumulated = np.zeros((rows, columns, size + 1, size + 1))
-    cumulated[..., 1:, 1:] = fine.cumsum(axis=-1).cumsum(axis=-2)
+    table = psf_table(camera)
+    cumulated = table.cumulated[band]
+    rows, columns, size = table.stamps.shape[1:4]
     half = (size - 1) / 2
 
     def edges(position: Floats, extent: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

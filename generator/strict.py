@@ -60,29 +60,6 @@ QE_CURVES: dict[str, tuple[tuple[float, float], ...]] = {
 Bayer filters behind an infrared cut-off at 700 nm."""
 
 
-def _named_curve(value: object) -> object:
-    if isinstance(value, str):
-        if value not in QE_CURVES:
-            raise ValueError(f"{value!r} is not one of the named curves {sorted(QE_CURVES)}, nor a list of [nm, 0-1]")
-        return QE_CURVES[value]
-    return listed(value)
-
-
-def increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    """Check that the first numbers of a curve's points increase."""
-    if any(after[0] <= before[0] for before, after in itertools.pairwise(curve)):
-        raise ValueError("wavelengths must increase")
-    return curve
-
-
-Curve = Annotated[
-    tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
-    Field(min_length=2, max_length=2000),
-    AfterValidator(increasing),
-    BeforeValidator(_named_curve),
-]
-
-
 class InputFile(Strict):
     """A file that a scenario names: its path relative to the scenario's folder, and the hash of its bytes."""
 
@@ -100,9 +77,10 @@ class InputFile(Strict):
 def _opened(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
         return value
-    folder = Path((info.context or {}).get("folder", ".")).resolve()
+    context = info.context or {}
+    folder = Path(context.get("folder", ".")).resolve()
     location = (folder / value).resolve()
-    if not location.is_relative_to(folder):
+    if Path(value).is_absolute() or not location.is_relative_to(folder):
         raise ValueError(f"found {value!r}, which leaves the scenario's folder")
     try:
         size = location.stat().st_size
@@ -111,8 +89,54 @@ def _opened(value: object, info: ValidationInfo) -> object:
         digest = hashlib.sha256(location.read_bytes()).hexdigest()
     except OSError as error:
         raise ValueError(f"found {value!r}, which cannot be read ({error.strerror})") from error
-    return InputFile(path=value, sha256=digest, location=str(location))
+    file = InputFile(path=value, sha256=digest, location=str(location))
+    if "files" in context:
+        context["files"].append(file)
+    return file
 
 
 File = Annotated[InputFile, BeforeValidator(_opened)]
-"""A file name in a scenario."""
+"""A file name in a scenario. Validation looks for it in the context's ``folder`` and adds it to the context's ``files``."""
+
+CURVE_COLUMNS = ["wavelength_nm", "quantum_efficiency"]
+
+
+def _named_curve(value: object, info: ValidationInfo) -> object:
+    if not isinstance(value, str):
+        return listed(value)
+    if value in QE_CURVES:
+        return QE_CURVES[value]
+    if value.endswith(".csv"):
+        return _curve_from_file(value, info)
+    raise ValueError(
+        f"{value!r} is not one of the named curves {sorted(QE_CURVES)}, a .csv file, nor a list of [nm, 0-1]"
+    )
+
+
+def _curve_from_file(name: str, info: ValidationInfo) -> tuple[tuple[float, ...], ...]:
+    """Points of a curve in a CSV file with the columns CURVE_COLUMNS."""
+    file = _opened(name, info)
+    assert isinstance(file, InputFile)
+    lines = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
+    header = [column.strip() for column in lines[0].split(",")] if lines else []
+    if header != CURVE_COLUMNS:
+        raise ValueError(f"found '{name}' with the columns {header}, expected {', '.join(CURVE_COLUMNS)}")
+    try:
+        return tuple(tuple(float(cell) for cell in line.split(",")) for line in lines[1:] if line.strip())
+    except ValueError as error:
+        raise ValueError(f"found '{name}', which holds something that is not a number ({error})") from error
+
+
+def increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Check that the first numbers of a curve's points increase."""
+    if any(after[0] <= before[0] for before, after in itertools.pairwise(curve)):
+        raise ValueError("wavelengths must increase")
+    return curve
+
+
+Curve = Annotated[
+    tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
+    Field(min_length=2, max_length=2000),
+    AfterValidator(increasing),
+    BeforeValidator(_named_curve),
+]

@@ -1,7 +1,8 @@
-"""Tycho-2 stars from the file of Debian's package kstars-data-extra-tycho2, which the user installs.
+"""Tycho-2 stars from the files of Debian's packages kstars-data-extra-tycho2 and kstars-data, which the user installs.
 
-The file is KStars' ``deepstars.dat``: a header with field descriptors, an index of 512 trixels, and records of 32 bytes.
-Its magnitudes are Tycho's V_T and B_T - V_T. Source of the stars: Hog et al. 2000, A&A 355, L27.
+``deepstars.dat`` of the first holds stars fainter than V_T 8; ``unnamedstars.dat`` and ``namedstars.dat`` of the second, read
+where they stand beside it, the brighter ones. Each is a header with field descriptors, an index of trixels, and records of 32
+bytes. Magnitudes are Tycho's V_T and B_T - V_T. Source of the stars: Hog et al. 2000, A&A 355, L27.
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ Floats = NDArray[np.float64]
 
 PATH_VARIABLE = "SKYBENCH_TYCHO2"
 DEFAULT_PATH = Path("/usr/share/kstars/deepstars.dat")
+BRIGHTER_FILES = ("unnamedstars.dat", "namedstars.dat")
 PREAMBLE_BYTES = 124
 DESCRIPTOR_BYTES, INDEX_BYTES, EXPANSION_BYTES, RECORD_BYTES = 16, 12, 5, 32
 TYCHO_ID_BASE = 100_000_000
 SAME_STAR_ARCSEC, SAME_STAR_MAG = 5.0, 1.5
 DUPLICATE_ARCSEC = 0.2
+YEARS_FROM_HIPPARCOS = 8.75
 NO_COLOUR = 9999
 RECORD = np.dtype(
     [("ra", "<i4"), ("dec", "<i4"), ("pm_ra", "<i4"), ("pm_dec", "<i4"), ("parallax", "<i4"), ("hd", "<i4"),
@@ -50,8 +53,8 @@ def read_records(path: Path) -> NDArray[np.void]:
         data = path.read_bytes()
     except OSError as error:
         raise DataFileError(
-            f"{path}: cannot be read ({error.strerror}); install kstars-data-extra-tycho2 (Debian, non-free), or point "
-            f"{PATH_VARIABLE} at its deepstars.dat"
+            f"{path}: cannot be read ({error.strerror}); install kstars-data-extra-tycho2 (Debian, non-free) and "
+            f"kstars-data, or point {PATH_VARIABLE} at the former's deepstars.dat"
         ) from error
     # Preamble: 124 bytes of text, i2 byte order, u1 version, u2 count of field descriptors; descriptors from byte 129.
     header = PREAMBLE_BYTES + 5
@@ -83,8 +86,15 @@ def without_duplicates(ra_deg: Floats, dec_deg: Floats, v_mag: Floats) -> NDArra
 
 
 def read_tycho2(path: Path) -> StarCatalogue:
-    """Tycho-2 as a catalogue: ICRS at J2000.0, Johnson V and B-V, duplicates removed. Ids: TYCHO_ID_BASE plus record."""
-    record = read_records(path)
+    """Tycho-2 as a catalogue: ICRS at J2000.0, Johnson V and B-V, duplicates removed. Ids: TYCHO_ID_BASE plus record.
+
+    Parameters
+    ----------
+    path : Path
+        Of ``deepstars.dat``; BRIGHTER_FILES beside it are read too.
+    """
+    beside = [path.parent / name for name in BRIGHTER_FILES]
+    record = np.concatenate([read_records(file) for file in (path, *(file for file in beside if file.exists()))])
     colour = record["colour"].astype(float) / 100
     assumed = (record["colour"] == NO_COLOUR) | (np.abs(colour) > 5)
     bt_vt = np.where(assumed, ASSUMED_BV_MAG / 0.85, colour)
@@ -107,18 +117,26 @@ def read_tycho2(path: Path) -> StarCatalogue:
     return stars[without_duplicates(ra, dec, v_mag)]
 
 
+def unit_vectors(stars: StarCatalogue, years: float = 0.0) -> Floats:
+    """Directions of stars, moved by their proper motion for so long, (n, 3) array."""
+    d = np.radians(stars.dec_deg + stars.pm_dec_mas_yr * years / 3.6e6)
+    a = np.radians(stars.ra_deg + stars.pm_ra_mas_yr * years / 3.6e6 / np.cos(np.radians(stars.dec_deg)))
+    return np.stack([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)], axis=-1)
+
+
 def add_missing(base: StarCatalogue, more: StarCatalogue) -> StarCatalogue:
-    """`base`, and those stars of `more` that it lacks: none within SAME_STAR_ARCSEC and SAME_STAR_MAG; sorted by V."""
+    """`base`, and those stars of `more` that it lacks: none within SAME_STAR_ARCSEC and SAME_STAR_MAG; sorted by V.
 
-    def xyz(stars: StarCatalogue) -> Floats:
-        a, d = np.radians(stars.ra_deg), np.radians(stars.dec_deg)
-        return np.stack([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)], axis=-1)
-
+    KStars' files give most stars at J2000 and some, without telling which, where they were at J1991.25, Hipparcos' epoch:
+    a star is known if the base has it at either place.
+    """
     reach = float(np.radians(SAME_STAR_ARCSEC / 3600))
-    distance, row = cKDTree(xyz(base)).query(xyz(more), k=2, distance_upper_bound=reach)
-    found = np.isfinite(distance)
-    v_mag = np.append(base.v_mag, np.inf)
-    known = np.asarray((found & (np.abs(v_mag[row] - more.v_mag[:, None]) < SAME_STAR_MAG)).any(axis=1), dtype=bool)
+    tree, v_mag = cKDTree(unit_vectors(base)), np.append(base.v_mag, np.inf)
+    known = np.zeros(len(more), bool)
+    for years in (0.0, YEARS_FROM_HIPPARCOS):
+        distance, row = tree.query(unit_vectors(more, years), k=2, distance_upper_bound=reach)
+        alike = np.abs(v_mag[row] - more.v_mag[:, None]) < SAME_STAR_MAG
+        known |= (np.isfinite(distance) & alike).any(axis=1)
     joined = base.joined(more[~known])
     return joined[np.argsort(joined.v_mag, kind="stable")]
 

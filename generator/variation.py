@@ -1,6 +1,6 @@
 """Values that vary over the frames of a scenario: sweeps and distributions.
 
-Any value of a scenario may be replaced by a mapping with one of these keys:
+Any value of a scenario, also one inside a list, may be replaced by a mapping with one of these keys:
 
 =========================================  ==========================================================================
 mapping                                    meaning
@@ -230,6 +230,10 @@ def find_variations(tree: Any, source: str) -> tuple[list[Sweep], list[Draw]]:
 def _variation_nodes(tree: Any, path: KeyPath, source: str) -> Iterator[tuple[KeyPath, dict[str, Any]]]:
     if len(path) > DEEPEST_NESTING:
         raise ScenarioError(f"{source}: {'.'.join(path[:3])}…: nested deeper than {DEEPEST_NESTING} levels")
+    if isinstance(tree, list):
+        for place, value in enumerate(tree):
+            yield from _variation_nodes(value, (*path, str(place)), source)
+        return
     if not isinstance(tree, dict):
         return
     if SWEEP_KEY in tree or any(key in tree for key in _DISTRIBUTIONS):

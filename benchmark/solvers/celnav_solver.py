@@ -45,9 +45,23 @@ class CelnavSolver:
             raise TypeError(f"needs the detections of celnav.detect, found {type(detections).__name__}")
         camera = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
         fix = celnav.solve(
-            detections, camera, utc=observation.utc, attitude=observation.R_cam, solver=self.name, history=None
+            detections,
+            camera,
+            utc=observation.utc,
+            attitude=self._attitude(observation),
+            solver=self.name,
+            history=None,
         )
         return answer_of(fix)
+
+    def _attitude(self, observation: Observation) -> celnav.Attitude:
+        """What is known of the attitude; the thesis' solvers take none but a whole one, however uncertain."""
+        tilt, heading = observation.tilt_sigma_deg, observation.heading_sigma_deg
+        if (tilt == 0.0 and heading == 0.0) or self.name != "skybench":
+            return celnav.Attitude.exact(observation.R_cam)
+        if math.isinf(heading):
+            return celnav.Attitude.up(observation.R_cam[:, 2], tilt_deg=tilt)
+        return celnav.Attitude.with_sigma(observation.R_cam, tilt_deg=tilt, heading_deg=heading)
 
 
 def answer_of(fix: celnav.Fix) -> Answer:

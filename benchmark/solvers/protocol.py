@@ -38,12 +38,18 @@ class Observation:
     utc : str
         Mid-exposure, ISO 8601 with a trailing Z.
     R_cam : ndarray, shape (3, 3)
-        Takes ENU to camera at mid-exposure.
+        Takes ENU to camera at mid-exposure, as far as it is known.
+    tilt_sigma_deg : float
+        Standard deviation of its vertical about each horizontal axis.
+    heading_sigma_deg : float
+        Standard deviation of its heading; infinite where the heading is not known.
     """
 
     camera: CameraRecord
     utc: str
     R_cam: NDArray[np.float64]
+    tilt_sigma_deg: float = 0.0
+    heading_sigma_deg: float = 0.0
 
 
 class Detections(Protocol):

@@ -1,29 +1,92 @@
-"""Which solvers can be run by name."""
+"""Which solvers can be run: by name, or from a folder of the user's own."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
+from importlib.util import find_spec
+from pathlib import Path
 
-import celnav
-from benchmark.errors import UnknownSolverError
+from benchmark.errors import SolverError, UnknownSolverError
 from benchmark.solvers.celnav_solver import CelnavSolver
+from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_solver_folder
 from benchmark.solvers.protocol import SolverUnderTest
+from benchmark.solvers.ruststartracker.adapter import RustStarTracker
+from benchmark.solvers.tetra3rs.adapter import Tetra3rs
+from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
+
+# What an adapter imports beside skybench itself.
+_PACKAGES = {
+    "celnav": (),
+    "tetra3rs": ("sep", "tetra3rs"),
+    "ruststartracker": ("sep", "ruststartracker"),
+    "zenith-fixer": ("sep", "zenith"),
+}
 
 
 def known_solvers() -> tuple[str, ...]:
-    """Names that `make_solver` knows, sorted."""
-    return tuple(sorted(celnav.solvers()))
+    """Names of all solvers that come with skybench, sorted."""
+    return tuple(sorted(_folders()))
 
 
-def make_solver(name: str) -> SolverUnderTest:
-    """Make a contestant by its name.
+def solver_folder(name: str) -> SolverFolder:
+    """Find a solver by its name, or by the path of its folder.
 
     Raises
     ------
     UnknownSolverError
         Lists the names that exist.
+    SolverError
+        The folder's ``solver.yaml`` is wrong.
     """
-    known = known_solvers()
-    if name not in known:
-        near = get_close_matches(name, known, n=1)
+    if (Path(name) / SPEC_NAME).is_file():
+        return read_solver_folder(Path(name))
+    folders = _folders()
+    if name not in folders:
+        near = get_close_matches(name, folders, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
-        raise UnknownSolverError(f"unknown solver {name!r}{hint}; known: {', '.join(known)}")
-    return CelnavSolver(name)
+        raise UnknownSolverError(
+            f"unknown solver {name!r}{hint}; known: {', '.join(sorted(folders))}, or a folder with a {SPEC_NAME}"
+        )
+    return folders[name]
+
+
+def make_solver(name: str) -> SolverUnderTest:
+    """Make a contestant of this process by its name.
+
+    Raises
+    ------
+    UnknownSolverError
+        Lists the names that exist.
+    SolverError
+        It is an external program, or its extra is not installed.
+    """
+    found = solver_folder(name)
+    adapter = found.spec.adapter
+    if adapter is None:
+        raise SolverError(f"{name}: is a program of its own; it runs on tasks: skybench bench run TASK --solver {name}")
+    missing = missing_packages(found)
+    if missing:
+        raise SolverError(missing_message(found, missing))
+    if adapter == "tetra3rs":
+        return Tetra3rs()
+    if adapter == "ruststartracker":
+        return RustStarTracker()
+    if adapter == "zenith-fixer":
+        return ZenithFixer()
+    return CelnavSolver(found.name)
+
+
+def missing_packages(solver: SolverFolder) -> list[str]:
+    """Packages that a solver's adapter needs and that are not installed."""
+    return [package for package in _PACKAGES.get(solver.spec.adapter or "", ()) if find_spec(package) is None]
+
+
+def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:
+    """What to do about missing packages."""
+    return (
+        f"{solver.name}: needs {' and '.join(packages)}; install the extra: pip install 'skybench[{solver.spec.extra}]'"
+    )
+
+
+def _folders() -> dict[str, SolverFolder]:
+    found = [read_solver_folder(path.parent) for path in sorted(FOLDER.glob(f"*/{SPEC_NAME}"))]
+    return {solver.name: solver for solver in found}

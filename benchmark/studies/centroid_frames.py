@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import celnav
-from benchmark.dataset import Frame, FrameConditions, TruthStars
+from benchmark.dataset import Frame, TruthStars
+from benchmark.frame_conditions import FrameConditions
 from benchmark.solvers.protocol import CameraRecord, Observation
 from generator.ephemeris import PLANET_ID_BASE
 from generator.frame_plan import FramePlan, plan_frame

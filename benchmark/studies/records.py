@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -151,15 +152,18 @@ class Rows:
         return quantile_estimate([row.solve_ms for row in self.rows], 0.95)
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as one Parquet file; units are in the fields' metadata, infinite errors are null."""
+def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS) -> None:
+    """Write rows, data classes of one kind, as one Parquet file; units are in the fields' metadata.
+
+    Numbers that are not finite are null.
+    """
     kinds = {"str": pa.string(), "float": pa.float64(), "int": pa.int32()}
     fields, columns = [], []
-    for field in dataclasses.fields(Row):
+    for field in dataclasses.fields(rows[0]):
         values = [getattr(row, field.name) for row in rows]
         if field.type == "float":
             values = [value if math.isfinite(value) else None for value in values]
-        fields.append(pa.field(field.name, kinds[str(field.type)], metadata={"unit": UNITS.get(field.name, "")}))
+        fields.append(pa.field(field.name, kinds[str(field.type)], metadata={"unit": units.get(field.name, "")}))
         columns.append(pa.array(values, type=fields[-1].type))
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_arrays(columns, schema=pa.schema(fields)), sink, compression="zstd")

@@ -19,7 +19,7 @@ class Series:
     Attributes
     ----------
     name : str
-        For the legend.
+        For the legend; one without a name is not in it.
     x, y : sequence of float
         Infinite or undefined points are left out.
     low, high : sequence of float or None
@@ -78,7 +78,8 @@ def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
         An SVG element without ids; the ink is the page's (currentColor).
     """
     columns = 3
-    legend = 22 * math.ceil(len(series) / columns)
+    named = [one for one in series if one.name]
+    legend = 22 * math.ceil(len(named) / columns)
 
     def at_x(value: float) -> float:
         return LEFT + x.part(value) * (WIDTH - LEFT - RIGHT)
@@ -108,8 +109,8 @@ def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
         f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{bottom + 42}" text-anchor="middle">{escape(x.title)}</text>'
         f'<text transform="translate(16 {(top + bottom) / 2}) rotate(-90)" text-anchor="middle">{escape(y.title)}</text>'
     )
-    for number, one in enumerate(series):
-        parts.append(_draw(one, at_x, at_y))
+    parts += [_draw(one, at_x, at_y) for one in series]
+    for number, one in enumerate(named):
         left = LEFT + (number % columns) * (WIDTH - LEFT) / columns
         height = 12 + 22 * (number // columns)
         if one.line != "none":

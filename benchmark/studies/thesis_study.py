@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 
 from benchmark import provenance
@@ -18,14 +15,19 @@ from benchmark.errors import DatasetError
 from benchmark.formatting import number
 from benchmark.results import write_atomically
 from benchmark.studies import thesis_answers as answers
+from benchmark.studies import thesis_answers_confidence as confidence
+from benchmark.studies import thesis_answers_disturbed as disturbed_answers
 from benchmark.studies import thesis_answers_position as position
 from benchmark.studies import thesis_contestants as who
 from benchmark.studies import thesis_figures as figures
 from benchmark.studies import thesis_published as thesis
 from benchmark.studies import thesis_tables as tables
+from benchmark.studies.page import render_page
 from benchmark.studies.page_model import Answer, Table, plain
+from benchmark.studies.progress import StudyProgress
 from benchmark.studies.records import Rows, write_rows
 from benchmark.studies.thesis_centroids import DEPTHS_MAG, CentroidPart, sites_of, solve_centroids
+from benchmark.studies.thesis_disturbed import MOST_FRAMES, SETTINGS, solve_disturbed
 from benchmark.studies.thesis_rendered import PART, RenderedPart, render_scenario, solve_pictures, study_scenario
 
 FORMAT = "skybench-study/1"
@@ -44,7 +46,7 @@ class Study:
     rendered : RenderedPart
     centroids : CentroidPart
     rows : Rows
-        Of both.
+        Of both, and of disturbed pictures.
     tables : tuple of Table
     answers : tuple of Answer
         H1 to H11, and the one about the label.
@@ -63,14 +65,6 @@ class Study:
     minutes: float
 
 
-@dataclass(frozen=True)
-class Progress:
-    """What the caller wants to hear: a stage begins, with so many steps (0: unknown), and a step is done."""
-
-    begin: Callable[[str, int], None]
-    advance: Callable[[], None]
-
-
 def run_study(
     scenario_path: Path,
     frames: int | None,
@@ -79,7 +73,7 @@ def run_study(
     out: Path,
     n_sites: int,
     command: str,
-    progress: Progress,
+    progress: StudyProgress,
 ) -> Study:
     """Run the replication and write its results.
 
@@ -92,12 +86,12 @@ def run_study(
     dataset : Path or None
         A dataset rendered before; rendered into `work` if None.
     work, out : Path
-        Where frames and results go.
+        Where frames and results go; disturbed pictures go to a folder beside `work`.
     n_sites : int
         Sites of the centroid frames.
     command : str
         For the page.
-    progress : Progress
+    progress : StudyProgress
 
     Raises
     ------
@@ -112,9 +106,13 @@ def run_study(
         render_scenario(scenario_path, frames, folder, lambda frame: progress.advance())
     progress.begin("solving pictures", len(list(folder.glob("frame-*.json"))))
     rendered = solve_pictures(folder, progress.advance)
+    scenario = study_scenario(scenario_path, frames)
+    n_disturbed = min(scenario.repeats, MOST_FRAMES)
+    progress.begin("disturbed pictures", n_disturbed * len(SETTINGS))
+    disturbed = solve_disturbed(scenario, n_disturbed, work.with_name(f"{work.name}-disturbed"), progress.advance)
     progress.begin("solving centroids", 0)
     centroids = solve_centroids(sites_of(study_scenario(scenario_path, None), TRUE_NAMES_FACTOR * n_sites), n_sites)
-    rows = Rows((*rendered.rows, *centroids.rows))
+    rows = Rows((*rendered.rows, *disturbed, *centroids.rows))
     if len(rows.of(PART, who.BASELINE, (thesis.TABLE_LABEL_MAG,))) == 0:
         raise DatasetError(f"{folder}: has no frames of limiting magnitude 7, which Table 1.1 is about")
     study = Study(
@@ -151,9 +149,9 @@ def _answers(rows: Rows, rendered: RenderedPart, centroids: CentroidPart) -> tup
         position.h5(rows, centroids),
         answers.h6(rows),
         position.h7(centroids),
-        answers.h8(rows),
+        confidence.h8(rows),
         position.h9(centroids),
-        answers.h10(rows),
+        disturbed_answers.h10(rows),
         answers.h11(rows),
         label_answer(rows, rendered),
     )
@@ -236,10 +234,6 @@ def _numbers(study: Study) -> dict[str, object]:
 
 def page(study: Study) -> str:
     """Render the page: one HTML file that needs nothing beside it."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    source = resources.files("benchmark").joinpath("templates", "study_thesis.html").read_text(encoding="utf-8")
     drawn = (
         (
             "Figure 5: recall by class",
@@ -268,7 +262,8 @@ def page(study: Study) -> str:
             figures.figure_swap(study.centroids),
         ),
     )
-    return environment.from_string(source).render(
+    return render_page(
+        "study_thesis.html",
         study=study,
         headline=headline(study),
         figures=[(title, note, Markup(svg)) for title, note, svg in drawn],

@@ -1,4 +1,4 @@
-"""``skybench bake``: run the workers, smooth what they computed, and store the maps."""
+"""``skybench bake``: run the workers, fit what they computed, and store the maps."""
 
 from __future__ import annotations
 
@@ -6,23 +6,26 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
 from generator.bake.grids import BakedAir, CityGrid, MoonGrid, content_hash
-from generator.bake.single_scattering import city_single, disk_points, moon_single
-from generator.bake.smoothing import smooth
+from generator.bake.single_scattering import moon_single, moon_single_in_layers
+from generator.bake.smoothing import Axis, chosen_terms, design, evaluated, smooth, within_cells
 from generator.errors import GeneratorError
 from generator.files import atomic_path
 from generator.sky.baked_maps import CITY_FILE, FOLDER, MOON_FILE
 
 Floats = NDArray[np.float64]
 
+TOTAL_DEGREE = 10
 
-def run_worker(task: str) -> tuple[Floats, Floats]:
-    """Run a task of :mod:`generator.bake.worker` in a process of its own; return its mean and error.
+
+def run_worker(task: str, *index: int) -> tuple[Floats, Floats]:
+    """Run a task of :mod:`generator.bake.worker` in a process of its own; return its mean and relative error.
 
     Raises
     ------
@@ -31,106 +34,87 @@ def run_worker(task: str) -> tuple[Floats, Floats]:
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / f"{task}.npz"
-        command = [sys.executable, "-m", "generator.bake.worker", task, str(out)]
+        command = [sys.executable, "-m", "generator.bake.worker", task, str(out), *map(str, index)]
         run = subprocess.run(command, capture_output=True, text=True, check=False)
         if run.returncode != 0:
             last = (run.stderr.strip().splitlines() or ["no message"])[-1]
             raise GeneratorError(f"baking '{task}' failed (exit status {run.returncode}): {last}")
-        return read_raw(out)
+        with np.load(out, allow_pickle=False) as stored:
+            return stored["mean"], stored["error"]
 
 
-def read_raw(path: Path) -> tuple[Floats, Floats]:
-    """Mean and error that a worker stored."""
-    with np.load(path, allow_pickle=False) as stored:
-        return stored["mean"].astype(np.float64), stored["error"].astype(np.float64)
+def moon_singles(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
+    """Moonlight scattered once on the map's axes: by the bake's two layers, and by the closed form that stands for it."""
+    moon, azimuth = np.radians(grid.moon_altitude_deg)[:, None], np.radians(grid.relative_azimuth_deg)
+    rayleigh = rayleigh_optical_depth(np.array(grid.wavelength_nm), air.pressure_hpa)
+    layers, closed = [], []
+    for tau in grid.aerosol_tau_550:
+        aerosol = aerosol_optical_depth(np.array(grid.wavelength_nm), tau, air.angstrom_exponent)
+        for r, a in zip(rayleigh, aerosol, strict=True):
+            for altitude in grid.view_altitude_deg:
+                view = np.radians(altitude)
+                cosine = np.sin(moon) * np.sin(view) + np.cos(moon) * np.cos(view) * np.cos(azimuth)
+                altitudes = np.array(grid.moon_altitude_deg)
+                layers.append(moon_single_in_layers(air, float(r), float(a), altitudes, altitude, cosine))
+                closed.append(moon_single(r, a, 1 / np.sin(moon), 1 / np.sin(view), cosine, air))
+    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg), *np.shape(layers[0]))
+    return np.reshape(layers, shape), np.reshape(closed, shape)
 
 
-def moon_single_on_grid(air: BakedAir, grid: MoonGrid) -> Floats:
-    """Closed-form single scattering on the axes of the moonlight map, with the bake's plane-parallel air."""
-    tau, wavelength = np.array(grid.aerosol_tau_550), np.array(grid.wavelength_nm)
-    moon, view = np.radians(grid.moon_altitude_deg), np.radians(grid.view_altitude_deg)
-    azimuth = np.radians(grid.relative_azimuth_deg)
-    moon_, view_, azimuth_ = moon[:, None, None], view[None, :, None], azimuth[None, None, :]
-    cosine = np.sin(moon_) * np.sin(view_) + np.cos(moon_) * np.cos(view_) * np.cos(azimuth_)
-    rayleigh = rayleigh_optical_depth(wavelength, air.pressure_hpa)
-    aerosol = np.array([aerosol_optical_depth(wavelength, t, air.angstrom_exponent) for t in tau])
-    return moon_single(
-        rayleigh[None, :, None, None, None],
-        aerosol[:, :, None, None, None],
-        1 / np.sin(moon_),
-        1 / np.sin(view_),
-        cosine,
-        air,
-    )
-
-
-def moon_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
-    """Ratio of all moonlight to single scattering, smoothed; its relative error; and the fit's scatter."""
-    air, grid = BakedAir(), MoonGrid()
-    ratio = mean / moon_single_on_grid(air, grid)
-    coordinates = [
-        np.log(grid.aerosol_tau_550),
-        np.log(grid.wavelength_nm),
-        np.log(grid.moon_altitude_deg),
-        np.log(grid.view_altitude_deg),
-        np.cos(np.radians(grid.relative_azimuth_deg)),
-    ]
-    return smooth(ratio, error / mean, coordinates, [2, 3, 5, 5, 3], 6)
+def moon_values(mean: Floats, error: Floats) -> tuple[Floats, Floats]:
+    """Ratio of all moonlight to single scattering in closed form, and its relative error, axes as the walks'."""
+    layers, closed = moon_singles(BakedAir(), MoonGrid())
+    return (layers + mean) / closed, error * mean / (layers + mean)
 
 
 def city_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
-    """Multiply scattered city light, smoothed; its error relative to the total; and the fits' worst scatter."""
-    air, grid = BakedAir(), CityGrid()
-    from generator.bake.directions import view_directions
-
-    views = view_directions(grid.view_altitude_deg, grid.relative_azimuth_deg)
-    single = np.stack(
-        [
-            city_single(
-                air,
-                np.array(grid.wavelength_nm),
-                grid.aerosol_tau_550,
-                disk_points(grid.disk_radius_km) + np.array([0.0, distance]),
-                views,
-            )
-            for distance in grid.distance_km
-        ],
-        axis=2,
-    ).reshape(mean.shape)
-    coordinates = [
-        np.log(grid.wavelength_nm),
-        np.log1p(grid.distance_km),
-        np.log(grid.view_altitude_deg),
-        np.sqrt(np.radians(grid.relative_azimuth_deg)),
-    ]
-    fits = [smooth(mean[p], error[p] / mean[p], coordinates, [3, 6, 4, 4], 7) for p in range(2)]
-    values = np.stack([fit[0] for fit in fits])
-    relative = np.stack([fit[1] for fit in fits]) * values / (values + single)
-    return values, relative, max(fit[2] for fit in fits)
+    """Multiply scattered city light, fitted, at the nodes of the map; its relative error; and the fits' worst scatter."""
+    grid = CityGrid()
+    rings, parts = grid.edges
+    scale, root = grid.scale(rings), np.sqrt(parts / 180)
+    axes = (
+        Axis(np.log(grid.wavelength_nm[0]), np.log(grid.wavelength_nm[-1]), 4),
+        Axis(np.log(grid.view_altitude_deg[0]), np.log(90.0), 8),
+        Axis(0.0, float(scale[-1]), 9),
+        Axis(0.0, 1.0, 8),
+    )
+    points = (np.log(grid.wavelength_nm), np.log(grid.view_altitude_deg))
+    radius = grid.core_km * np.expm1(within_cells(scale)[0])
+    # The area of a cell grows with the distance and, by the scales, with the distance's and the azimuth's derivative.
+    by_area = within_cells(scale)[1] * radius * (radius + grid.core_km), within_cells(root)[1] * within_cells(root)[0]
+    cells = ((scale, by_area[0]), (root, by_area[1]))
+    bases = [axis.basis(at) for axis, at in zip(axes, (*points, scale, root), strict=True)]
+    terms = design(bases, chosen_terms(axes, TOTAL_DEGREE))
+    shape = (*mean.shape[:4], len(scale), len(root))
+    values, relative, scatters = np.empty(shape), np.empty(shape), []
+    for index in np.ndindex(mean.shape[:2]):
+        fit, spread, scatter = smooth(mean[index], error[index], axes, points, cells, TOTAL_DEGREE)
+        values[index] = np.exp(evaluated(fit, bases))
+        relative[index] = np.sqrt(np.sum((terms @ spread.T) ** 2, axis=1)).reshape(shape[2:])
+        scatters.append(scatter)
+    return values, relative, max(scatters)
 
 
-def store(path: Path, values: Floats, relative_error: Floats, scatter: float, key: str) -> None:
+def store(path: Path, key: str, **arrays: Floats) -> None:
     """Write a map."""
     FOLDER.mkdir(parents=True, exist_ok=True)
+    single: dict[str, Any] = {name: values.astype(np.float32) for name, values in arrays.items()}
     with atomic_path(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            values=values.astype(np.float32),
-            relative_error=relative_error.astype(np.float32),
-            scatter=np.array(scatter),
-            key=np.array(key),
-        )
+        np.savez_compressed(temporary, key=np.array(key), **single)
 
 
 def bake_moon() -> float:
     """Make the moonlight map; return the median relative error."""
-    values, error, scatter = moon_values(*run_worker("moon"))
-    store(MOON_FILE, values, error, scatter, content_hash(BakedAir(), MoonGrid()))
+    walked = run_worker("moon")
+    values, error = moon_values(*walked)
+    store(MOON_FILE, content_hash(BakedAir(), MoonGrid()), values=values, relative_error=error, walked=walked[0])
     return float(np.median(error))
 
 
 def bake_city() -> float:
     """Make the kernel of city light; return the median relative error."""
-    values, error, scatter = city_values(*run_worker("city"))
-    store(CITY_FILE, values, error, scatter, content_hash(BakedAir(), CityGrid()))
+    mean, walked_error = (np.moveaxis(part, 3, 0) for part in run_worker("city"))
+    values, error, _ = city_values(mean, walked_error)
+    key = content_hash(BakedAir(), CityGrid())
+    store(CITY_FILE, key, values=values, relative_error=error, walked=mean, walked_error=walked_error)
     return float(np.median(error))

@@ -1,67 +1,148 @@
-"""Smoothing Monte Carlo maps: a polynomial in all coordinates, fitted to the logarithm with the samples' weights."""
+"""Smoothing a Monte Carlo map: the exponential of a polynomial in all coordinates, fitted to the means over its cells."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+GAUSS_POINTS = 3
 
-def polynomial_terms(coordinates: list[Floats], degrees: list[int], total_degree: int) -> Floats:
-    """Products of Chebyshev polynomials of the coordinates, each scaled to -1..1: (cells, terms) array.
 
-    Parameters
+@dataclass(frozen=True)
+class Axis:
+    """One coordinate of a map.
+
+    Attributes
     ----------
-    coordinates : list of (n_i,) arrays
-        Axes of the map.
-    degrees : list of int
-        Largest degree in each.
-    total_degree : int
-        Largest sum of degrees.
+    low, high : float
+        Where the polynomials' variable is -1 and 1.
+    degree : int
     """
-    bases = []
-    for axis, degree in zip(coordinates, degrees, strict=True):
-        x = 2 * (axis - axis.min()) / (axis.max() - axis.min()) - 1
-        bases.append(np.polynomial.chebyshev.chebvander(x, degree))
-    chosen = [powers for powers in itertools.product(*(range(d + 1) for d in degrees)) if sum(powers) <= total_degree]
-    shape = [len(axis) for axis in coordinates]
-    columns = []
-    for powers in chosen:
-        term = np.ones(shape)
-        for dimension, (base, power) in enumerate(zip(bases, powers, strict=True)):
-            term = term * base[:, power].reshape([-1 if k == dimension else 1 for k in range(len(shape))])
-        columns.append(term.ravel())
-    return np.stack(columns, axis=-1)
+
+    low: float
+    high: float
+    degree: int
+
+    def basis(self, at: Floats) -> Floats:
+        """Chebyshev polynomials of the coordinate, (n, degree + 1) array."""
+        x = (2 * np.asarray(at, float) - self.low - self.high) / (self.high - self.low)
+        return np.asarray(np.polynomial.chebyshev.chebvander(x, self.degree), dtype=np.float64)
+
+
+def evaluated(coefficients: Floats, bases: Sequence[Floats]) -> Floats:
+    """Sum of the products of all axes' basis functions, on the product grid of the bases."""
+    values = coefficients
+    for basis in bases:
+        # The first axis is summed and its points become the last: after all of them the order is restored.
+        values = np.tensordot(values, basis, axes=(0, 1))
+    return values
+
+
+def within_cells(edges: Floats) -> tuple[Floats, Floats]:
+    """Gauss-Legendre points in each cell of an axis, (cells * GAUSS_POINTS,) arrays of places and weights of sum 1 a cell."""
+    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    return (middle[:, None] + half[:, None] * node).ravel(), np.tile(weight / 2, len(middle))
 
 
 def smooth(
-    values: Floats, relative_error: Floats, coordinates: list[Floats], degrees: list[int], total_degree: int
+    mean: Floats,
+    relative_error: Floats,
+    axes: Sequence[Axis],
+    points: Sequence[Floats],
+    cells: Sequence[tuple[Floats, Floats]],
+    total_degree: int,
+    rounds: int = 12,
 ) -> tuple[Floats, Floats, float]:
-    """Smooth positive values by a generalised linear model: logarithmic link, standard deviation proportional to the mean.
+    """Fit a map by a generalised linear model: logarithmic link, standard deviation proportional to the mean.
 
     Its estimating equation balances values over fit, not logarithms, so that the fit keeps the mean of samples whose errors
-    have long tails (McCullagh & Nelder 1989, "Generalized Linear Models", chapter 8).
+    have long tails (McCullagh & Nelder 1989, "Generalized Linear Models", chapter 8). A value may be the mean of the
+    function over a cell; the fit is of the function.
+
+    Parameters
+    ----------
+    mean, relative_error : (n_1, ..., n_d) arrays
+    axes : sequence of d Axis
+    points : sequence of arrays
+        Coordinates of the first axes, on which `mean` holds values at points.
+    cells : sequence of (edges, weight) pairs of arrays
+        Of the other axes: edges of the cells, and the weight of a place within them as a function of the coordinate, at
+        the points of :func:`within_cells`.
+    total_degree : int
+        Largest sum of degrees.
+    rounds : int
+        Of Newton's iteration.
 
     Returns
     -------
-    smoothed : array like `values`
-    error : array like `values`
-        Relative standard error of the fit.
+    coefficients : array
+        Of :func:`evaluated`; its exponential is the map.
+    covariance_root : (terms, terms) array
+        Its rows times the terms of a place: their norm is the relative error there.
     scatter : float
-        Robust scatter of the residuals in units of the samples' errors: 1 where noise is all there is.
+        Root mean square of the residuals over the samples' errors: 1 where noise is all there is.
     """
-    terms = polynomial_terms(coordinates, degrees, total_degree)
-    observed = values.ravel()
-    solution, *_ = np.linalg.lstsq(terms, np.log(np.maximum(observed, observed[observed > 0].min())), rcond=None)
-    inverse = np.linalg.inv(terms.T @ terms)
-    for _ in range(30):
-        deviation = observed / np.exp(terms @ solution) - 1
-        solution = solution + np.clip(inverse @ (terms.T @ deviation), -1, 1)
-    fitted = np.exp(terms @ solution)
-    residual = observed / fitted - 1
-    scatter = float(1.4826 * np.median(np.abs(residual) / np.maximum(relative_error.ravel(), 1e-9)))
-    error = np.sqrt(np.einsum("ij,jk,ik->i", terms, inverse, terms)) * float(np.std(residual))
-    return fitted.reshape(values.shape), error.reshape(values.shape), scatter
+    shape = [axis.degree + 1 for axis in axes]
+    chosen = chosen_terms(axes, total_degree)
+    middles = [(edges[1:] + edges[:-1]) / 2 for edges, _ in cells]
+    at_middle = [axis.basis(at) for axis, at in zip(axes, [*points, *middles], strict=True)]
+    inside = [within_cells(edges)[0] for edges, _ in cells]
+    at_inside = [axis.basis(at) for axis, at in zip(axes, [*points, *inside], strict=True)]
+    terms = design(at_middle, chosen)
+    weight = 1 / smooth_error(relative_error, axes, at_middle).ravel() ** 2
+    covariance = np.linalg.inv((terms * weight[:, None]).T @ terms)
+    coefficients = np.zeros(shape)
+    flat = mean.ravel()
+    start = np.log(np.where(flat > 0, flat, flat[flat > 0].min()))
+    solution = covariance @ (terms.T @ (weight * start))
+    for _ in range(rounds):
+        coefficients[tuple(chosen.T)] = solution
+        over_cells = np.exp(evaluated(coefficients, at_inside))
+        for k, (edges, share) in enumerate(cells):
+            over_cells = averaged(over_cells, len(points) + k, len(edges) - 1, share)
+        residual = mean / over_cells - 1
+        solution = solution + covariance @ (terms.T @ (weight * np.clip(residual.ravel(), -1, 1)))
+    coefficients[tuple(chosen.T)] = solution
+    scatter = float(np.sqrt(np.sum(weight * residual.ravel() ** 2) / (flat.size - len(chosen))))
+    return coefficients, np.linalg.cholesky(covariance).T * max(scatter, 1.0), scatter
+
+
+def chosen_terms(axes: Sequence[Axis], total_degree: int) -> NDArray[np.intp]:
+    """Degrees of the terms that are used, (terms, d) array."""
+    powers = itertools.product(*(range(axis.degree + 1) for axis in axes))
+    return np.array([p for p in powers if sum(p) <= total_degree])
+
+
+def design(bases: Sequence[Floats], chosen: NDArray[np.intp]) -> Floats:
+    """Terms on the product grid of the bases, (points, terms) array."""
+    table = np.ones((1, len(chosen)))
+    for basis, degree in zip(bases, chosen.T, strict=True):
+        table = (table[:, None, :] * basis[None, :, degree]).reshape(-1, len(chosen))
+    return table
+
+
+def averaged(values: Floats, axis: int, cells: int, weight: Floats) -> Floats:
+    """Weighted mean over the points of :func:`within_cells` along one axis."""
+    shape = list(values.shape)
+    shape[axis : axis + 1] = [cells, GAUSS_POINTS]
+    along = [1] * len(shape)
+    along[axis : axis + 2] = [cells, GAUSS_POINTS]
+    share = weight.reshape(along)
+    return np.sum(values.reshape(shape) * share, axis=axis + 1) / np.sum(share, axis=axis + 1)
+
+
+def smooth_error(relative_error: Floats, axes: Sequence[Axis], bases: Sequence[Floats]) -> Floats:
+    """The samples' relative errors, themselves of few batches, by a cubic fit to their logarithms."""
+    chosen = chosen_terms([Axis(axis.low, axis.high, min(axis.degree, 3)) for axis in axes], 3)
+    terms = design(bases, chosen)
+    known = np.isfinite(relative_error.ravel()) & (relative_error.ravel() > 0)
+    target = np.log(np.where(known, relative_error.ravel(), 1.0))
+    solution = np.linalg.lstsq(terms[known], target[known], rcond=None)[0]
+    return np.exp(terms @ solution).reshape(relative_error.shape)

@@ -1,7 +1,7 @@
 """One baking task in a process of its own (``python -m generator.bake.worker TASK OUT``).
 
-The maps need variants of Mitsuba (one wavelength at a time; two lamp patterns as colours) other than that of the frames,
-and a process has one variant.
+Dr.Jit must find LLVM before it is first imported, and a process has one variant of Mitsuba, which for the judge of the
+maps is another than that of the frames.
 """
 
 from __future__ import annotations
@@ -11,33 +11,60 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from generator import mitsuba_runtime
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid, content_hash
+from generator.bake.grids import BakedAir, CityGrid, MoonGrid
+from generator.errors import GeneratorError
 from generator.files import atomic_path
 
-VARIANTS = {"moon": "llvm_ad_mono", "city": "llvm_ad_rgb", "furnace": "llvm_ad_mono"}
+Floats = NDArray[np.float64]
+JUDGED = ("furnace", "disk_of_lamps", "moonlit")
+"""Tasks of :mod:`generator.bake.volpath`."""
+GRIDS: dict[str, MoonGrid | CityGrid] = {"moon": MoonGrid(), "city": CityGrid()}
 
 
-def main(task: str, out: Path) -> None:
-    """Compute `task` (a key of VARIANTS) and write its mean and error to `out` (.npz)."""
+def random_walks(grid: MoonGrid | CityGrid) -> tuple[Floats, Floats]:
+    """All pieces of a map: mean and relative error, (..., aerosol, wavelength, view altitude, ..., ...) arrays."""
+    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
+    pieces = [piece(grid, *index) for index in np.ndindex(shape)]
+    means, errors = (np.array([part[k] for part in pieces]).reshape(*shape, *pieces[0][k].shape) for k in range(2))
+    return means, errors
+
+
+def piece(grid: MoonGrid | CityGrid, aerosol: int, wavelength: int, view: int) -> tuple[Floats, Floats]:
+    """One piece of a map, by its indices."""
+    from generator.bake.tallies import city_piece, moon_piece
+    from generator.bake.walk import Air
+
+    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
+    seed = grid.seed * 1_000_003 + int(np.ravel_multi_index((aerosol, wavelength, view), shape)) * grid.batches
+    air = Air(BakedAir(), grid.wavelength_nm[wavelength], grid.aerosol_tau_550[aerosol])
+    altitude = grid.view_altitude_deg[view]
+    if isinstance(grid, MoonGrid):
+        return moon_piece(air, grid, altitude, seed)
+    return city_piece(air, grid, altitude, seed)
+
+
+def main(task: str, out: Path, *index: str) -> None:
+    """Compute a map, one piece of it by its indices, or one of the judge's tasks; write mean and error to `out`."""
     os.environ[mitsuba_runtime.LLVM_VARIABLE] = mitsuba_runtime.find_llvm().path
-    import mitsuba
+    if task in JUDGED:
+        import mitsuba
 
-    mitsuba.set_variant(VARIANTS[task])
-    from generator.bake import transfer
+        mitsuba.set_variant("llvm_ad_mono")
+        from generator.bake import volpath
 
-    air = BakedAir()
-    if task == "furnace":
-        (mean, error), key = transfer.furnace(), ""
-    elif task == "moon":
-        (mean, error), key = transfer.bake_moon(air, MoonGrid()), content_hash(air, MoonGrid())
+        mean, error = getattr(volpath, task)()
+    elif task not in GRIDS:
+        raise GeneratorError(f"found task {task!r}, expected one of {', '.join([*JUDGED, *GRIDS])}")
+    elif index:
+        mean, error = piece(GRIDS[task], *(int(part) for part in index))
     else:
-        mitsuba.register_emitter("lamp_disk", transfer.LampDisk)
-        (mean, error), key = transfer.bake_city(air, CityGrid()), content_hash(air, CityGrid())
+        mean, error = random_walks(GRIDS[task])
     with atomic_path(out) as temporary:
-        np.savez_compressed(temporary, mean=mean.astype(np.float32), error=error.astype(np.float32), key=np.array(key))
+        np.savez_compressed(temporary, mean=mean.astype(np.float32), error=error.astype(np.float32))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(sys.argv[1], Path(sys.argv[2]), *sys.argv[3:])

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from generator import __version__
 from generator.dataset.images import decode
-from generator.dataset.layout import CARD, SCENARIO_COPY, DatasetSpec, Shard
+from generator.dataset.layout import CARD, FIGURES, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
 from generator.pictures import contact_sheet
 from generator.scenario_file import Scenario
 
-FIGURES = "card"
 SHEET = f"{FIGURES}/contact-sheet.png"
 HISTOGRAMS = f"{FIGURES}/histograms.svg"
 FRAMES_ON_SHEET = 12
@@ -53,13 +52,16 @@ def write_card(
         Gives a local file for a path from the dataset's root.
     """
     frames = pd.concat([pq.read_table(reach(shard.frames)).to_pandas() for shard in shards], ignore_index=True)
-    stars = sum(pq.ParquetFile(reach(shard.stars)).metadata.num_rows for shard in shards)
+    counts = {
+        "stars": sum(pq.ParquetFile(reach(shard.stars)).metadata.num_rows for shard in shards),
+        "objects": sum(pq.ParquetFile(reach(shard.objects)).metadata.num_rows for shard in shards),
+    }
     (folder / FIGURES).mkdir(exist_ok=True)
     sheet = io.BytesIO()
     contact_sheet(_samples(shards, frames, reach)).save(sheet, format="PNG", optimize=True)
     write_bytes(folder / SHEET, sheet.getvalue())
     write_bytes(folder / HISTOGRAMS, histograms(frames).encode())
-    text = card_text(scenario, spec, shards[0].first, shards[-1].stop, frames, stars)
+    text = card_text(scenario, spec, shards[0].first, shards[-1].stop, frames, counts)
     write_bytes(folder / CARD, text.encode())
     return [SHEET, HISTOGRAMS]
 
@@ -103,12 +105,23 @@ def histograms(frames: pd.DataFrame) -> str:
     return str(vl_convert.vegalite_to_svg(alt.concat(*charts, columns=3).to_json()))
 
 
-def card_text(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, frames: pd.DataFrame, stars: int) -> str:
-    """Markdown of the card."""
+def card_text(
+    scenario: Scenario, spec: DatasetSpec, first: int, stop: int, frames: pd.DataFrame, counts: dict[str, int]
+) -> str:
+    """Markdown of the card; `counts` are the rows of the tables of stars and objects."""
     conditions = "\n".join(
         f"| {title} | {frames[column].min():.4g} | {frames[column].median():.4g} | {frames[column].max():.4g} |"
         for column, title in _HISTOGRAMS
         if frames[column].notna().any()
+    )
+    objects = "" if not counts["objects"] else f", {counts['objects']} of satellites, aircraft, meteors and the Moon"
+    # `datasets` refuses a table without any row.
+    listed_objects = (
+        ""
+        if not counts["objects"]
+        else (
+            f"- config_name: objects\n  data_files: [{{split: {spec.split}, path: objects/{spec.split}/*.parquet}}]\n"
+        )
     )
     electrons = ", `.exr` (expected electrons)" if spec.exr else ""
     options = f"--split {spec.split} --shard-size {spec.shard_size}" + (" --exr" if spec.exr else "")
@@ -123,13 +136,13 @@ configs:
   data_files: [{{split: {spec.split}, path: frames/{spec.split}/*.parquet}}]
 - config_name: stars
   data_files: [{{split: {spec.split}, path: stars/{spec.split}/*.parquet}}]
----
+{listed_objects}---
 
 # {scenario.name}
 
 {scenario.description or "Synthetic night-sky frames."}
 
-{stop - first} frames and {stars} rows of star truth, rendered by skybench {__version__}.
+{stop - first} frames with {counts["stars"]} rows of truth of stars and planets{objects}, rendered by skybench {__version__}.
 
 ![Frames spread over the dataset]({SHEET})
 
@@ -153,11 +166,12 @@ gives the same bytes (scenario SHA-256 `{scenario.sha256}`, seed {scenario.seed}
 |---|---|
 | `data/{spec.split}/shard-*.tar` | WebDataset: `frame-NNNNN.{spec.codec}` (16-bit DN), `.json` (frame record){electrons} |
 | `frames/{spec.split}/*.parquet` | one row per frame |
-| `stars/{spec.split}/*.parquet` | one row per frame and star |
+| `stars/{spec.split}/*.parquet` | one row per frame and star or planet |
+| `objects/{spec.split}/*.parquet` | one row per frame and satellite, aircraft, meteor or Moon |
 | `manifest.json` | every file with its size and SHA-256 |
 | `croissant.json` | Croissant 1.1 |
 | `{SCENARIO_COPY}` | the recipe |
-
+{_inputs(scenario)}
 Columns and units: docs/dataset_format.md of skybench; units also stand in the Parquet schema.
 
 ## Limits
@@ -165,3 +179,8 @@ Columns and units: docs/dataset_format.md of skybench; units also stand in the P
 The frames are synthetic. Each physical model with its source and limits is listed in docs/physics.md of skybench. The
 catalogue is complete to V 7 (90 % at V 8).
 """
+
+
+def _inputs(scenario: Scenario) -> str:
+    """Rows for the files that the scenario names."""
+    return "".join(f"| `{file.path}` | named by {SCENARIO_COPY} |\n" for file in scenario.files)

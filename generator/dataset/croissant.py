@@ -10,15 +10,17 @@ import pyarrow as pa
 
 from generator import __version__
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.layout import CROISSANT, DatasetSpec
+from generator.dataset.layout import CROISSANT, TABLES, DatasetSpec
 from generator.dataset.shard import StoredFile
 from generator.files import write_bytes
 from generator.frame_record import STAR_SCHEMA
+from generator.object_table import OBJECT_SCHEMA
 from generator.scenario_file import Scenario
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
 RELEASED = "2026-11-21"
 """When this version of skybench was released; the dataset's own date would make its bytes differ from run to run."""
+SCHEMAS = (FRAME_SCHEMA, STAR_SCHEMA, OBJECT_SCHEMA)
 PROJECT_URL = "https://pypi.org/project/skybench/"
 
 # The context that the Croissant 1.1 specification prescribes.
@@ -62,7 +64,7 @@ def croissant(scenario: Scenario, spec: DatasetSpec, files: list[StoredFile]) ->
             "encodingFormat": "application/x-parquet",
             "includes": f"{table}/{spec.split}/*.parquet",
         }
-        for table in ("frames", "stars")
+        for table in TABLES
     ]
     return {
         "@context": _CONTEXT,
@@ -80,7 +82,7 @@ def croissant(scenario: Scenario, spec: DatasetSpec, files: list[StoredFile]) ->
         "rai:dataCollection": "Rendered by skybench; every frame follows from the scenario file and its index.",
         "rai:dataLimitation": "Synthetic: see docs/physics.md of skybench for each model and its limits.",
         "distribution": distribution,
-        "recordSet": [_record_set("frames", FRAME_SCHEMA), _record_set("stars", STAR_SCHEMA)],
+        "recordSet": [_record_set(table, schema) for table, schema in zip(TABLES, SCHEMAS, strict=True)],
     }
 
 
@@ -128,8 +130,7 @@ def _array_shape(kind: pa.DataType) -> str:
 
 
 def _media_type(path: str) -> str:
-    suffix = Path(path).suffix
-    return {
+    known = {
         ".tar": "application/x-tar",
         ".parquet": "application/x-parquet",
         ".json": "application/json",
@@ -137,4 +138,10 @@ def _media_type(path: str) -> str:
         ".yaml": "application/yaml",
         ".png": "image/png",
         ".svg": "image/svg+xml",
-    }[suffix]
+        ".csv": "text/csv",
+        ".ply": "model/ply",
+        ".obj": "model/obj",
+        ".fits": "image/fits",
+        ".exr": "image/x-exr",
+    }
+    return known.get(Path(path).suffix.lower(), "application/octet-stream")

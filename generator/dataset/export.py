@@ -37,12 +37,12 @@ Progress = Callable[[str], None]
 
 
 def export_files(dataset: Dataset, out: Path, progress: Progress) -> None:
-    """Write every member of the shards as a file, and ``frames.parquet`` and ``stars.parquet`` whole."""
+    """Write every member of the shards as a file, and each table as one Parquet file."""
     for frame in dataset.stored_frames():
         for suffix, data in frame.members.items():
             write_bytes(out / f"{frame.frame_id}.{suffix}", data)
         progress(frame.frame_id)
-    for name, table in (("frames", dataset.frames()), ("stars", dataset.stars())):
+    for name, table in (("frames", dataset.frames()), ("stars", dataset.stars()), ("objects", dataset.objects())):
         with atomic_path(out / f"{name}.parquet") as temporary:
             table.to_pandas().to_parquet(temporary)
 

@@ -40,6 +40,9 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("aerosol_tau_550", "atmosphere.aerosol_tau_550", pa.float64()),
     ("bortle", "sky.bortle", pa.int32()),
     ("zenith_mag_arcsec2", "sky.zenith_mag_arcsec2", pa.float64()),
+    ("sun_altitude_deg", "sky.sun_altitude_deg", pa.float64()),
+    ("moon_altitude_deg", "sky.moon_altitude_deg", pa.float64()),
+    ("moon_phase_angle_deg", "sky.moon_phase_angle_deg", pa.float64()),
     ("limiting_magnitude", "stars.limiting_magnitude", pa.float64()),
     ("n_in_field", "stars.n_in_field", pa.int32()),
 )

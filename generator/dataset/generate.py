@@ -8,11 +8,13 @@ from pathlib import Path
 
 from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
+from generator.dataset.images import check_codec
+from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
 from generator.dataset.manifest import make_manifest, write_manifest
 from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
 from generator.dataset.shard import ShardReport, StoredFile, read_receipt, stored_file
-from generator.dataset.target import LocalTarget, Target, open_target
+from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
 from generator.scenario_file import Scenario
 
@@ -63,6 +65,7 @@ def generate(
         The folder cannot be used, or workers keep dying.
     """
     first, stop = frames or (0, scenario.frame_count)
+    check_codec(spec.codec)
     target = open_target(str(out))
     open_dataset_target(target, scenario, text)
     reports = []
@@ -91,15 +94,17 @@ def _finish(
         target.remove(MANIFEST)
         if isinstance(target, LocalTarget):
             # Temporary files of killed workers can go now: with every shard in place, nobody is writing one.
-            for leftover in target.folder.rglob(f"{UNFINISHED_PREFIX}*"):
-                leftover.unlink(missing_ok=True)
+            for prefix in (UNFINISHED_PREFIX, INCOMING_PREFIX):
+                for leftover in target.folder.rglob(f"{prefix}*"):
+                    leftover.unlink(missing_ok=True)
         with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
             build = Path(scratch) / "build"
             build.mkdir()
             (build / SCENARIO_COPY).write_bytes(target.read(SCENARIO_COPY) or b"")
             shards = divide(scenario, spec, first, stop)
             figures = write_card(build, scenario, spec, shards, lambda place: target.fetch(place, Path(scratch)))
-            described = [*stored, *(stored_file(build, place) for place in (SCENARIO_COPY, CARD, *figures))]
+            described = [*stored, *stored_inputs(target, scenario)]
+            described += [stored_file(build, place) for place in (SCENARIO_COPY, CARD, *figures)]
             write_croissant(build, scenario, spec, described)
             described.append(stored_file(build, CROISSANT))
             write_manifest(build, make_manifest(scenario, spec, first, stop, described))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,22 +27,36 @@ def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
     Raises
     ------
     GeneratorError
-        JPEG XL is asked for, but the package imagecodecs is missing.
+        As :func:`check_codec`.
     """
     if codec == "png":
         return png_bytes(dn)
-    try:
-        import imagecodecs
-    except ImportError as error:
-        raise GeneratorError("codec jxl needs the package imagecodecs: pip install imagecodecs") from error
-    return bytes(imagecodecs.jpegxl_encode(dn, effort=JXL_EFFORT, lossless=True))
+    return bytes(_imagecodecs().jpegxl_encode(dn, effort=JXL_EFFORT, lossless=True))
 
 
 def decode(data: bytes, codec: str) -> NDArray[np.uint16]:
-    """Decode an image that :func:`encode` made."""
+    """Decode an image that :func:`encode` made. Raises as :func:`check_codec`, or what the decoder raises."""
     if codec == "png":
-        with Image.open(io.BytesIO(data)) as image:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.array(image, dtype=np.uint16)
-    import imagecodecs
+    return np.asarray(_imagecodecs().jpegxl_decode(data), dtype=np.uint16)
 
-    return np.asarray(imagecodecs.jpegxl_decode(data), dtype=np.uint16)
+
+def check_codec(codec: str) -> None:
+    """Refuse a codec that cannot be used here.
+
+    Raises
+    ------
+    GeneratorError
+        JPEG XL is asked for, but the package imagecodecs is missing.
+    """
+    if codec == "jxl":
+        _imagecodecs()
+
+
+def _imagecodecs() -> Any:
+    try:
+        import imagecodecs
+    except ImportError as error:
+        raise GeneratorError("codec jxl needs the package imagecodecs: pip install 'skybench[jxl]'") from error
+    return imagecodecs

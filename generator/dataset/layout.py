@@ -11,8 +11,11 @@ MANIFEST = "manifest.json"
 SCENARIO_COPY = "scenario.yaml"
 CARD = "README.md"
 CROISSANT = "croissant.json"
+FIGURES = "card"
 DEFAULT_SHARD_SIZE = 100
 CODECS = ("png", "jxl")
+TABLES = ("frames", "stars", "objects")
+"""Tables of a dataset; each is a folder of Parquet files, one per shard."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,16 @@ class Shard:
     def stars(self) -> str:
         """Path of the table of stars."""
         return f"stars/{self.split}/{self.stem}.parquet"
+
+    @property
+    def objects(self) -> str:
+        """Path of the table of flying objects and the Moon."""
+        return f"objects/{self.split}/{self.stem}.parquet"
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of all that the manifest lists of the shard."""
+        return (self.tar, self.frames, self.stars, self.objects)
 
     @property
     def receipt(self) -> str:

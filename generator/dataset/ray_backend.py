@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from generator.dataset.layout import DatasetSpec, Shard
-from generator.dataset.run import TRIES_PER_SHARD, Runner
+from generator.dataset.run import TRIES_PER_SHARD, Runner, prepare_worker
 from generator.dataset.shard import ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
@@ -70,9 +70,7 @@ def ray_runner(address: str | None = None) -> Runner:
 
 
 def _render_on_one_thread(shared: tuple[Scenario, DatasetSpec, Target], shard: Shard) -> ShardReport:
-    from generator.mitsuba_runtime import set_threads
-
-    set_threads(1)
+    prepare_worker()
     scenario, spec, target = shared
     return render_shard(scenario, spec, shard, target)
 

@@ -14,6 +14,7 @@ from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.errors import GeneratorError
 from generator.frame_record import STAR_SCHEMA
+from generator.object_table import OBJECT_SCHEMA
 
 LARGEST_MEMBER_BYTES = 2_000_000_000
 
@@ -39,7 +40,7 @@ class Dataset:
         return cls(folder, read_manifest(folder))
 
     def paths(self, table: str) -> list[Path]:
-        """Files of a table (``frames``, ``stars``) or of the images (``data``), in the order of the shards."""
+        """Files of a table (one of TABLES) or of the images (``data``), in the order of the shards."""
         return [self.folder / file.path for file in self.manifest.files if file.path.startswith(f"{table}/")]
 
     def frames(self) -> pa.Table:
@@ -49,6 +50,10 @@ class Dataset:
     def stars(self) -> pa.Table:
         """The table of stars."""
         return _read(self.paths("stars"), STAR_SCHEMA)
+
+    def objects(self) -> pa.Table:
+        """The table of flying objects and the Moon."""
+        return _read(self.paths("objects"), OBJECT_SCHEMA)
 
     def stored_frames(self) -> Iterator[StoredFrame]:
         """All frames in order, as stored.

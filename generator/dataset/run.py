@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
+from generator.dataset.inputs import check_name, store_inputs
 from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
@@ -59,36 +62,45 @@ class RunReport:
 
 
 def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
-    """Prepare a dataset's place: its copy of the scenario goes in first, and another scenario's place is refused.
+    """Prepare a dataset's place: its copy of the scenario goes in first, then the files that it names.
+
+    Another scenario's place is refused.
 
     Raises
     ------
     GeneratorError
         The place holds another dataset or other files, or cannot be written.
     """
+    for file in scenario.files:
+        check_name(file.path)
     try:
-        copy = target.read(SCENARIO_COPY)
-        if copy == text.encode():
-            return  # files that it names may have changed; each shard's receipt has the hash that sees them
-        if copy is not None:
-            try:
-                same = parse_scenario(copy.decode(), SCENARIO_COPY).sha256 == scenario.sha256
-            except (ScenarioError, UnicodeDecodeError):
-                same = False
-            if not same:
-                raise GeneratorError(f"{target.name}: holds another scenario's dataset; choose another folder")
-            return
-        others = [name for name in target.listing() if not name.startswith(".")]
-        if others:
-            raise GeneratorError(f"{target.name}: holds other files ({others[0]}, …); choose an empty folder")
-        with tempfile.TemporaryDirectory() as scratch:
-            local = Path(scratch) / SCENARIO_COPY
-            local.write_text(text, encoding="utf-8")
-            target.put(local, SCENARIO_COPY)
+        _store_scenario(target, scenario, text)
+        store_inputs(target, scenario)
     except OSError as error:
         raise GeneratorError(
             f"{error.filename or target.name}: cannot be written ({error.strerror or error}); choose another folder"
         ) from error
+
+
+def _store_scenario(target: Target, scenario: Scenario, text: str) -> None:
+    copy = target.read(SCENARIO_COPY)
+    if copy == text.encode():
+        return
+    if copy is not None:
+        try:
+            same = parse_scenario(copy.decode(), scenario.source).sha256 == scenario.sha256
+        except (ScenarioError, UnicodeDecodeError):
+            same = False
+        if not same:
+            raise GeneratorError(f"{target.name}: holds another scenario's dataset; choose another folder")
+        return
+    others = [name for name in target.listing() if not name.startswith(".")]
+    if others:
+        raise GeneratorError(f"{target.name}: holds other files ({others[0]}, …); choose an empty folder")
+    with tempfile.TemporaryDirectory() as scratch:
+        local = Path(scratch) / SCENARIO_COPY
+        local.write_text(text, encoding="utf-8")
+        target.put(local, SCENARIO_COPY)
 
 
 def run_shards(
@@ -169,10 +181,16 @@ _worker: dict[str, Any] = {}
 """What a worker process was started with; empty in every other process."""
 
 
-def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:
+def prepare_worker() -> None:
+    """Let this process compute on one thread: Dr.Jit and linear algebra."""
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)
+    threadpool_limits(1)
+
+
+def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:
+    prepare_worker()
     _worker.update(scenario=scenario, spec=spec, target=target, done=done)
 
 

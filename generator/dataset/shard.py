@@ -15,16 +15,17 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
-from generator.dataset_writer import RenderedFrame, render_frame, write_exr
+from generator.dataset_writer import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
-from generator.frame_record import frame_record, record_bytes
+from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes
+from generator.object_table import OBJECT_SCHEMA
 from generator.scenario_file import Scenario
 
 TRIES_PER_FRAME = 2
@@ -61,6 +62,14 @@ class ShardReport:
     def complete(self) -> bool:
         """Whether the shard is whole under its final names."""
         return not self.failures
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Truth tables of a shard, being written."""
+
+    stars: TableWriter
+    objects: TableWriter
 
 
 def render_shard(
@@ -104,32 +113,35 @@ def render_shard(
             report = _render(scenario, spec, shard, Path(scratch), progress)
             for place in (
                 shard.log,
-                *((shard.tar, shard.frames, shard.stars, shard.receipt) if report.complete else ()),
+                *((*shard.files, shard.receipt) if report.complete else ()),
             ):
                 target.put(Path(scratch) / place, place)
         return report
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or target.name}: writing failed ({error.strerror or error}); {shard.stem} is left out. "
-            "Mend it and run the same command again: finished shards are kept"
+            f"{error.filename or target.name}: reading or writing failed ({error.strerror or error}); "
+            f"{shard.stem} is left out. Mend it and run the same command again: finished shards are kept"
         ) from error
 
 
 def _render(
     scenario: Scenario, spec: DatasetSpec, shard: Shard, folder: Path, progress: Callable[[int], None]
 ) -> ShardReport:
-    for place in (shard.tar, shard.frames, shard.stars, shard.receipt, shard.log):
+    for place in (*shard.files, shard.receipt, shard.log):
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
-    stars: list[pa.Table] = []
     try:
-        with (folder / shard.log).open("w", encoding="utf-8") as log, atomic_path(folder / shard.tar) as temporary:
-            _write_frames(temporary, scenario, spec, shard, rows, stars, log, progress)
+        with (
+            (folder / shard.log).open("w", encoding="utf-8") as log,
+            atomic_path(folder / shard.tar) as temporary,
+            table_writer(folder / shard.stars, STAR_SCHEMA) as stars,
+            table_writer(folder / shard.objects, OBJECT_SCHEMA) as objects,
+        ):
+            _write_frames(temporary, scenario, spec, shard, rows, Truth(stars, objects), log, progress)
     except _FramesFailedError as failed:
         return ShardReport(shard, (), failed.failures)
-    _write_table(folder / shard.frames, pa.Table.from_pylist(rows, schema=FRAME_SCHEMA))
-    _write_table(folder / shard.stars, pa.concat_tables(stars))
-    files = tuple(stored_file(folder, place) for place in (shard.tar, shard.frames, shard.stars))
+    write_table(folder / shard.frames, pa.Table.from_pylist(rows, schema=FRAME_SCHEMA))
+    files = tuple(stored_file(folder, place) for place in shard.files)
     receipt = {
         "format": RECEIPT_FORMAT,
         "scenario_sha256": scenario.sha256,
@@ -149,16 +161,19 @@ def _write_frames(
     spec: DatasetSpec,
     shard: Shard,
     rows: list[dict[str, Any]],
-    stars: list[pa.Table],
+    truth: Truth,
     log: TextIO,
     progress: Callable[[int], None],
 ) -> None:
-    """Write the archive of a shard and collect its tables' rows; raises _FramesFailedError when a frame is missing."""
+    """Write the archive and the truth of a shard and collect its table of frames.
+
+    Raises _FramesFailedError when a frame is missing.
+    """
     failures: list[FailedFrame] = []
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as archive:
         for index in range(shard.first, shard.stop):
             started = time.perf_counter()
-            frame = _try_frame(scenario, index, log)
+            frame = _try_frame(scenario, index, spec, log)
             if isinstance(frame, FailedFrame):
                 failures.append(frame)
                 continue
@@ -169,8 +184,13 @@ def _write_frames(
             _add(archive, f"{stem}.json", record_bytes(record))
             if spec.exr:
                 _add(archive, f"{stem}.exr", _exr_bytes(frame))
+            if frame.developed is not None:
+                _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
+            if frame.hud is not None:
+                _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
-            stars.append(frame.stars)
+            truth.stars.add(frame.stars)
+            truth.objects.add(frame.objects)
             log.write(f"{stem}: {frame.stars.num_rows} stars, {time.perf_counter() - started:.3f} s\n")
             log.flush()
             progress(index)
@@ -186,12 +206,12 @@ class _FramesFailedError(Exception):
         self.failures = failures
 
 
-def _try_frame(scenario: Scenario, index: int, log: TextIO) -> RenderedFrame | FailedFrame:
+def _try_frame(scenario: Scenario, index: int, spec: DatasetSpec, log: TextIO) -> RenderedFrame | FailedFrame:
     """Render a frame, again if it fails; a full disk or the like is not the frame's fault and is passed on."""
     problem = ""
     for attempt in range(TRIES_PER_FRAME):
         try:
-            return render_frame(scenario, index)
+            return render_frame(scenario, index, channels=spec.exr)
         except OSError:
             raise
         except Exception as error:
@@ -212,11 +232,6 @@ def _exr_bytes(frame: RenderedFrame) -> bytes:
         path = Path(place) / "frame.exr"
         write_exr(path, frame)
         return path.read_bytes()
-
-
-def _write_table(path: Path, table: pa.Table) -> None:
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
 
 
 def stored_file(folder: Path, place: str) -> StoredFile:

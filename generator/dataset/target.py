@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from generator.errors import GeneratorError
+
+INCOMING_PREFIX = ".incoming-"
 
 
 class Target(Protocol):
@@ -63,7 +66,7 @@ class LocalTarget:
         """Move a file here, from the same file system or another."""
         path = self.folder / place
         path.parent.mkdir(parents=True, exist_ok=True)
-        waiting = path.with_name(f".{path.name}-incoming")
+        waiting = path.with_name(f"{INCOMING_PREFIX}{secrets.token_hex(8)}")
         shutil.move(local, waiting)
         waiting.replace(path)
 

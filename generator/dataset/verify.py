@@ -15,6 +15,8 @@ from generator.dataset.shard import StoredFile, stored_file
 from generator.errors import GeneratorError
 from generator.scenario_file import load_scenario
 
+OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
+"""What a frame has besides, where its sensor develops a picture or shows a head-up display."""
 UNLISTED_FOLDERS = ("logs", "receipts")
 
 
@@ -56,10 +58,8 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
     if scenario.sha256 != manifest.scenario_sha256:
         return [f"{MANIFEST}: belongs to another scenario than {SCENARIO_COPY} (or to another version of skybench)"]
     listed = {file.path for file in manifest.files}
-    wanted = [place for shard in shards for place in (shard.tar, shard.frames, shard.stars)] + [
-        SCENARIO_COPY,
-        CROISSANT,
-    ]
+    wanted = [place for shard in shards for place in shard.files] + [SCENARIO_COPY, CROISSANT]
+    wanted += [file.path for file in scenario.files]
     return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
 
 
@@ -82,6 +82,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
     """Where tables and archives, with all files as listed, do not agree with each other."""
     try:
         dataset.stars()
+        dataset.objects()
         frames = dataset.frames().to_pylist()
         stored = list(dataset.stored_frames())
     except (GeneratorError, OSError, pa.ArrowException) as error:
@@ -91,7 +92,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
     wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
     found = []
     for row, frame in zip(frames, stored, strict=True):
-        if set(frame.members) != wanted:
+        if not wanted <= set(frame.members) <= wanted | OPTIONAL_MEMBERS:
             found.append(f"{row['shard']}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
         elif json.loads(frame.members["json"])["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
             found.append(f"{row['shard']}: {frame.frame_id} belongs to another scenario")

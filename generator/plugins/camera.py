@@ -48,6 +48,17 @@ FLOAT64: Any = dr.float64_array_t(mi.Float)
 ROW_ITERATIONS = 4
 
 
+def _rotation(quaternion: list[Any]) -> list[list[Any]]:
+    """Rotation of a quaternion (x, y, z, w) of any length, as rows of components."""
+    x, y, z, w = quaternion
+    scale = 2 / (x * x + y * y + z * z + w * w)
+    return [
+        [1 - scale * (y * y + z * z), scale * (x * y - z * w), scale * (x * z + y * w)],
+        [scale * (x * y + z * w), 1 - scale * (x * x + z * z), scale * (y * z - x * w)],
+        [scale * (x * z - y * w), scale * (y * z + x * w), 1 - scale * (x * x + y * y)],
+    ]
+
+
 class NightSkyCamera(mi.Sensor):
     """See the module's description."""
 
@@ -95,24 +106,24 @@ class NightSkyCamera(mi.Sensor):
         Between keyframes the quaternions are blended linearly and normalised, which differs from uniform rotation by less
         than a hundred-thousandth of the step for steps under 5 degrees.
         """
+        if self.keyframes == 1:
+            rotation = _rotation([dr.gather(FLOAT64, self.quaternions, mi.UInt32(k)) for k in range(4)])
+            # The same for every lane: computed once.
+            dr.eval(rotation)
+            return rotation
         position = dr.clip(FLOAT64(time), 0, 1) * (self.keyframes - 1)
-        lower = dr.minimum(mi.UInt32(position), max(self.keyframes - 2, 0))
-        upper = dr.minimum(lower + 1, self.keyframes - 1)
+        lower = dr.minimum(mi.UInt32(position), self.keyframes - 2)
         weight = position - FLOAT64(lower)
-        x, y, z, w = (
-            dr.lerp(
-                dr.gather(FLOAT64, self.quaternions, 4 * lower + k),
-                dr.gather(FLOAT64, self.quaternions, 4 * upper + k),
-                weight,
-            )
-            for k in range(4)
+        return _rotation(
+            [
+                dr.lerp(
+                    dr.gather(FLOAT64, self.quaternions, 4 * lower + k),
+                    dr.gather(FLOAT64, self.quaternions, 4 * lower + (4 + k)),
+                    weight,
+                )
+                for k in range(4)
+            ]
         )
-        scale = 2 / (x * x + y * y + z * z + w * w)
-        return [
-            [1 - scale * (y * y + z * z), scale * (x * y - z * w), scale * (x * z + y * w)],
-            [scale * (x * y + z * w), 1 - scale * (x * x + z * z), scale * (y * z - x * w)],
-            [scale * (x * z - y * w), scale * (y * z + x * w), 1 - scale * (x * x + y * y)],
-        ]
 
     def moment(self, v: Any, share: Any) -> Any:
         """Time at which row `v` (px) has had `share` (0 to 1) of its exposure; both Float64."""

@@ -1,16 +1,19 @@
 """``skybench_integrator``: expected electrons of a night-sky scene, without Monte Carlo noise.
 
-The diffuse sky is taken by camera rays through the pixels' centres, for stratified wavelengths over the whole range. Stars
-are projected by the same sensor at many moments of the exposure and spread over pixels by the point spread function
-(:mod:`generator.plugins.star_splats`). Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
+The diffuse sky is taken by camera rays through the pixels' centres, its spectra integrated over the film's response. Stars
+are projected by the same sensor at many moments of the exposure (:mod:`generator.plugins.star_tracks`) and spread over pixels
+by the point spread function (:mod:`generator.plugins.star_splats`).
+Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
 directions of the sky light it.
 
 =======================  =======  ================================================================================
 parameter                type     meaning
 =======================  =======  ================================================================================
 ``psf_sigma_px``         float    standard deviation of a Gaussian point spread function, px; or
-``psf_stamps``           tensor   (bands, rows, columns, n, n): see :class:`generator.plugins.psf_atlas.PsfAtlas`
+``psf_stamps``           tensor   (bands, rows, columns, …): see :class:`generator.plugins.psf_atlas.PsfAtlas`
 ``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
+``psf_inside``           tensor   (radius + 1, bands, rows, columns): light within squares of 1, 3, 5 … px
+``psf_beyond``           tensor   (radius + 1,): largest share of a pixel outside of them
 ``wavelength_groups``    int      wavelengths per pixel over four (default 33: one every 4.9 nm)
 ``largest_step_px``      float    longest step of a star between two moments of the exposure
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
@@ -29,19 +32,14 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.photometry import GRID_START_NM
 from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, film_response
+from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
-from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
-from generator.plugins.star_splats import (
-    UINT64,
-    UNITS_PER_ELECTRON,
-    StarTracks,
-    follow_stars,
-    splat_atlas,
-    splat_gaussian,
-)
+from generator.plugins.stamp_light import StampLight, gaussian_light
+from generator.plugins.star_splats import UINT64, UNITS_PER_ELECTRON, splat_atlas, splat_gaussian
+from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
@@ -54,27 +52,31 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: Any) -> None:
         super().__init__(props)
-        self.stamps = np.array(props["psf_stamps"], dtype=np.float64) if "psf_stamps" in props else None
+        self.stamps = mi.TensorXf(props["psf_stamps"]) if "psf_stamps" in props else None
         self.band_shift = np.array(props["psf_shift"], dtype=np.float64) if "psf_shift" in props else np.zeros(1)
         self.psf_sigma_px = float(props.get("psf_sigma_px", 0.0))
         if self.stamps is None and self.psf_sigma_px <= 0:
             raise ValueError("skybench_integrator: give psf_sigma_px or psf_stamps")
-        self.wavelength_groups = int(props.get("wavelength_groups", 33))
+        self.wavelength_groups = int(props.get("wavelength_groups", WAVELENGTH_GROUPS))
         # The midpoint rule over a Gaussian is exact to 1e-6 at steps of half its width, the pixel's own included.
         width = math.hypot(self.psf_sigma_px, math.sqrt(1 / 12))
         self.largest_step_px = float(props.get("largest_step_px", 0.5 * width if self.stamps is None else 0.35))
+        self._response: FilmResponse | None = None
         self._electrons: dict[tuple[str, int], NDArray[np.float64]] = {}
         self.coverage_moments = int(props.get("coverage_moments", 1))
         self.sky_moments = int(props.get("sky_moments", 1))
         self.lit_samples = int(props.get("lit_samples", 0))
         self.radius_px = math.ceil(PSF_RADIUS_SIGMAS * self.psf_sigma_px + 0.5)
-        if self.stamps is not None:
-            self.radius_px = PsfAtlas(self.stamps, self.band_shift, 1, 1, 0.0, 0.0, 1.0).radius_px
+        if self.stamps is None:
+            self.stamp_light = gaussian_light(self.psf_sigma_px, self.radius_px)
+        else:
+            self.stamp_light = StampLight(np.array(props["psf_inside"], float), np.array(props["psf_beyond"], float))
+            self.radius_px = self.stamp_light.radius_px
 
     @property
     def bands(self) -> int:
         """Wavelength bands of the point spread function."""
-        return 1 if self.stamps is None else len(self.stamps)
+        return 1 if self.stamps is None else self.stamps.shape[0]
 
     def render(
         self,
@@ -105,40 +107,55 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             dr.eval(image)
         return image
 
-    def diffuse(self, scene: Any, camera: NightSkyCamera) -> Any:
-        """Expected electrons from the diffuse sky, TensorXf (height, width, channels)."""
+    def diffuse(self, scene: Any, camera: NightSkyCamera, pattern: Pattern | None = None) -> Any:
+        """Expected electrons from the diffuse sky, TensorXf (height, width, channels); with a filter array one channel."""
         film = camera.film()
         width, height = camera.width, camera.height
         channels = film.create_block().channel_count() - 1
         environment = scene.environment()
+        planes = channels if pattern is None else 1
         if environment is None:
-            return dr.zeros(mi.TensorXf, (height, width, channels))
+            return dr.zeros(mi.TensorXf, (height, width, planes))
         pixel = dr.arange(mi.UInt32, width * height)
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
         free = self._uncovered(scene, camera, film_position)
-        image = dr.zeros(mi.Float, width * height * channels)
-        terms = self.term_electrons(camera, environment, channels)
+        image = dr.zeros(mi.Float, width * height * planes)
+        seen = None if pattern is None else (pattern, mi.Int32(pixel % width), mi.Int32(pixel // width))
+        terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel)
+            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel, seen)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
-                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel)
-        return mi.TensorXf(image, (height, width, channels))
+                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel, seen)
+        return mi.TensorXf(image, (height, width, planes))
 
-    def _add_sky(self, image: Any, coefficients: list[Any], terms: list[Any], etendue: Any, pixel: Any) -> None:
+    def _add_sky(
+        self,
+        image: Any,
+        coefficients: list[Any],
+        terms: list[Any],
+        etendue: Any,
+        pixel: Any,
+        seen: tuple[Pattern, Any, Any] | None,
+    ) -> None:
         """Add light of the sky to an image: a sum of terms, each a value by direction times an integrated spectrum."""
-        channels = len(terms)
-        for channel in range(channels):
+        lights = []
+        for spectrum in terms:
             light = dr.zeros(mi.Float, dr.width(pixel))
             for term, value in enumerate(coefficients):
-                light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
-            dr.scatter_add(image, dr.maximum(light, 0) * etendue, pixel * channels + channel)
+                light = dr.fma(value, dr.gather(mi.Float, spectrum, mi.UInt32(term)), light)
+            lights.append(dr.maximum(light, 0) * etendue)
+        if seen is not None:
+            pattern, column, row = seen
+            lights = [choose(pattern, lights, column, row)]
+        for plane, light in enumerate(lights):
+            dr.scatter_add(image, light, pixel * len(lights) + plane)
         dr.eval(image)
 
     def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
@@ -152,19 +169,11 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             dr.eval(free)
         return free
 
-    def term_electrons(self, camera: NightSkyCamera, environment: Any, channels: int) -> list[Any]:
-        """Spectrum of each term of the sky integrated over the film's response, a Float (terms) per channel."""
-        film = camera.film()
-        term = mi.Float(dr.arange(mi.UInt32, environment.count))
-        total = [dr.zeros(mi.Float, environment.count) for _ in range(channels)]
-        for group in range(self.wavelength_groups):
-            wavelengths = stratified_wavelengths(dr.full(mi.Float, (group + 0.5) / (4 * self.wavelength_groups), 1))
-            spectrum = environment.spectra.eval(term, wavelengths) * camera.spectral_weight(wavelengths)
-            values = film.prepare_sample(spectrum, wavelengths, channels + 1)
-            total = [so_far + value for so_far, value in zip(total, values, strict=False)]
-        total = [channel / self.wavelength_groups for channel in total]
-        dr.eval(total)
-        return total
+    def response(self, camera: NightSkyCamera) -> FilmResponse:
+        """What the camera's film makes of light."""
+        if self._response is None:
+            self._response = film_response(camera, self.wavelength_groups)
+        return self._response
 
     def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
         """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""
@@ -172,24 +181,16 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
         """As :meth:`star_electrons`, split into equal bands of the spectral range: (stars, channels, bands)."""
-        if (emitter.id(), bands) in self._electrons:
-            return self._electrons[emitter.id(), bands]
-        film = camera.film()
-        channels = film.create_block().channel_count() - 1
-        star = dr.arange(mi.UInt32, emitter.count)
-        total = [[dr.zeros(mi.Float, emitter.count) for _ in range(bands)] for _ in range(channels)]
-        for group in range(self.wavelength_groups):
-            wavelengths = stratified_wavelengths(dr.opaque(mi.Float, (group + 0.5) / (4 * self.wavelength_groups)))
-            electrons = emitter.irradiance(star, wavelengths) * camera.star_weight(wavelengths)
-            place = (wavelengths - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)
-            for band in range(bands):
-                part = dr.select((place >= band) & (place < band + 1), electrons, 0) if bands > 1 else electrons
-                values = film.prepare_sample(part, wavelengths, channels + 1)
-                for channel in range(channels):
-                    total[channel][band] += values[channel]
-            dr.eval(total)
-        host = np.array([[np.array(value, np.float64) for value in channel] for channel in total])
-        self._electrons[emitter.id(), bands] = np.moveaxis(host, 2, 0) / self.wavelength_groups
+        if (emitter.id(), bands) not in self._electrons:
+            shape = self.response(camera).of_stars(
+                emitter.colour_table.host(),
+                emitter.optical_depth.host()[0],
+                np.array(emitter.colour_row, dtype=np.float64),
+                np.array(emitter.airmass, dtype=np.float64),
+                bands,
+            )
+            light = np.array(emitter.brightness, dtype=np.float64) * float(camera.collected[0])
+            self._electrons[emitter.id(), bands] = light[:, None, None] * shape
         return self._electrons[emitter.id(), bands]
 
     def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
@@ -202,19 +203,30 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             step[electrons < faint_e] = factor * self.largest_step_px
         return follow_stars(scene, camera, emitter, reach, step)
 
-    def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter, tracks: StarTracks | None = None) -> Any:
-        """Expected electrons from stars, TensorXf (height, width, channels); `tracks` are those of :meth:`follow`."""
+    def stars(
+        self,
+        scene: Any,
+        camera: NightSkyCamera,
+        emitter: StarEmitter,
+        tracks: StarTracks | None = None,
+        pattern: Pattern | None = None,
+    ) -> Any:
+        """Expected electrons from stars, TensorXf (height, width, channels); with a filter array one channel.
+
+        `tracks` are those of :meth:`follow`.
+        """
         tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
         width, height = camera.width, camera.height
         electrons = self.electrons_by_band(camera, emitter, self.bands)
-        channels = electrons.shape[1]
-        total = dr.zeros(UINT64, width * height * channels)
+        planes = electrons.shape[1] if pattern is None else 1
+        total = dr.zeros(UINT64, width * height * planes)
         if self.stamps is None:
-            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, self.radius_px)
+            sigma_px = self.psf_sigma_px
+            splat_gaussian(total, camera, tracks, electrons[:, :, 0], sigma_px, self.stamp_light, pattern)
         else:
-            splat_atlas(total, camera, tracks, electrons, self.atlas(camera))
+            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), self.stamp_light, pattern)
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
-        return mi.TensorXf(image, (height, width, channels))
+        return mi.TensorXf(image, (height, width, planes))
 
     def atlas(self, camera: NightSkyCamera) -> PsfAtlas:
         """The tabulated point spread function over a camera's frame."""

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from generator.psf import FINE_PER_PX
 
 Floats = NDArray[np.float64]
+MARGIN_PX = 256
+"""More than a stamp's part can lie outside of the table."""
 
 
 class PsfAtlas:
@@ -19,9 +21,10 @@ class PsfAtlas:
 
     Parameters
     ----------
-    stamps : (bands, rows, columns, n, n) array
-        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
-        radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
+    stamps : TensorXf
+        (bands, rows, columns, FINE_PER_PX, FINE_PER_PX, k, k): share of the light that a pixel receives, by its distance from
+        the star, every 1/FINE_PER_PX px from -radius - 0.5 to radius + 0.5, k = 2 radius + 2. Whole pixels vary fastest, so
+        that a star's pixels are neighbours in memory.
     shift : (bands,) array
         Lateral chromatic shift away from the principal point at distance `corner_px` from it, px; linear in the distance.
     width, height : int
@@ -31,29 +34,35 @@ class PsfAtlas:
     """
 
     def __init__(
-        self, stamps: Floats, shift: Floats, width: int, height: int, cx_px: float, cy_px: float, corner_px: float
+        self, stamps: Any, shift: Floats, width: int, height: int, cx_px: float, cy_px: float, corner_px: float
     ) -> None:
-        self.bands, self.rows, self.columns, self.size = stamps.shape[:4]
-        self.radius_px = ((self.size - 1) // FINE_PER_PX - 1) // 2
-        self.values = [mi.Float(np.ascontiguousarray(band, dtype=np.float32).ravel()) for band in stamps]
+        self.bands, self.rows, self.columns = stamps.shape[:3]
+        self.side = stamps.shape[-1]
+        self.radius_px = self.side // 2 - 1
+        self.values = stamps.array
         self.shifts, self.frame = shift, (width, height)
         self.cx_px, self.cy_px, self.corner_px = cx_px, cy_px, corner_px
 
     @property
+    def shift_px(self) -> int:
+        """Whole pixels by which any band is shifted at most."""
+        return int(np.ceil(np.abs(self.shifts).max()))
+
+    @property
     def reach_px(self) -> int:
         """Pixels from a star's own within which its light falls in any band."""
-        return self.radius_px + int(np.ceil(np.abs(self.shifts).max()))
+        return self.radius_px + self.shift_px
 
-    def node(self, u: Any, v: Any) -> Any:
-        """Where the stamp of the nearest field node starts in a band's table, for stars at (u, v)."""
+    def node(self, u_px: Floats, v_px: Floats) -> NDArray[np.intp]:
+        """Nearest field node (row by row) of stars, (n,) array."""
         column, row = (
-            mi.UInt32(dr.round(dr.clip((position + 0.5) / size, 0, 1) * (count - 1)))
-            for position, size, count in ((u, self.frame[0], self.columns), (v, self.frame[1], self.rows))
+            np.rint(np.clip((position + 0.5) / size, 0, 1) * (count - 1)).astype(np.intp)
+            for position, size, count in ((u_px, self.frame[0], self.columns), (v_px, self.frame[1], self.rows))
         )
-        return (row * self.columns + column) * (self.size * self.size)
+        return row * self.columns + column
 
-    def share(self, band: int, node: Any, du: Any, dv: Any) -> Any:
-        """Share of the light of a band (Float) that falls on a pixel.
+    def shares(self, band: int, node: Any, du: Any, dv: Any, count: int) -> list[Any]:
+        """Shares of the light of a band that fall on `count` pixels in a row, a Float each.
 
         Parameters
         ----------
@@ -61,21 +70,35 @@ class PsfAtlas:
         node : UInt32
             From :meth:`node`.
         du, dv : Float
-            From the star (where its light of 550 nm falls) to the pixel's centre, px.
+            From the star (where its light of 550 nm falls, less the band's shift) to the first pixel's centre, px.
+        count : int
         """
-        fine, weight = [], []
-        inside = dr.mask_t(du)(True)
+        samples = (self.side - 1) * FINE_PER_PX
+        lower, weight = [], []
         for distance in (du, dv):
             place = (distance + (self.radius_px + 0.5)) * FINE_PER_PX
-            inside &= (place >= 0) & (place <= self.size - 1)
-            lower = dr.minimum(mi.UInt32(dr.maximum(place, 0)), self.size - 2)
-            fine.append(lower)
-            weight.append(place - mi.Float(lower))
-        index = node + fine[1] * self.size + fine[0]
-        corners = [
-            dr.gather(mi.Float, self.values[band], index + j * self.size + i, inside) for j in (0, 1) for i in (0, 1)
-        ]
-        value = dr.lerp(
-            dr.lerp(corners[0], corners[1], weight[0]), dr.lerp(corners[2], corners[3], weight[0]), weight[1]
-        )
-        return dr.select(inside, value, 0)
+            floor = dr.floor(place)
+            # A margin in front keeps the division below from meeting negative numbers.
+            lower.append(mi.Int32(floor) + MARGIN_PX * FINE_PER_PX)
+            weight.append(place - floor)
+        in_rows = (lower[1] >= MARGIN_PX * FINE_PER_PX) & (lower[1] < MARGIN_PX * FINE_PER_PX + samples)
+        stamp = (mi.UInt32(node) + band * self.rows * self.columns) * FINE_PER_PX
+        corners = []
+        for down in (0, 1):
+            row, row_phase = (lower[1] + down) // FINE_PER_PX - MARGIN_PX, (lower[1] + down) % FINE_PER_PX
+            for right in (0, 1):
+                column, phase = (lower[0] + right) // FINE_PER_PX - MARGIN_PX, (lower[0] + right) % FINE_PER_PX
+                part = (mi.Int32(stamp) + row_phase) * FINE_PER_PX + phase
+                corners.append((part * self.side + row) * self.side + column)
+        first = lower[0] - MARGIN_PX * FINE_PER_PX
+        shares = []
+        for tap in range(count):
+            place = first + tap * FINE_PER_PX
+            inside = in_rows & (place >= 0) & (place < samples)
+            above, above_right, below, below_right = (
+                dr.gather(mi.Float, self.values, mi.UInt32(corner + tap), inside) for corner in corners
+            )
+            shares.append(
+                dr.lerp(dr.lerp(above, above_right, weight[0]), dr.lerp(below, below_right, weight[0]), weight[1])
+            )
+        return shares

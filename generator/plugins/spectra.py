@@ -6,6 +6,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from generator.photometry import GRID_NM, GRID_START_NM, GRID_STEP_NM, GRID_STOP_NM
 
@@ -26,6 +28,10 @@ class SpectralTable:
             raise ValueError(f"a spectral table must have shape (rows, {len(GRID_NM)}), not {tuple(table.shape)}")
         self.rows = table.shape[0]
         self.values = mi.Float(table.array)
+
+    def host(self) -> NDArray[np.float64]:
+        """The table as a NumPy array."""
+        return np.array(self.values, dtype=np.float64).reshape(self.rows, len(GRID_NM))
 
     def eval(self, row: Any, wavelengths: Any) -> Any:
         """Value of (fractional) row `row` (Float) at `wavelengths` (Spectrum, nm), zero outside the grid."""

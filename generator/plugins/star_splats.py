@@ -1,13 +1,14 @@
-"""Where stars move on the film during the exposure, and how their light is spread over pixels.
+"""How the light of stars is spread over pixels.
 
-A star's exposure is cut into moments, so many that it moves less than a fraction of the point spread function's width between
-two of them. At each moment the point spread function, integrated over each pixel, is added to the image in 64-bit integers:
-integer addition does not depend on order, so the image has the same bits on any number of threads.
+At each moment of a star's track, a stamp of its point spread function, integrated over each pixel, is added to the image in
+64-bit integers: integer addition does not depend on order, so the image has the same bits on any number of threads. A stamp
+is drawn row by row: one lane of the computation adds one row of one stamp, or a part of it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,267 +18,210 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.psf_atlas import PsfAtlas
-from generator.plugins.stars import StarEmitter
+from generator.plugins.stamp_light import StampLight
+from generator.plugins.star_tracks import StarTracks
 
 UINT64: Any = dr.uint64_array_t(mi.Float)
 Floats = NDArray[np.float64]
 UNITS_PER_ELECTRON = 2.0**24
 """Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
-LANES_AT_ONCE = 6_000_000
-COARSE_CHECKS = 33
-MOST_MOMENTS = 100_000
-SHARE_STEP = 0.5e-3
-MOMENTS_PER_PART = 2
+MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
+LANES_AT_ONCE = 1_000_000
+MOST_TAPS = 9
+"""Pixels that one lane adds: the code for all of them is compiled, which takes its time."""
 
 
 @dataclass(frozen=True)
-class StarTracks:
-    """Where the light of n stars falls, and when.
+class StampRows:
+    """Rows of the stamps of some moments, cut into parts, one lane each; all stamps have 2 x radius + 1 rows and columns.
 
     Attributes
     ----------
-    u_px, v_px : (n,) arrays
-        Position when the row it falls on is half exposed; NaN outside the lens' range.
-    start, end : (n, 2) arrays
-        Position (u, v) when that row's exposure starts and ends; NaN outside the lens' range or far from the frame.
-    centroid : (n, 2) array
-        Mean position weighted by the light that arrives; NaN where none does.
-    light : (n,) array
-        Light that arrives over that of the same star on the axis during one exposure; far from the frame, at mid-exposure.
-    visible_share : (n,) array
-        Part of the star's light that geometry lets through, 0-1; 1 for stars far from the frame.
-    star, u, v, weight : (m,) arrays
-        The moments: index of the star, position, and light (as `light`, which is their sum per star).
+    moment : (m,) array
+        Index of each moment in the tracks.
+    radius : int
+        px.
+    taps : int
+        Pixels in a part; the last part of a row may have fewer.
+    owner : UInt32
+        Which of these moments a lane belongs to.
+    du, dv : Float
+        From the star to the centre of the part's first pixel, px.
+    pixel : Int32
+        Index of that pixel in the image.
+    row : Int32
+        Its row in the image.
+    first, stop : Int32
+        The first of the part's taps whose column is on the sensor and in the stamp, and the one after the last.
     """
 
-    u_px: Floats
-    v_px: Floats
-    start: Floats
-    end: Floats
-    centroid: Floats
-    light: Floats
-    visible_share: Floats
-    star: NDArray[np.int64]
-    u: Floats
-    v: Floats
-    weight: Floats
+    moment: NDArray[np.intp]
+    radius: int
+    taps: int
+    owner: Any
+    du: Any
+    dv: Any
+    pixel: Any
+    row: Any
+    first: Any
+    stop: Any
+
+    def per_lane(self, values: Floats) -> Any:
+        """Values (m,) of the moments as a Float of the lanes."""
+        return dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values, dtype=np.float32)), self.owner)
+
+    def seen(self, channels: list[Any], pattern: Pattern | None) -> tuple[list[Any], list[Any]]:
+        """What even and odd taps see of values by channel: all of them, or under a filter array their own alone."""
+        if pattern is None:
+            return channels, channels
+        even, odd = (choose(pattern, channels, parity - self.first, self.row) for parity in (0, 1))
+        return [even], [odd]
+
+    def add(self, total: Any, tap: int, electrons: list[Any], few: bool) -> None:
+        """Add electrons, a Float per channel, to each part's pixel number `tap`; `few`: less than MOST_IN_32_BITS_E."""
+        drawn = (self.first <= tap) & (self.stop > tap)
+        for channel, amount in enumerate(electrons):
+            target = mi.UInt32(self.pixel + tap) * len(electrons) + channel
+            # Conversion to 32 bits is an instruction, that to 64 bits is many.
+            if few:
+                units = UINT64(mi.UInt32(mi.Int32(amount * UNITS_PER_ELECTRON + 0.5)))
+            else:
+                units = UINT64(FLOAT64(amount) * UNITS_PER_ELECTRON + 0.5)
+            dr.scatter_add(total, units, target, drawn)
 
 
-def _project(
-    camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], share: Floats
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], Floats, Any]:
-    """Positions u, v (NaN outside the range), cosine, validity, time, and directions of stars at shares of the exposure."""
-    index = mi.UInt32(star.astype(np.uint32))
-    u, v, cosine, valid, time = camera.project_source(lambda time: emitter.direction(index, time), FLOAT64(share))
-    direction = emitter.direction(index, time)
-    dr.eval(u, v, cosine, valid, time, direction)
-    good = np.array(valid)
-    place = [np.where(good, np.array(value, dtype=np.float64), np.nan) for value in (u, v)]
-    return place[0], place[1], np.array(cosine), good, np.array(time), direction
+def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[StampRows]:
+    """Rows of the stamps of all moments, in blocks of one radius that fit into memory, from the top of the image down.
 
-
-def follow_stars(
-    scene: Any, camera: NightSkyCamera, emitter: StarEmitter, reach_px: float, largest_step_px: Floats
-) -> StarTracks:
-    """Follow all stars of an emitter over the exposure.
+    In this order, light goes to neighbouring places in memory.
 
     Parameters
     ----------
-    scene : Scene
-        Its shapes hide stars.
-    camera, emitter
-    reach_px : float
-        How far beyond the frame a star's centre can be for its light to touch the frame.
-    largest_step_px : (n,) array
-        Longest step of each star between two moments.
+    camera, tracks
+    radius_px : (n,) array
+        Of each star's stamp.
     """
-    count = emitter.count
-    everyone = np.arange(count, dtype=np.int64)
-    u_px, v_px, cosine, good, *_ = _project(camera, emitter, everyone, np.full(count, 0.5))
-    middle_light = np.where(good, _relative_light(camera, u_px, v_px, cosine), 0.0)
-    checks = max(2, camera.keyframes, emitter.keyframes)
-    coarse = min(checks, COARSE_CHECKS)
-    shares = np.linspace(0, 1, coarse)
-    u, v, *_ = _project(camera, emitter, np.repeat(everyone, coarse), np.tile(shares, count))
-    u, v = u.reshape(count, coarse), v.reshape(count, coarse)
-    steps, touching = _steps_by_the_frame(camera, u, v, reach_px)
-    near = touching.any(axis=1)
-    chosen = everyone[near]
-    start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
-    start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
-    end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
-    longest = steps.max(axis=1, initial=0.0)[chosen]
-    if checks > coarse:
-        longest = _longest_step(camera, emitter, chosen, checks, reach_px)
-    moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px[chosen]), 1, MOST_MOMENTS).astype(np.int64)
-    if emitter.light_curve is not None:
-        parts = emitter.light_curve.shape[1]
-        moments = np.maximum(np.ceil(moments / parts), MOMENTS_PER_PART).astype(np.int64) * parts
-    star = np.repeat(chosen, moments)
-    first = np.repeat(np.cumsum(moments) - moments, moments)
-    per_star = np.repeat(moments, moments)
-    share = (np.arange(len(star)) - first + 0.5) / per_star
-    visible_share = np.ones(count)
-    if len(star) == 0:
-        nothing = np.zeros(0)
-        return StarTracks(
-            u_px, v_px, start, end, centroid, middle_light, visible_share, star, nothing, nothing, nothing
-        )
-    u, v, cosine, good, time, direction = _project(camera, emitter, star, share)
-    relative = _relative_light(camera, u, v, cosine)
-    weight = np.where(good & (np.array(direction[2]) >= 0), relative, 0.0) / per_star
-    if emitter.light_curve is not None:
-        part = np.clip((time * parts).astype(np.int64), 0, parts - 1)
-        weight *= emitter.light_curve[star, part]
-    if camera.read_out_share:
-        weight *= _dwell(camera, emitter, star, share)
-    if scene.shapes():
-        ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(*(mi.Float(component) for component in direction)))
-        free = ~np.array(scene.ray_test(ray))
-        whole = np.bincount(star, weight, count)
-        weight = weight * free
-        np.divide(np.bincount(star, weight, count), whole, out=visible_share, where=whole > 0)
-    light = np.where(near, np.bincount(star, weight, count), middle_light)
-    lit = near & (light > 0)
-    for axis, position in enumerate((u, v)):
-        total = np.bincount(star, weight * np.nan_to_num(position), count)
-        centroid[lit, axis] = total[lit] / light[lit]
-    keep = weight > 0
-    return StarTracks(
-        u_px, v_px, start, end, centroid, light, visible_share, star[keep], u[keep], v[keep], weight[keep]
-    )
-
-
-def _relative_light(camera: NightSkyCamera, u: Floats, v: Floats, cosine: Floats) -> Floats:
-    """The camera's relative light at positions; anything where they are NaN."""
-    return np.array(camera.relative_light(FLOAT64(np.nan_to_num(u)), FLOAT64(np.nan_to_num(v)), FLOAT64(cosine)))
-
-
-def _steps_by_the_frame(
-    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
-
-    Steps that cannot count as 0: far outside the frame a rectilinear image moves without bound.
-    """
-    touching = np.ones((u.shape[0], u.shape[1] - 1), dtype=bool)
-    for position, size in ((u, camera.width), (v, camera.height)):
-        lowest, highest = np.fmin(position[:, 1:], position[:, :-1]), np.fmax(position[:, 1:], position[:, :-1])
-        touching &= (highest > -reach_px - 1) & (lowest < size + reach_px)
-    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
-    return np.where(touching, steps, 0.0), touching
-
-
-def _longest_step(
-    camera: NightSkyCamera, emitter: StarEmitter, chosen: NDArray[np.int64], checks: int, reach_px: float
-) -> Floats:
-    """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
-    longest = np.zeros(len(chosen))
-    block = max(1, 1_000_000 // max(len(chosen), 1))
-    for lower in range(0, checks - 1, block):
-        shares = np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
-        u, v, *_ = _project(camera, emitter, np.repeat(chosen, len(shares)), np.tile(shares, len(chosen)))
-        u, v = u.reshape(len(chosen), -1), v.reshape(len(chosen), -1)
-        steps, _ = _steps_by_the_frame(camera, u, v, reach_px)
-        longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
-    return longest
-
-
-def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], share: Floats) -> Floats:
-    """Time that a star spends per share of its row's exposure, over the exposure: it follows the readout, or flees it."""
-    *_, before, _ = _project(camera, emitter, star, share - SHARE_STEP)
-    *_, after, _ = _project(camera, emitter, star, share + SHARE_STEP)
-    return np.maximum((after - before) / (2 * SHARE_STEP * camera.exposure_share), 0.0)
+    radius_of_moment = radius_px[tracks.star]
+    image_row = np.clip(tracks.v, 0, 2**16 - 1).astype(np.uint16)
+    for radius in np.unique(radius_of_moment).tolist():
+        chosen = np.flatnonzero(radius_of_moment == radius)
+        chosen = chosen[np.argsort(image_row[chosen], kind="stable")]
+        side = 2 * radius + 1
+        parts = math.ceil(side / MOST_TAPS)
+        taps = math.ceil(side / parts)
+        block = max(1, LANES_AT_ONCE // (side * parts))
+        for start in range(0, len(chosen), block):
+            moment = chosen[start : start + block]
+            u, v = tracks.u[moment], tracks.v[moment]
+            column, row = np.rint(u), np.rint(v)
+            lane = dr.arange(mi.UInt32, len(moment) * side * parts)
+            owner, place = lane // (side * parts), lane % (side * parts)
+            down, across = mi.Int32(place // parts) - radius, mi.Int32(place % parts) * taps
+            here = dr.gather(mi.Int32, mi.Int32(row.astype(np.int32)), owner) + down
+            left = dr.gather(mi.Int32, mi.Int32(column.astype(np.int32)), owner) - radius + across
+            on_sensor = (here >= 0) & (here < camera.height)
+            yield StampRows(
+                moment=moment,
+                radius=radius,
+                taps=taps,
+                owner=owner,
+                du=dr.gather(mi.Float, mi.Float((column - u).astype(np.float32)), owner) + mi.Float(across - radius),
+                dv=dr.gather(mi.Float, mi.Float((row - v).astype(np.float32)), owner) + mi.Float(down),
+                pixel=here * camera.width + left,
+                row=here,
+                first=-left,
+                stop=dr.select(on_sensor, dr.minimum(camera.width - left, side - across), 0),
+            )
 
 
 def splat_gaussian(
-    total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, sigma_px: float, radius_px: int
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    sigma_px: float,
+    light: StampLight,
+    pattern: Pattern | None = None,
 ) -> None:
     """Add a Gaussian point spread function, integrated over pixels by the error function, at each moment.
 
     Parameters
     ----------
     total : UInt64
-        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
+        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON; with a pattern, (height x width,).
     electrons : (n, channels) array
         Of each star on the axis.
+    light : StampLight
+        Sizes of the stamps; light beyond a stamp is spread over it.
+    pattern : Pattern, optional
+        Filter array: only the channel that a pixel sees is added.
     """
-    side = 2 * radius_px + 1
     channels = electrons.shape[1]
-    scale = dr.opaque(FLOAT64, 1 / (math.sqrt(2) * sigma_px))
-    for chunk in _chunks(len(tracks.star), side * side):
-        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
-        amounts = tracks.weight[chunk, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
-        axis_lane = dr.arange(mi.UInt32, dr.width(u) * side)
-        owner, tap = axis_lane // side, axis_lane % side
-        shares = []
-        for position in (u, v):
-            centre = dr.gather(FLOAT64, position, owner)
-            distance = dr.round(centre) - centre + FLOAT64(mi.Int32(tap) - radius_px)
-            shares.append(0.5 * (dr.erf((distance + 0.5) * scale) - dr.erf((distance - 0.5) * scale)))
-        dr.eval(shares)
-        lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
-        owner, offset = lane // (side * side), lane % (side * side)
-        share = dr.gather(FLOAT64, shares[0], owner * side + offset % side) * dr.gather(
-            FLOAT64, shares[1], owner * side + offset // side
-        )
-        inside, target = _target(camera, u, v, owner, offset, radius_px, channels)
-        for channel in range(channels):
-            amount = dr.gather(FLOAT64, FLOAT64(amounts[:, channel]), owner) * share
-            dr.scatter_add(total, UINT64(amount + 0.5), target + channel, inside)
+    scale = dr.opaque(mi.Float, 1 / (math.sqrt(2) * sigma_px))
+    for rows in stamp_rows(camera, tracks, light.radii(electrons.max(axis=1))):
+        weight = tracks.weight[rows.moment] * light.gain[rows.radius, 0, 0, 0]
+        lights = weight[:, None] * electrons[tracks.star[rows.moment]]
+        few = float(lights.max()) < MOST_IN_32_BITS_E
+        in_row = 0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale))
+        amounts = rows.seen([rows.per_lane(lights[:, channel]) * in_row for channel in range(channels)], pattern)
+        before = dr.erf((rows.du - 0.5) * scale)
+        for tap in range(rows.taps):
+            after = dr.erf((rows.du + (tap + 0.5)) * scale)
+            share, before = after - before, after
+            rows.add(total, tap, [amount * share for amount in amounts[tap % 2]], few)
         dr.eval(total)
 
 
-def splat_atlas(total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, atlas: PsfAtlas) -> None:
+def splat_atlas(
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    atlas: PsfAtlas,
+    light: StampLight,
+    pattern: Pattern | None = None,
+) -> None:
     """Add a tabulated point spread function at each moment.
 
     Parameters
     ----------
     total : UInt64
-        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
+        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON; with a pattern, (height x width,).
     electrons : (n, channels, bands) array
         Of each star on the axis, per wavelength band of the atlas.
+    atlas : PsfAtlas
+    light : StampLight
+        Sizes of the stamps; light beyond a stamp is spread over it.
+    pattern : Pattern, optional
+        Filter array: only the channel that a pixel sees is added.
     """
-    side = 2 * atlas.reach_px + 1
     channels = electrons.shape[1]
-    for chunk in _chunks(len(tracks.star), side * side):
-        u, v = FLOAT64(tracks.u[chunk]), FLOAT64(tracks.v[chunk])
-        amounts = tracks.weight[chunk, None, None] * electrons[tracks.star[chunk]] * UNITS_PER_ELECTRON
-        # Where the middle of the stamp lies from the star, and how far a band of unit shift moves it, in single precision.
-        starts = [mi.Float(dr.round(position) - position - atlas.reach_px) for position in (u, v)]
-        outward = [mi.Float((u - atlas.cx_px) / atlas.corner_px), mi.Float((v - atlas.cy_px) / atlas.corner_px)]
-        node = atlas.node(u, v)
-        dr.eval(starts, outward, node)
-        lane = dr.arange(mi.UInt32, dr.width(u) * side * side)
-        owner, offset = lane // (side * side), lane % (side * side)
-        taps = (mi.Float(offset % side), mi.Float(offset // side))
-        here = dr.gather(mi.UInt32, node, owner)
-        du, dv = (dr.gather(mi.Float, start, owner) + tap for start, tap in zip(starts, taps, strict=True))
-        out_u, out_v = (dr.gather(mi.Float, direction, owner) for direction in outward)
-        light = [FLOAT64(0) for _ in range(channels)]
+    radius_px = np.minimum(light.radii(electrons.sum(axis=2).max(axis=1)) + atlas.shift_px, atlas.reach_px)
+    for rows in stamp_rows(camera, tracks, radius_px):
+        moment = rows.moment
+        node = atlas.node(tracks.u[moment], tracks.v[moment])
+        gain = light.gain[max(rows.radius - atlas.shift_px, 0)].reshape(atlas.bands, -1).T[node]
+        amounts = (tracks.weight[moment, None] * gain)[:, None, :] * electrons[tracks.star[moment]]
+        outward = (rows.per_lane((tracks.u[moment] - atlas.cx_px) / atlas.corner_px),
+                   rows.per_lane((tracks.v[moment] - atlas.cy_px) / atlas.corner_px))  # fmt: skip
+        few = float(amounts.sum(axis=2).max()) < MOST_IN_32_BITS_E
+        stamp = dr.gather(mi.UInt32, mi.UInt32(node.astype(np.uint32)), rows.owner)
+        bands = []
         for band in range(atlas.bands):
-            shift = float(atlas.shifts[band])
-            share = FLOAT64(atlas.share(band, here, du - shift * out_u, dv - shift * out_v))
-            for channel in range(channels):
-                light[channel] += dr.gather(FLOAT64, FLOAT64(amounts[:, channel, band]), owner) * share
-        inside, target = _target(camera, u, v, owner, offset, atlas.reach_px, channels)
-        for channel in range(channels):
-            dr.scatter_add(total, UINT64(light[channel] + 0.5), target + channel, inside)
+            du, dv = (
+                start - mi.Float(float(atlas.shifts[band]) * away)
+                for start, away in zip((rows.du, rows.dv), outward, strict=True)
+            )
+            shares = atlas.shares(band, stamp, du, dv, rows.taps)
+            lights = [rows.per_lane(amounts[:, channel, band]) for channel in range(channels)]
+            bands.append((shares, rows.seen(lights, pattern)))
+        for tap in range(rows.taps):
+            received = [mi.Float(0)] * (channels if pattern is None else 1)
+            for shares, lights in bands:
+                received = [
+                    dr.fma(light, shares[tap], so_far) for light, so_far in zip(lights[tap % 2], received, strict=True)
+                ]
+            rows.add(total, tap, received, few)
         dr.eval(total)
-
-
-def _chunks(count: int, lanes_each: int) -> list[slice]:
-    size = max(1, LANES_AT_ONCE // lanes_each)
-    return [slice(lower, min(lower + size, count)) for lower in range(0, count, size)]
-
-
-def _target(
-    camera: NightSkyCamera, u: Any, v: Any, owner: Any, offset: Any, radius_px: int, channels: int
-) -> tuple[Any, Any]:
-    """Whether each tap of a stamp lies on the sensor, and its index in the sum."""
-    side = 2 * radius_px + 1
-    column = dr.gather(mi.Int32, mi.Int32(dr.round(u)), owner) + mi.Int32(offset % side) - radius_px
-    row = dr.gather(mi.Int32, mi.Int32(dr.round(v)), owner) + mi.Int32(offset // side) - radius_px
-    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return inside, mi.UInt32(row * camera.width + column) * channels

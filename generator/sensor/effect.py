@@ -9,7 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.float32]
+"""Electrons, in single precision: whole numbers up to 1.6e7, the largest full well, are exact."""
+
 NoiseStream = Callable[[str], np.random.Generator]
 
 

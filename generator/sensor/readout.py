@@ -17,7 +17,7 @@ class FixedOffset:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the offsets."""
-        return signal + self.sigma_e * exposure.unit("dsnu").standard_normal(signal.shape)
+        return signal + self.sigma_e * exposure.unit("dsnu").standard_normal(signal.shape, np.float32)
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ReadNoise:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the noise."""
-        return signal + self.sigma_e * exposure.frame("read").standard_normal(signal.shape)
+        return signal + self.sigma_e * exposure.frame("read").standard_normal(signal.shape, np.float32)
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TelegraphNoise:
         trapped = unit.random(signal.shape) < self.fraction
         amplitude = unit.standard_exponential(signal.shape) * self.amplitude_e
         jump = exposure.frame("telegraph").integers(0, 2, (2, *signal.shape)).sum(axis=0) - 1
-        return signal + trapped * amplitude * jump
+        return signal + (trapped * amplitude * jump).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,11 @@ class LineNoise:
         """Add the offsets."""
         shape = signal.shape
         if self.row_e:
-            signal = signal + self.row_e * exposure.frame("row").standard_normal((*shape[:-1], 1))
+            signal = signal + self.row_e * exposure.frame("row").standard_normal((*shape[:-1], 1), np.float32)
         if self.column_e:
-            signal = signal + self.column_e * exposure.frame("column").standard_normal((*shape[:-2], 1, shape[-1]))
+            signal = signal + self.column_e * exposure.frame("column").standard_normal(
+                (*shape[:-2], 1, shape[-1]), np.float32
+            )
         return signal
 
 
@@ -79,4 +81,6 @@ class Converter:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Return DN, whole numbers from 0 to 2^bits - 1."""
         del exposure
-        return np.clip(np.rint(signal / self.gain_e_per_dn + self.black_level_dn), 0, 2**self.bits - 1)
+        return np.clip(
+            np.rint(signal * np.float32(1 / self.gain_e_per_dn) + np.float32(self.black_level_dn)), 0, 2**self.bits - 1
+        )

@@ -23,7 +23,7 @@ from generator.sky.moonlight import MOON_BV_MAG, moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.state import SkyState
 from generator.sky.twilight import twilight
-from generator.sky.zenith import BORTLE_ZENITH_MAG, NATURAL_ZENITH_MAG
+from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.sky.zodiacal import zodiacal
 from generator.stellar_spectra import star_spectra
 
@@ -51,6 +51,11 @@ def layout(spec: SkySpec) -> tuple[City, ...]:
     return ()
 
 
+def _asked_zenith(spec: SkySpec) -> float | None:
+    """Zenith brightness that the scenario asks for, V mag/arcsec^2; None where its cities' own output counts."""
+    return spec.zenith_mag_arcsec2 if spec.bortle is None else BORTLE_ZENITH_MAG[spec.bortle]
+
+
 def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) -> dict[str, SkyTable]:
     """Components of a frame's sky at the ground, by name; their sum is the sky.
 
@@ -71,25 +76,23 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
         layers["milky_way"] = mw.milky_way(state.icrs_from_enu, _star_light()[0], atmosphere)
     if "starlight" in active:
         layers["starlight"] = scattered_starlight(_star_light()[1], atmosphere)
-    natural = sum(layer.zenith_v() for layer in layers.values())
     cities = layout(spec) if "skyglow" in active else ()
-    if spec.bortle is not None:
-        asked, reference = BORTLE_ZENITH_MAG[spec.bortle], float(radiance_from_surface_brightness(NATURAL_ZENITH_MAG))
-        artificial = float(radiance_from_surface_brightness(asked)) - reference
-    elif spec.zenith_mag_arcsec2 is not None:
-        wanted = float(radiance_from_surface_brightness(spec.zenith_mag_arcsec2))
-        artificial = wanted - natural
-        if artificial < 0:
+    glow = skyglow(cities, atmosphere) if cities else None
+    asked_mag = _asked_zenith(spec)
+    if asked_mag is not None:
+        asked = float(radiance_from_surface_brightness(asked_mag))
+        natural = sum(layer.zenith_v() for layer in layers.values())
+        if natural > asked:
             # Darker than this night's natural sky: its components keep their proportions.
-            layers = {name: layer.scaled(wanted / natural) for name, layer in layers.items()}
-            artificial = 0.0
-    else:
-        artificial = np.nan
-    if cities:
-        glow = skyglow(cities)
-        factor = 1.0 if np.isnan(artificial) else artificial / glow.zenith_v()
-        layers["skyglow"] = glow.scaled(factor)
-        cities = tuple(dataclasses.replace(city, upward_mlm=city.upward_mlm * factor) for city in cities if factor > 0)
+            layers = {name: layer.scaled(asked / natural) for name, layer in layers.items()}
+        if glow is not None:
+            factor = max(0.0, asked - natural) / glow.zenith_v()
+            glow = glow.scaled(factor)
+            cities = tuple(
+                dataclasses.replace(city, upward_mlm=city.upward_mlm * factor) for city in cities if factor > 0
+            )
+    if glow is not None:
+        layers["skyglow"] = glow
     if "moonlight" in active:
         layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere)
     if "twilight" in active:

@@ -4,40 +4,25 @@ from __future__ import annotations
 
 import functools
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid, content_hash
+from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.bake.grids import WAVELENGTHS_NM, BakedAir, CityGrid, MoonGrid, content_hash
 from generator.errors import DataFileError
 
 Floats = NDArray[np.float64]
 FOLDER = Path(__file__).parents[1] / "data" / "baked"
 MOON_FILE, CITY_FILE = FOLDER / "moonlight.npz", FOLDER / "city_kernel.npz"
 
-
-@dataclass(frozen=True)
-class BakedMap:
-    """A smoothed map and what is known of its error.
-
-    Attributes
-    ----------
-    values : array
-        Moonlight: over single scattering (see :mod:`generator.sky.moonlight`), axes of MoonGrid. City: multiply scattered
-        light of a disk of lamps, km^-2 sr^-1, axes (pattern, CityGrid).
-    relative_error : array
-        Monte Carlo standard error of `values` after smoothing, relative to the total light.
-    """
-
-    values: Floats
-    relative_error: Floats
+_SEARCHED_NM: Floats = np.geomspace(1000.0, 340.0, 500)
 
 
-def read(path: Path, key: str) -> BakedMap:
-    """Read a map, and refuse one that was made of something else.
+def read(path: Path, key: str, part: str = "values") -> Floats:
+    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map that was made of something else.
 
     Raises
     ------
@@ -45,61 +30,124 @@ def read(path: Path, key: str) -> BakedMap:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
-            found, values, error = str(stored["key"]), stored["values"], stored["relative_error"]
+            found, values = str(stored["key"]), stored[part]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
         raise DataFileError(f"{path}: not a baked map ({problem}); run `skybench bake`") from problem
     if found != key:
         raise DataFileError(f"{path}: baked from other inputs (key {found[:12]}, not {key[:12]}); run `skybench bake`")
-    return BakedMap(values.astype(np.float64), error.astype(np.float64))
+    return values.astype(np.float64)
+
+
+def moon_map(part: str = "values") -> Floats:
+    """All moonlight over light scattered once in closed form; axes aerosol, wavelength, view, Moon, azimuth of MoonGrid.
+
+    The part 'relative_error' is the Monte Carlo standard error of the light; 'walked' is what the random walks gave.
+    """
+    return read(MOON_FILE, content_hash(BakedAir(), MoonGrid()), part)
+
+
+def city_map(part: str = "values") -> Floats:
+    """Multiply scattered light of a lamp, km^-2 sr^-1 per unit output.
+
+    Axes: pattern, and aerosol, wavelength, view, edges of the rings and of their parts of CityGrid. The part
+    'relative_error' is the Monte Carlo standard error of these values after the fit; 'walked' and 'walked_error' are the
+    random walks' means over the cells and their errors.
+    """
+    return read(CITY_FILE, content_hash(BakedAir(), CityGrid()), part)
 
 
 @functools.cache
-def moon_map() -> BakedMap:
-    """Moonlight over single scattering."""
-    return read(MOON_FILE, content_hash(BakedAir(), MoonGrid()))
+def _log_moon() -> RegularGridInterpolator:
+    grid = MoonGrid()
+    axes = (
+        np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm), np.log(grid.moon_altitude_deg),
+        np.log(grid.view_altitude_deg), np.array(grid.relative_azimuth_deg),
+    )  # fmt: skip
+    return RegularGridInterpolator(axes, np.log(np.swapaxes(moon_map(), 2, 3)))
 
 
 @functools.cache
-def city_map() -> BakedMap:
-    """Multiply scattered light of a small disk of lamps."""
-    return read(CITY_FILE, content_hash(BakedAir(), CityGrid()))
+def _log_city() -> CubicSpline:
+    return CubicSpline(np.log(WAVELENGTHS_NM), np.log(np.moveaxis(city_map(), (2, 1), (0, 1))), axis=0)
 
 
-def moon_ratio(aerosol_tau_550: float, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
+def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Floats, Floats]:
+    """Wavelength and aerosol depth at 550 nm at which the bake's air scatters as another air does at `wavelength_nm`.
+
+    Light of one wavelength knows the air by its optical depths alone, so that thinner air is that of a longer wavelength.
+
+    Returns
+    -------
+    wavelength_nm, aerosol_tau_550 : (n,) arrays
+    """
+    air = BakedAir()
+    wanted = rayleigh_optical_depth(wavelength_nm, max(atmosphere.pressure_hpa, 1.0))
+    baked = rayleigh_optical_depth(_SEARCHED_NM, air.pressure_hpa)
+    same = np.exp(np.interp(np.log(wanted), np.log(baked), np.log(_SEARCHED_NM)))
+    aerosol = aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
+    return same, aerosol / aerosol_optical_depth(same, 1.0, air.angstrom_exponent)
+
+
+def moon_ratio(atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
     """All moonlight over light scattered once, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
 
     Linear in the logarithm between the grid's points; outside them the nearest value holds (aerosol depths beyond 0.03 to
-    0.3, altitudes below 2 deg).
+    0.3, Moon below 3 deg, lines of sight below 2 deg).
     """
     grid = MoonGrid()
-    table = np.log(moon_map().values)
-    tau = np.clip(aerosol_tau_550, grid.aerosol_tau_550[0], grid.aerosol_tau_550[-1])
-    moon = np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1])
-    outer = RegularGridInterpolator(
-        (np.log(grid.aerosol_tau_550), np.log(grid.moon_altitude_deg)), np.moveaxis(table, 1, 2)
-    )([np.log(tau), np.log(moon)])[0]
-    inner = RegularGridInterpolator(
-        (np.log(grid.view_altitude_deg), np.array(grid.relative_azimuth_deg)), np.moveaxis(outer, 0, -1)
-    )
+    wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
+    wavelength = np.clip(wavelength, grid.wavelength_nm[0], grid.wavelength_nm[-1])
+    tau = np.clip(tau, grid.aerosol_tau_550[0], grid.aerosol_tau_550[-1])
+    moon = np.log(np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1]))
     view = np.log(np.clip(altitude_deg, grid.view_altitude_deg[0], 90.0))
     relative = np.abs((azimuth_deg + 180) % 360 - 180)
-    points = np.stack(np.meshgrid(view, relative, indexing="ij"), axis=-1)
-    return np.exp(np.moveaxis(inner(points), -1, 0))
+    points = np.empty((len(wavelength), len(view), len(relative), 5))
+    points[..., 0] = np.log(tau)[:, None, None]
+    points[..., 1] = np.log(wavelength)[:, None, None]
+    points[..., 2] = moon
+    points[..., 3] = view[:, None]
+    points[..., 4] = relative
+    return np.exp(_log_moon()(points))
 
 
-def city_multiple(distance_km: Floats, altitude_deg: Floats, relative_azimuth_deg: Floats) -> Floats:
-    """Multiply scattered light of a small disk of lamps, km^-2 sr^-1 per unit output, (2, w, m) array for m cases."""
+def city_kernel(atmosphere: Atmosphere) -> Floats:
+    """Logarithm of the lamp's kernel (see :func:`city_map`) in an air, (pattern, wavelength, view, ring, part) array.
+
+    A cubic in the logarithm of wavelength, a parabola in that of aerosol depth; aerosol depths beyond 0.03 to 0.3 take the
+    nearest value.
+    """
     grid = CityGrid()
-    table = np.moveaxis(np.log(city_map().values), (0, 1), (-2, -1))
-    axes = (
-        np.log1p(np.array(grid.distance_km)), np.log(grid.view_altitude_deg), np.array(grid.relative_azimuth_deg),
-    )  # fmt: skip
-    points = np.stack(
-        [
-            np.log1p(np.clip(distance_km, 0, grid.distance_km[-1])),
-            np.log(np.clip(altitude_deg, grid.view_altitude_deg[0], 90.0)),
-            np.abs((relative_azimuth_deg + 180) % 360 - 180),
-        ],
-        axis=-1,
+    node = np.log(grid.aerosol_tau_550)
+    wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
+    at = np.clip(np.log(np.maximum(tau, 1e-9)), node[0], node[-1])
+    parabola = np.array(
+        [np.prod([(at - other) / (own - other) for other in node if other != own], axis=0) for own in node]
     )
-    return np.exp(np.moveaxis(RegularGridInterpolator(axes, table)(points), 0, -1))
+    table = _log_city()(np.log(wavelength))
+    return np.einsum("tw,wt...->w...", parabola, table).swapaxes(0, 1)
+
+
+def city_multiple(kernel: Floats, distance_km: Floats, relative_azimuth_deg: Floats) -> Floats:
+    """Multiply scattered light of lamps, km^-2 sr^-1 per unit output: linear between the kernel's nodes.
+
+    Parameters
+    ----------
+    kernel : (2, w, views, rings, parts) array
+        Of :func:`city_kernel`.
+    distance_km, relative_azimuth_deg : (m,) arrays
+        Of the lamps, the azimuth relative to the line of sight.
+
+    Returns
+    -------
+    (2, w, views, m) array
+    """
+    grid = CityGrid()
+    along = grid.scale(np.minimum(distance_km, grid.farthest_km)) / grid.scale(grid.farthest_km) * grid.distances
+    across = np.sqrt(np.abs((relative_azimuth_deg + 180) % 360 - 180) / 180) * grid.azimuths
+    ring, part = (
+        np.minimum(at.astype(np.intp), last - 1) for at, last in ((along, grid.distances), (across, grid.azimuths))
+    )
+    a, b = along - ring, across - part
+    near = kernel[..., ring, part] * (1 - b) + kernel[..., ring, part + 1] * b
+    far = kernel[..., ring + 1, part] * (1 - b) + kernel[..., ring + 1, part + 1] * b
+    return np.exp(near * (1 - a) + far * a)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from generator.bake.grids import WAVELENGTHS_NM, BakedAir, CityGrid
-from generator.bake.single_scattering import city_single, disk_points
+from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.bake.directions import view_directions
+from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
+from generator.bake.single_scattering import EARTH_RADIUS_KM, city_single, disk_points
 from generator.errors import DataFileError
 from generator.photometry import BESSELL_V, GRID_NM
-from generator.sky.baked_maps import city_multiple
+from generator.sky.baked_maps import city_kernel, city_multiple
 from generator.sky.component import SkyTable, black_sky, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
@@ -31,8 +34,9 @@ GARSTANG_HORIZON_SHARE = 0.15 / (0.15 + 0.15 * (1 - 0.15))
 Source: Garstang 1986, PASP 98, 364."""
 LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
 """Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
-LARGEST_DISTANCE_KM = 60.0
-"""The bake's flat ground is good to here: the Earth falls away by 0.28 km at 60 km, a fifth of the aerosol's height."""
+LARGEST_DISTANCE_KM = 150.0
+"""Where the Earth's curvature takes 13 % of the light at the zenith; the bake's rings end at 180 km."""
+STANDARD_AIR = Atmosphere(1013.25, 0.1, 1.3, 300.0)
 
 
 @dataclass(frozen=True)
@@ -92,38 +96,53 @@ def mixed_lamps(lamps: tuple[tuple[str, float], ...]) -> Floats:
     return np.sum([share / whole * lamp_spectra()[name] for name, share in lamps], axis=0)
 
 
-_VIEW_DEG: Floats = np.array([2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0])
+_VIEW_DEG: Floats = np.array(VIEW_ALTITUDES_DEG)
 _RELATIVE_DEG: Floats = np.array([0.0, 5.0, 10.0, 17.0, 25.0, 35.0, 50.0, 70.0, 90.0, 115.0, 145.0, 180.0])
 
 
 @functools.lru_cache(maxsize=256)
-def city_radiance(distance_km: float, radius_km: float, horizon_share: float) -> Floats:
+def city_radiance(
+    distance_km: float, radius_km: float, horizon_share: float, atmosphere: Atmosphere = STANDARD_AIR
+) -> Floats:
     """Transfer from a city to the sky: radiance per unit output, m^-2 sr^-1, (wavelength, altitude, azimuth) array.
 
-    Axes: WAVELENGTHS_NM, the module's view altitudes, and azimuths relative to the city's. Single scattering is integrated
-    here for the disk, the rest is the baked kernel summed over it.
+    Axes: WAVELENGTHS_NM, the bake's view altitudes, and azimuths relative to the city's. Single scattering is integrated
+    here for the disk, over a curved Earth for cities that are not near; the rest is the baked kernel of flat ground summed
+    over the disk, times what curvature does to single scattering at the zenith.
     """
     near = distance_km < 2 * radius_km
     spots = disk_points(radius_km, *((12, 16) if near else (4, 8))) + np.array([0.0, distance_km])
     wavelength = np.array(WAVELENGTHS_NM)
-    altitude, relative = np.meshgrid(_VIEW_DEG, _RELATIVE_DEG, indexing="ij")
-    a, b = np.radians(altitude.ravel()), np.radians(relative.ravel())
-    views = np.stack([np.sin(b) * np.cos(a), np.cos(b) * np.cos(a), np.sin(a)], axis=-1)
-    air, grid = BakedAir(), CityGrid()
+    views = view_directions(_VIEW_DEG, _RELATIVE_DEG)
+    air = dataclasses.replace(
+        BakedAir(), pressure_hpa=atmosphere.pressure_hpa, angstrom_exponent=atmosphere.angstrom_exponent
+    )
     patch = radius_km / float(np.sqrt(len(spots)))
-    kernel = city_single(air, wavelength, grid.aerosol_tau_550, spots, views, spot_radius_km=patch)
-    for x, y in spots:
-        bearing = np.degrees(np.arctan2(x, y))
-        shape = np.full(altitude.size, np.hypot(x, y))
-        kernel += city_multiple(shape, altitude.ravel(), relative.ravel() - bearing) / len(spots)
+
+    def single(directions: Floats, earth_radius_km: float) -> Floats:
+        return city_single(
+            air, wavelength, atmosphere.aerosol_tau_550, spots, directions,
+            spot_radius_km=patch, earth_radius_km=earth_radius_km,
+        )  # fmt: skip
+
+    kernel = single(views, np.inf if near else EARTH_RADIUS_KM)
+    kernel = kernel.reshape(2, len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
+    bearing = np.degrees(np.arctan2(spots[:, 0], spots[:, 1]))
+    turned = (_RELATIVE_DEG[:, None] - bearing).ravel()
+    distance = np.broadcast_to(np.hypot(*spots.T), (len(_RELATIVE_DEG), len(spots))).ravel()
+    multiple = city_multiple(city_kernel(atmosphere), distance, turned)
+    multiple = multiple.reshape(*kernel.shape, len(spots)).mean(axis=-1)
+    if not near:
+        multiple *= (single(views[-1:], EARTH_RADIUS_KM) / single(views[-1:], np.inf))[..., None]
+    kernel = kernel + multiple
     mixed = (1 - horizon_share) * kernel[0] + horizon_share * kernel[1]
-    return mixed.reshape(len(wavelength), *altitude.shape) * 1e-6
+    return mixed * 1e-6
 
 
-def city_table(city: City) -> SkyTable:
+def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR) -> SkyTable:
     """Skyglow of one city at the ground."""
     grid = sky_grid()
-    transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share)
+    transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share, atmosphere)
     interpolator = RegularGridInterpolator((np.log(_VIEW_DEG), _RELATIVE_DEG), np.moveaxis(np.log(transfer), 0, -1))
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 4), grid.shape[0] - 1))
     columns = np.arange(0, grid.shape[1], 4)
@@ -133,10 +152,15 @@ def city_table(city: City) -> SkyTable:
     maps = np.stack([upsampled(coarse[..., k], rows, columns, grid.shape) for k in range(len(WAVELENGTHS_NM))])
     output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON
     hats = np.array([np.interp(GRID_NM, WAVELENGTHS_NM, row) for row in np.eye(len(WAVELENGTHS_NM))])
-    return SkyTable(maps.astype(np.float32), hats * mixed_lamps(city.lamps) * output)
+    # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
+    depth = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa) + aerosol_optical_depth(
+        GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent
+    )
+    followed = hats * depth / np.interp(WAVELENGTHS_NM, GRID_NM, depth)[:, None]
+    return SkyTable(maps.astype(np.float32), followed * mixed_lamps(city.lamps) * output)
 
 
 @functools.lru_cache(maxsize=16)
-def skyglow(cities: tuple[City, ...]) -> SkyTable:
-    """Skyglow of a layout of cities at the ground."""
-    return total([city_table(city) for city in cities]) if cities else black_sky()
+def skyglow(cities: tuple[City, ...], atmosphere: Atmosphere | None) -> SkyTable:
+    """Skyglow of a layout of cities at the ground; without an atmosphere that dims, as in the standard one."""
+    return total([city_table(city, atmosphere or STANDARD_AIR) for city in cities]) if cities else black_sky()

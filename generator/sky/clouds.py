@@ -20,9 +20,37 @@ from generator.sky.zodiacal import upsampled
 
 Floats = NDArray[np.float64]
 
-TILE_CELLS, CELL_KM = 512, 0.25
+COARSE_CELLS, COARSE_CELL_KM = 1024, 0.125
+FINE_CELLS, FINE_CELL_KM = 512, 0.0125
+SPLIT_PER_KM = 3.2
+"""Waves longer than 1 / SPLIT_PER_KM are in the coarse tile of 128 km, shorter ones in the fine tile of 6.4 km."""
 ASYMMETRY = 0.85
 """Of cloud droplets and ice, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPattern:
+    """Vertical optical depth of a layer, periodic: the sum of two Gaussian fields above a threshold, scaled.
+
+    Attributes
+    ----------
+    coarse, fine : (n, n) arrays
+        Rows go north, columns east, COARSE_CELL_KM and FINE_CELL_KM apart.
+    threshold, scale : float
+        Depth is scale x (coarse + fine - threshold), or zero.
+    """
+
+    coarse: NDArray[np.float32]
+    fine: NDArray[np.float32]
+    threshold: float
+    scale: float
+
+    def depth(self, north_km: Floats, east_km: Floats) -> Floats:
+        """Vertical optical depth at places on the layer: bilinear in both tiles."""
+        place = np.stack([north_km, east_km])
+        coarse = map_coordinates(self.coarse, place / COARSE_CELL_KM, order=1, mode="grid-wrap")
+        fine = map_coordinates(self.fine, place / FINE_CELL_KM, order=1, mode="grid-wrap")
+        return self.scale * np.maximum(coarse + fine - self.threshold, 0)
 
 
 @dataclass(frozen=True)
@@ -32,14 +60,14 @@ class CloudField:
     Attributes
     ----------
     altitude_km : float
-    vertical_depth : (n, n) array
-        Optical depth of a vertical ray, periodic, CELL_KM apart; [0, 0] is over the site when `east_km` = `north_km` = 0.
+    pattern : CloudPattern
+        Its origin is over the site when `east_km` = `north_km` = 0.
     east_km, north_km : float
         How far the wind has carried the field.
     """
 
     altitude_km: float
-    vertical_depth: NDArray[np.float32]
+    pattern: CloudPattern
     east_km: float
     north_km: float
 
@@ -50,32 +78,56 @@ class CloudField:
         at_layer = np.arcsin(np.clip(horizontal * ratio, 0, 1))
         distance = EARTH_RADIUS_KM * (np.arctan2(horizontal, enu[..., 2]) - at_layer)
         away = distance / np.maximum(horizontal, 1e-12)
-        place = np.stack([enu[..., 1] * away - self.north_km, enu[..., 0] * away - self.east_km]) / CELL_KM
-        return map_coordinates(self.vertical_depth, place, order=1, mode="grid-wrap") / np.cos(at_layer)
+        north, east = enu[..., 1] * away - self.north_km, enu[..., 0] * away - self.east_km
+        return self.pattern.depth(north, east) / np.cos(at_layer)
 
 
-def cloud_field(
+def gaussian_tile(
+    cells: int,
+    cell_km: float,
+    slope: float,
+    outer_scale_km: float,
+    band_per_km: tuple[float, float],
+    random: np.random.Generator,
+) -> tuple[NDArray[np.float32], float]:
+    """A periodic Gaussian field of the waves of a band, and its expected variance.
+
+    Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile.
+    """
+    white = np.fft.rfft2(random.standard_normal((cells, cells)))
+    ky, kx = np.fft.fftfreq(cells, cell_km)[:, None], np.fft.fftfreq(cells, cell_km)[None, :]
+    k = np.hypot(kx, ky)
+    power = (k**2 + outer_scale_km**-2) ** (slope / 2) * ((k >= band_per_km[0]) & (k < band_per_km[1])) / cell_km**2
+    power[0, 0] = 0
+    field = np.fft.irfft2(white * np.sqrt(power[:, : cells // 2 + 1]), s=(cells, cells))
+    return field.astype(np.float32), float(power.mean())
+
+
+def cloud_pattern(
     mean_optical_depth: float,
     coverage: float,
     spectral_slope: float,
     outer_scale_km: float,
     random: np.random.Generator,
-) -> NDArray[np.float32]:
-    """Draw a periodic field of vertical optical depth, (n, n) array.
+) -> CloudPattern:
+    """Draw a layer of cloud.
 
-    A Gaussian field of isotropic power k^slope above 1/outer scale, flat below; the lowest values are cut to clear sky so
-    that `coverage` of the area is cloud, and the rest is scaled to the mean. A slope of -8/3 in two dimensions is the -5/3
-    of a cut through turbulence, which liquid water shows (Davis et al. 1996, J. Atmos. Sci. 53, 1538).
+    The lowest values of a Gaussian field are cut to clear sky so that `coverage` of the area is cloud, and the rest is
+    scaled to the mean. A slope of -8/3 in two dimensions is the -5/3 of a cut through turbulence, which liquid water shows
+    (Davis et al. 1996, J. Atmos. Sci. 53, 1538). It holds from the outer scale to twice FINE_CELL_KM, which from the ground
+    is finer than a wide camera's pixel.
     """
-    white = np.fft.rfft2(random.standard_normal((TILE_CELLS, TILE_CELLS)))
-    ky = np.fft.fftfreq(TILE_CELLS, CELL_KM)[:, None]
-    kx = np.fft.rfftfreq(TILE_CELLS, CELL_KM)[None, :]
-    power = (np.hypot(kx, ky) ** 2 + outer_scale_km**-2) ** (spectral_slope / 2)
-    power[0, 0] = 0
-    field = np.fft.irfft2(white * np.sqrt(power), s=(TILE_CELLS, TILE_CELLS))
-    field /= field.std()
-    thick = np.maximum(field - norm.ppf(1 - coverage), 0) if coverage < 1 else np.maximum(field - field.min(), 0)
-    return (thick * mean_optical_depth / max(float(thick.mean()), 1e-12)).astype(np.float32)
+    band = (0.0, SPLIT_PER_KM), (SPLIT_PER_KM, 0.5 / FINE_CELL_KM)
+    coarse, _ = gaussian_tile(COARSE_CELLS, COARSE_CELL_KM, spectral_slope, outer_scale_km, band[0], random)
+    fine, fine_variance = gaussian_tile(FINE_CELLS, FINE_CELL_KM, spectral_slope, outer_scale_km, band[1], random)
+    fine_sigma = float(np.sqrt(fine_variance))
+    sigma = float(np.hypot(coarse.std(), fine_sigma))
+    lowest = float(coarse.min()) - 3 * fine_sigma
+    threshold = float(sigma * norm.ppf(1 - coverage)) if coverage < 1 else lowest
+    # Mean over the fine field, which is Gaussian, of what stands above the threshold.
+    above = (coarse.astype(float) - threshold) / fine_sigma
+    mean = float(np.mean(fine_sigma * (norm.pdf(above) + above * norm.cdf(above))))
+    return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12))
 
 
 def diffuse_transmission(depth: ArrayLike) -> Floats:

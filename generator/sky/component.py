@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from generator.atmosphere import Atmosphere, airmass, optical_depth
 from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
-from generator.sky.directions import SkyGrid, interpolate, sky_grid
+from generator.sky.directions import interpolate, sky_grid
 
 Floats = NDArray[np.float64]
 
@@ -30,18 +30,52 @@ class SkyTable:
 
     Attributes
     ----------
-    maps : (k, ny, nx) float32 array
-        On :func:`generator.sky.directions.sky_grid`.
+    parts : (k, ny, nx) or (k, ny, 1) float32 array
+        Maps without their common pattern, on :func:`generator.sky.directions.sky_grid`.
     spectra : (k, n) array
         At GRID_NM; map times spectrum is in photons s^-1 m^-2 nm^-1 sr^-1.
+    pattern : (ny, nx) or (ny, 1) float32 array or None
+        What all maps are to be multiplied with; None: 1. A component seen through the air is a pattern times a few
+        profiles in altitude, which is much less to compute with than the maps.
     """
 
-    maps: NDArray[np.float32]
+    parts: NDArray[np.float32]
     spectra: Floats
+    pattern: NDArray[np.float32] | None = None
+
+    @property
+    def maps(self) -> NDArray[np.float32]:
+        """The direction maps, (k, ny, nx) array."""
+        whole = self.parts if self.pattern is None else self.parts * self.pattern
+        return np.broadcast_to(whole, (len(whole), *sky_grid().shape))
 
     def scaled(self, factor: float | NDArray[np.float32]) -> SkyTable:
         """The same times a number, or times a map (ny, nx)."""
-        return SkyTable(self.maps * np.asarray(factor, np.float32), self.spectra)
+        if np.ndim(factor) == 0:
+            return SkyTable(self.parts, self.spectra * factor, self.pattern)
+        pattern = np.asarray(factor, np.float32)
+        return SkyTable(self.parts, self.spectra, pattern if self.pattern is None else self.pattern * pattern)
+
+    def weighted(self, weights: Floats) -> NDArray[np.float32]:
+        """Maps of weighted sums over the spectrum.
+
+        Parameters
+        ----------
+        weights : (c, n) array
+            At GRID_NM.
+
+        Returns
+        -------
+        (c, ny, nx) array
+            Sum over the terms and GRID_NM of map x spectrum x weight.
+        """
+        mix = (weights @ self.spectra.T).astype(np.float32)
+        # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+        with blas_threads().limit(limits=1, user_api="blas"):
+            result = np.tensordot(mix, self.parts, axes=1)
+        if self.pattern is not None:
+            result = result * self.pattern
+        return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
     def radiance(self, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
         """Radiance from m directions, (m, n) array; zero below the horizon."""
@@ -55,19 +89,47 @@ class SkyTable:
 
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
-        return float(BESSELL_V.mean(GRID_NM, self.spectra) @ self.maps[:, -1, 0])
+        zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self.pattern[-1, 0])
+        return float(BESSELL_V.mean(GRID_NM, self.spectra) @ zenith)
 
 
-def black_sky(grid: SkyGrid | None = None) -> SkyTable:
+def black_sky() -> SkyTable:
     """A sky without light."""
-    return SkyTable(np.zeros((1, *(grid or sky_grid()).shape), np.float32), np.zeros((1, len(GRID_NM))))
+    return SkyTable(np.zeros((1, sky_grid().shape[0], 1), np.float32), np.zeros((1, len(GRID_NM))))
 
 
 def total(tables: Sequence[SkyTable]) -> SkyTable:
     """Sum of components, uncompressed."""
     if not tables:
         return black_sky()
-    return SkyTable(np.concatenate([t.maps for t in tables]), np.concatenate([t.spectra for t in tables]))
+    parts = [t.parts if t.pattern is None else t.parts * t.pattern for t in tables]
+    width = max(part.shape[2] for part in parts)
+    wide = [np.broadcast_to(part, (*part.shape[:2], width)) for part in parts]
+    return SkyTable(np.concatenate(wide), np.concatenate([t.spectra for t in tables]))
+
+
+def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
+    """A sky with one term per channel that a camera cannot tell from the sum of some components.
+
+    Parameters
+    ----------
+    tables : sequence of SkyTable
+    response : (channels, n) array
+        What each channel makes of light at GRID_NM; the sum of response times spectrum is its signal.
+
+    Returns
+    -------
+    SkyTable
+        Each map is a channel's signal, each spectrum the smallest that makes a signal of 1 in its channel and of 0 in the
+        others; it may be negative in places.
+    """
+    if not tables:
+        return black_sky()
+    maps = np.zeros((len(response), *sky_grid().shape), np.float32)
+    for table in tables:
+        maps += table.weighted(response)
+    spectra: Floats = np.linalg.pinv(response).T.astype(np.float64)
+    return SkyTable(maps, spectra)
 
 
 @functools.cache
@@ -81,18 +143,19 @@ def compressed(table: SkyTable) -> SkyTable:
 
     The spectra, each weighted by its map's largest value, are replaced by their leading singular vectors.
     """
-    weight = np.abs(table.maps).max(axis=(1, 2)).astype(float)
+    maps = table.maps
+    weight = np.abs(maps).max(axis=(1, 2)).astype(float)
     used = weight > 0
     if not used.any():
-        return SkyTable(table.maps[:1], table.spectra[:1])
+        return black_sky()
     weighted = table.spectra[used] * weight[used, None]
     left, size, right = np.linalg.svd(weighted, full_matrices=False)
     keep = max(1, int(np.sum(size > COMPRESSION_ERROR * size[0])))
     mix = (left[:, :keep] * size[:keep]).T / weight[used]
     # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
     with blas_threads().limit(limits=1, user_api="blas"):
-        maps = np.tensordot(mix.astype(np.float32), table.maps[used], axes=1)
-    return SkyTable(maps, right[:keep])
+        few = np.tensordot(mix.astype(np.float32), maps[used], axes=1)
+    return SkyTable(few, right[:keep])
 
 
 def low_rank(table: Floats, rank: int) -> tuple[Floats, Floats]:
@@ -124,7 +187,7 @@ def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Fl
 
 
 def above_the_air(
-    direction_map: Floats,
+    direction_map: Floats | NDArray[np.float32],
     spectrum: Floats,
     atmosphere: Atmosphere | None,
     factor: float = DIFFUSE_EXTINCTION_FACTOR,
@@ -142,5 +205,4 @@ def above_the_air(
         Effective over true optical depth.
     """
     a, b = extinction_factors(atmosphere, factor)
-    maps = a[:, :, None].astype(np.float32) * direction_map.astype(np.float32)
-    return SkyTable(np.broadcast_to(maps, (len(a), *sky_grid().shape)), spectrum * b)
+    return SkyTable(a[:, :, None].astype(np.float32), spectrum * b, direction_map.astype(np.float32))

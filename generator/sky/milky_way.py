@@ -54,22 +54,26 @@ def s10_map() -> NDArray[np.float32]:
     return np.interp(panorama_luminance(), _LUMINANCE, _S10_V).astype(np.float32)
 
 
-def s10(icrs: Floats | NDArray[np.float32]) -> Floats:
+def s10(icrs: Floats | NDArray[np.float32]) -> NDArray[np.float32]:
     """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light.
 
     The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.
     """
     table = s10_map()
     ny, nx = table.shape
-    x, y, z = np.moveaxis(icrs.astype(np.float32), -1, 0)
-    column = (np.arctan2(x, y) * np.float32(nx / (2 * np.pi))) % nx - np.float32(0.5)
+    x, y, z = (np.ascontiguousarray(component, np.float32) for component in np.moveaxis(icrs, -1, 0))
+    column = np.arctan2(x, y) * np.float32(nx / (2 * np.pi)) + np.float32(nx - 0.5)
     row = np.clip(np.arccos(np.clip(z, -1, 1)) * np.float32(ny / np.pi) - np.float32(0.5), 0, ny - 1.001)
-    r0, c0 = row.astype(np.intp), np.floor(column).astype(np.intp)
+    r0, c0 = row.astype(np.int32), column.astype(np.int32)
     wr, wc = row - r0, column - c0
-    c0, c1 = c0 % nx, (c0 + 1) % nx
-    upper = table[r0, c0] * (1 - wc) + table[r0, c1] * wc
-    lower = table[r0 + 1, c0] * (1 - wc) + table[r0 + 1, c1] * wc
-    return upper * (1 - wr) + lower * wr
+    first = r0 * nx
+    near, far = first + c0 % nx, first + (c0 + 1) % nx
+    upper, lower = (
+        values + wc * (table.take(far + step, mode="clip") - values)
+        for step in (0, nx)
+        for values in (table.take(near + step, mode="clip"),)
+    )
+    return upper + wr * (lower - upper)
 
 
 def sky_mean_s10() -> float:
@@ -111,6 +115,12 @@ def gap_factor(catalogue_v_mag: Floats) -> float:
     return 1 + max(0.0, counted_s10() - drawn) / sky_mean_s10()
 
 
+@functools.cache
+def _grid_directions() -> NDArray[np.float32]:
+    """Unit vectors of the grid, components first, (3, directions) array."""
+    return np.ascontiguousarray(sky_grid().enu.reshape(-1, 3).T, np.float32)
+
+
 def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | None) -> SkyTable:
     """The diffuse Milky Way at the ground.
 
@@ -122,5 +132,7 @@ def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | Non
     atmosphere : Atmosphere or None
     """
     one_s10 = star_spectra([S10_MAG_ARCSEC2], [BV_MAG])[0] * ARCSEC2_PER_SR
-    direction_map = s10(sky_grid().enu.astype(np.float32) @ icrs_from_enu.T.astype(np.float32))
-    return above_the_air(factor * direction_map, one_s10, atmosphere)
+    # Components first, so that each is contiguous.
+    towards = icrs_from_enu.astype(np.float32) @ _grid_directions()
+    direction_map = s10(np.moveaxis(towards.reshape(3, *sky_grid().shape), 0, -1))
+    return above_the_air(np.float32(factor) * direction_map, one_s10, atmosphere)

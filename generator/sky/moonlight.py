@@ -13,7 +13,7 @@ from generator.atmosphere import (
     rayleigh_optical_depth,
 )
 from generator.bake.grids import WAVELENGTHS_NM, BakedAir
-from generator.bake.single_scattering import henyey_greenstein_phase, moon_single, rayleigh_phase
+from generator.bake.single_scattering import aerosol_phase, moon_single, rayleigh_phase
 from generator.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
 from generator.sky.baked_maps import moon_ratio
 from generator.sky.component import SkyTable, black_sky
@@ -61,9 +61,7 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 6), grid.shape[0] - 1))
     columns = np.arange(0, grid.shape[1], 6)
     azimuth = float(np.degrees(np.arctan2(moon_enu[0], moon_enu[1])))
-    ratio = moon_ratio(
-        atmosphere.aerosol_tau_550, altitude, grid.altitude_deg[rows], grid.azimuth_deg[columns] - azimuth
-    )
+    ratio = moon_ratio(atmosphere, altitude, grid.altitude_deg[rows], grid.azimuth_deg[columns] - azimuth)
     baked = np.clip(np.arange(len(NODES_NM)) - 1, 0, len(WAVELENGTHS_NM) - 1)
     rayleigh = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa)
     aerosol = aerosol_optical_depth(GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
@@ -71,15 +69,11 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
     view = airmass(grid.altitude_deg)[None, :]
     moon = float(airmass(altitude))
     cosine = (grid.enu @ moon_enu).astype(np.float32)
-    phases = (rayleigh_phase(cosine), henyey_greenstein_phase(cosine, air.aerosol_asymmetry))
+    phases = (rayleigh_phase(cosine), aerosol_phase(cosine))
     # moon_single is linear in the two phase functions: without them it gives the path factor of each wavelength and row.
     isotropic = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
     path = (
-        isotropic
-        / (
-            at_node[0] * rayleigh_phase(0.0)
-            + at_node[1] * air.aerosol_albedo * henyey_greenstein_phase(0.0, air.aerosol_asymmetry)
-        )[:, None]
+        isotropic / (at_node[0] * rayleigh_phase(0.0) + at_node[1] * air.aerosol_albedo * aerosol_phase(0.0))[:, None]
     )
     maps = np.empty((len(NODES_NM), *grid.shape), np.float32)
     for node in range(len(NODES_NM)):

@@ -44,4 +44,4 @@ def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> S
     path = airmass(sky_grid().altitude_deg)
     table = -np.expm1(-path[:, None] * depth) * share * spectrum
     a, b = low_rank(table, RANK)
-    return SkyTable(np.broadcast_to(a[:, :, None].astype(np.float32), (RANK, *sky_grid().shape)), b)
+    return SkyTable(a[:, :, None].astype(np.float32), b)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from generator.astrometry import Air, Site
 from generator.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
 from generator.scenario import CloudSpec
 from generator.seeds import random_stream
-from generator.sky.clouds import CloudField, cloud_field
+from generator.sky.clouds import CloudField, CloudPattern, cloud_pattern
 from generator.sky.moonlight import moon_v_mag
 from generator.times import SECONDS_PER_DAY, EarthOrientation, Instant
 
@@ -69,15 +70,20 @@ def sky_state(
     )
 
 
-def drifted_clouds(spec: CloudSpec, instant: Instant, seed: int) -> CloudField:
-    """The scenario's cloud where the wind has carried it; all frames of a scenario share one field (stream ``clouds``)."""
-    depth = cloud_field(
+@functools.lru_cache(maxsize=4)
+def _pattern(spec: CloudSpec, seed: int) -> CloudPattern:
+    return cloud_pattern(
         spec.mean_optical_depth,
         spec.coverage,
         spec.spectral_slope,
         spec.outer_scale_km,
         random_stream(seed, "clouds", 0),
     )
+
+
+def drifted_clouds(spec: CloudSpec, instant: Instant, seed: int) -> CloudField:
+    """The scenario's cloud where the wind has carried it; all frames of a scenario share one field (stream ``clouds``)."""
     carried_km = spec.wind_m_s * (instant.mjd % 1.0) * SECONDS_PER_DAY / 1000
     turn = np.radians(spec.wind_azimuth_deg)
-    return CloudField(spec.altitude_km, depth, carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn)))
+    pattern = _pattern(spec, seed)
+    return CloudField(spec.altitude_km, pattern, carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn)))

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import duckdb
+import numpy as np
 import pandas as pd
 import psutil
 import pyarrow.dataset
@@ -24,12 +25,14 @@ from small_scenes import BASE
 
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
+from generator.dataset.images import decode
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
 from generator.dataset.verify import problems
-from generator.errors import GeneratorError
-from generator.scenario_file import load_scenario
+from generator.errors import GeneratorError, ScenarioError
+from generator.object_table import OBJECT_SCHEMA
+from generator.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[2]
 TINY = BASE | {
@@ -43,6 +46,16 @@ TINY = BASE | {
     "camera": BASE["camera"] | {"width": 96, "height": 64},
     "sky": {"bortle": {"sweep": [2, 5, 8]}},
     "stars": {"limiting_magnitude": 6.0},
+    "foreground": {
+        "trails": [
+            {
+                "kind": "satellite",
+                "start": {"azimuth_deg": 100, "altitude_deg": 70},
+                "end": {"azimuth_deg": 120, "altitude_deg": 75},
+                "v_mag": 1.0,
+            }
+        ]
+    },
 }
 SPEC = DatasetSpec(shard_size=5, exr=True)
 
@@ -120,6 +133,24 @@ def test_one_frame_alone_has_the_same_bytes(dataset, scenario_path, tmp_path) ->
     assert problems(tmp_path / "one") == []
 
 
+def test_jpeg_xl_holds_the_same_numbers(dataset, scenario_path, tmp_path) -> None:
+    spec = DatasetSpec(shard_size=5, codec="jxl")
+    generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", spec, frames=(7, 8))
+    stored = members(tmp_path / "jxl")
+    assert set(stored) == {"frame-00007.jxl", "frame-00007.json"}
+    np.testing.assert_array_equal(
+        decode(stored["frame-00007.jxl"], "jxl"), decode(members(dataset)["frame-00007.png"], "png")
+    )
+    assert problems(tmp_path / "jxl") == []
+
+
+def test_jpeg_xl_without_its_package_says_so_at_once(scenario_path, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    with pytest.raises(GeneratorError, match=r"pip install 'skybench\[jxl\]'"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", DatasetSpec(codec="jxl"))
+    assert not (tmp_path / "jxl").exists()
+
+
 def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     scenario, text = load_scenario(scenario_path), scenario_path.read_text()
     first = generate(scenario, text, tmp_path / "parts", SPEC, part=Part(0, 2))
@@ -187,11 +218,11 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     calls: list[int] = []
     render = shard_module.render_frame
 
-    def fragile(scenario, index):
+    def fragile(scenario, index, **options):
         calls.append(index)
         if index == 6 or (index == 2 and calls.count(2) == 1):
             raise RuntimeError("cosmic ray")
-        return render(scenario, index)
+        return render(scenario, index, **options)
 
     monkeypatch.setattr(shard_module, "render_frame", fragile)
     report = generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
@@ -216,6 +247,35 @@ def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_p
     with pytest.raises(GeneratorError, match=r"No space left on device.*run the same command again"):
         generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "full", SPEC)
     assert list((tmp_path / "full").glob("data/*/*")) == []
+
+
+def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
+    """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
+        "from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    )
+    out = tmp_path / "limited"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(out), "--shard-size", "5", "--exr",
+         "--workers", "0"], capture_output=True, text=True, cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2, run.stderr
+    assert "File too large" in run.stderr
+    assert "run the same command again" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == [
+        "logs/train/shard-000000.log", "scenario.yaml",
+    ]  # fmt: skip
+    generate(load_scenario(scenario_path), scenario_path.read_text(), out, SPEC)
+    assert fingerprint(out) == fingerprint(dataset)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders")
+def test_a_read_only_folder_is_a_clear_error(scenario_path, tmp_path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o555)
+    with pytest.raises(GeneratorError, match=r"locked.*cannot be written \(Permission denied\); choose another folder"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "locked" / "set", SPEC)
 
 
 def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
@@ -294,6 +354,98 @@ def test_loads_with_duckdb(dataset) -> None:
     assert count > 100
 
 
+def test_objects_have_typed_columns_with_units(dataset) -> None:
+    """The satellite is in every frame; the Moon, where it is up and in the field, is the brightest thing there."""
+    objects = pyarrow.dataset.dataset(dataset / "objects" / "train", format="parquet").to_table()
+    assert objects.schema.equals(OBJECT_SCHEMA)
+    assert objects.schema.field("electrons_e").metadata[b"unit"] == b"e"
+    rows = objects.to_pandas()
+    assert rows.loc[rows["kind"] == "satellite", "index"].tolist() == list(range(12))
+    moon = rows[rows["kind"] == "moon"]
+    assert (moon["object"] == -1).all()
+    records = {name: json.loads(data) for name, data in members(dataset).items() if name.endswith(".json")}
+    up = {record["index"] for record in records.values() if record["sky"]["moon_altitude_deg"] > 35}
+    assert up <= set(moon["index"])
+    assert moon["electrons_e"].min() > rows.loc[rows["kind"] == "satellite", "electrons_e"].max()
+
+
+WITH_FILE = BASE | {
+    "name": "walled",
+    "camera": {"width": 48, "height": 32, "hfov_deg": 140, "aperture_mm": 4},
+    "stars": {"limiting_magnitude": 3.0},
+    "sensor": {"quantum_efficiency": "qe.csv", "develop": {}, "hud": True},
+}
+
+
+def walled_scenario(folder: Path, place: str = "land/ridge.csv") -> Path:
+    """A scenario that names a horizon profile, with the profile beside it."""
+    (folder / place).parent.mkdir(parents=True, exist_ok=True)
+    (folder / place).write_text("azimuth_deg,elevation_deg\n0,20\n180,30\n")
+    (folder / "qe.csv").write_text("wavelength_nm,quantum_efficiency\n400,0.5\n700,0.6\n")
+    tree = WITH_FILE | {"foreground": {"horizon": {"file": place}, "lit_directions": 0}}
+    (folder / "walled.yaml").write_text(yaml.safe_dump(tree))
+    return folder / "walled.yaml"
+
+
+def test_files_that_a_scenario_names_go_with_the_dataset(tmp_path) -> None:
+    """With the scenario's folder gone, the dataset verifies, and its own copy makes the same bytes again."""
+    path = walled_scenario(tmp_path / "scenes")
+    generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    shutil.rmtree(tmp_path / "scenes")
+    assert problems(tmp_path / "set") == []
+    assert {"frame-00000.developed.png", "frame-00000.hud.png"} <= set(members(tmp_path / "set"))
+    listed = {file.path: file.sha256 for file in Dataset.open(tmp_path / "set").manifest.files}
+    kept = tmp_path / "set" / "land/ridge.csv"
+    assert "qe.csv" in listed
+    assert listed["land/ridge.csv"] == hashlib.sha256(kept.read_bytes()).hexdigest()
+    copy = tmp_path / "set" / "scenario.yaml"
+    generate(load_scenario(copy), copy.read_text(), tmp_path / "again", DatasetSpec())
+    assert fingerprint(tmp_path / "again") == fingerprint(tmp_path / "set")
+    kept.write_text(kept.read_text() + "200,31\n")
+    assert any("land/ridge.csv: has" in problem for problem in problems(tmp_path / "set"))
+    kept.unlink()
+    assert any("land/ridge.csv" in problem for problem in problems(tmp_path / "set"))
+
+
+def test_a_begun_dataset_of_a_file_that_changed_is_refused(tmp_path) -> None:
+    path = walled_scenario(tmp_path)
+    generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
+    with pytest.raises(GeneratorError, match=r"land/ridge\.csv: differs"):
+        generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+
+
+def test_a_file_that_changes_during_the_run_fails_its_frames(tmp_path) -> None:
+    """Frames of the old and of the new file never stand side by side under one hash."""
+    path = walled_scenario(tmp_path)
+    scenario = load_scenario(path)
+    (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
+    with pytest.raises(ScenarioError, match=r"'land/ridge\.csv' changed since the scenario was read"):
+        scenario.frame(0)
+    with pytest.raises(GeneratorError, match="changed since the scenario was read"):
+        generate(scenario, path.read_text(), tmp_path / "set", DatasetSpec())
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("stars/ridge.csv", "keeps its own 'stars'"), ("my ridge.csv", "use letters")]
+)
+def test_files_whose_names_a_dataset_cannot_bear_are_refused(tmp_path, place, message) -> None:
+    path = walled_scenario(tmp_path, place)
+    with pytest.raises(GeneratorError, match=message):
+        generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
+    path = walled_scenario(tmp_path)
+    (tmp_path / "land/ridge.csv").unlink()
+    process = start("generate", str(path), "--out", str(tmp_path / "set"))
+    _, errors = process.communicate()
+    assert process.returncode == 2
+    assert "foreground.horizon.file: found 'land/ridge.csv', which cannot be read" in errors
+    assert not (tmp_path / "set").exists()
+
+
 def in_a_process_of_its_own(code: str, *arguments: str, **environment: str) -> str:
     """Run code that uses a library whose own open files and deprecations would fail our tests."""
     run = subprocess.run(
@@ -325,12 +477,35 @@ def test_loads_with_hugging_face_datasets(dataset, tmp_path) -> None:
         "import sys, datasets\n"
         "frames = datasets.load_dataset(sys.argv[1], 'frames', split='train')\n"
         "stars = datasets.load_dataset(sys.argv[1], 'stars', split='train')\n"
-        "print(len(frames), frames[3]['bortle'], len(stars) > 100)\n"
+        "objects = datasets.load_dataset(sys.argv[1], 'objects', split='train')\n"
+        "print(len(frames), frames[3]['bortle'], len(stars) > 100, objects[0]['kind'])\n"
     )
     printed = in_a_process_of_its_own(
         code, str(dataset), HF_HOME=str(tmp_path), HF_HUB_OFFLINE="1", HF_DATASETS_OFFLINE="1"
     )
-    assert printed.split() == ["12", "2", "True"]
+    assert printed.split() == ["12", "2", "True", "satellite"]
+
+
+def test_hugging_face_datasets_reads_objects_past_shards_without_any(tmp_path) -> None:
+    """Of three shards the middle one alone has an object; a set without objects does not offer the table."""
+    few = BASE | {
+        "camera": WITH_FILE["camera"],
+        "stars": {"limiting_magnitude": 2.0},
+        "foreground": {"trails": {"sweep": [[], TINY["foreground"]["trails"], []]}},
+    }
+    count = "import sys, datasets; print(len(datasets.load_dataset(sys.argv[1], 'objects', split='train')))"
+    offline = {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
+    generate(
+        parse_scenario(yaml.safe_dump(few), "few.yaml"),
+        yaml.safe_dump(few),
+        tmp_path / "few",
+        DatasetSpec(shard_size=1),
+    )
+    assert in_a_process_of_its_own(count, str(tmp_path / "few"), **offline).split() == ["1"]
+    none = few | {"foreground": {}}
+    generate(parse_scenario(yaml.safe_dump(none), "none.yaml"), yaml.safe_dump(none), tmp_path / "none", DatasetSpec())
+    assert "config_name: objects" not in (tmp_path / "none/README.md").read_text()
+    assert Dataset.open(tmp_path / "none").objects().num_rows == 0
 
 
 def test_croissant_is_valid_and_yields_records(dataset) -> None:
@@ -338,12 +513,12 @@ def test_croissant_is_valid_and_yields_records(dataset) -> None:
         "import sys, mlcroissant\n"
         "described = mlcroissant.Dataset(jsonld=sys.argv[1])\n"
         "print(len(described.metadata.issues.errors), described.metadata.ctx.conforms_to.value)\n"
-        "for table in ('frames', 'stars'):\n"
+        "for table in ('frames', 'stars', 'objects'):\n"
         "    first = next(iter(described.records(table)))\n"
         "    print(first[f'{table}/frame_id'].decode())\n"
     )
     printed = in_a_process_of_its_own(code, str(dataset / "croissant.json"))
-    assert printed.splitlines() == ["0 http://mlcommons.org/croissant/1.1", "frame-00000", "frame-00000"]
+    assert printed.splitlines() == ["0 http://mlcommons.org/croissant/1.1", *["frame-00000"] * 3]
 
 
 def test_card_names_the_recipe_and_shows_the_frames(dataset) -> None:

@@ -40,7 +40,7 @@ def test_plain_files(dataset, tmp_path) -> None:
     export(dataset, "files", tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"frame-00000.png", "frame-00000.json", "frame-00001.png", "frame-00001.json", "frames.parquet",
-                     "stars.parquet"}  # fmt: skip
+                     "stars.parquet", "objects.parquet"}  # fmt: skip
     assert len(pd.read_parquet(tmp_path / "out/stars.parquet")) == Dataset.open(dataset).stars().num_rows
 
 

@@ -1,28 +1,24 @@
 """City light and moonlight by radiative transfer, against formulas and measurements of others."""
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
 from generator.bake.directions import view_directions
-from generator.bake.grids import WAVELENGTHS_NM, BakedAir, CityGrid
-from generator.bake.single_scattering import city_single
+from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
+from generator.bake.single_scattering import aerosol_phase, city_single, disk_points
 from generator.photometry import BESSELL_B, BESSELL_V, GRID_NM
-from generator.sky.baked_maps import city_map, moon_map
 from generator.sky.city_light import (
-    _RELATIVE_DEG,
-    _VIEW_DEG,
+    STANDARD_AIR,
     City,
     bortle_city,
     city_radiance,
     city_table,
     lamp_spectra,
     mixed_lamps,
-)  # fmt: skip
+)
 from generator.sky.component import SkyTable
 from generator.sky.directions import sky_grid
 from generator.sky.moonlight import moon_v_mag, moonlight
@@ -96,10 +92,8 @@ def garstang_single(
         column = rayleigh * (1 - math.exp(-h / 8.0)) + aerosol * (1 - math.exp(-h / 1.5))
         transmitted = math.exp(-column * (leg + s) / h)
         cosine = -(x * x + y * (y - distance_km) + h * h) / (leg * s)
-        g = air.aerosol_asymmetry
         molecules = rayleigh / 8.0 * math.exp(-h / 8.0) * 3 / (16 * math.pi) * (1 + cosine**2)
-        droplets = aerosol / 1.5 * math.exp(-h / 1.5) * air.aerosol_albedo / (4 * math.pi)
-        droplets *= (1 - g * g) / (1 + g * g - 2 * g * cosine) ** 1.5
+        droplets = aerosol / 1.5 * math.exp(-h / 1.5) * air.aerosol_albedo * float(aerosol_phase(cosine))
         emitted = (1 - share) * math.cos(psi) / math.pi + share * 0.554 * psi**4 / (2 * math.pi)
         return emitted / leg**2 * transmitted * (molecules + droplets)
 
@@ -118,22 +112,21 @@ def test_quadrature_is_garstang_s_kernel(zenith_deg, azimuth_deg) -> None:
     assert mixed == pytest.approx(garstang_single(wavelength, 20.0, zenith_deg, azimuth_deg, share), rel=0.03)
 
 
-@pytest.mark.parametrize("zenith_deg", [0.0, 30.0, 60.0])
-def test_radiative_transfer_against_garstang_with_double_scattering(zenith_deg) -> None:
-    """Inside a small city (4 km from its middle, radius 3 km), where single scattering rules: all orders over Garstang's
-    kernel lie between 1 and 1.3 (Garstang's own correction for double scattering is 1.1 to 1.3)."""
+@pytest.mark.parametrize("distance_km", [0.0, 2.0])
+@pytest.mark.parametrize("altitude_deg", [90.0, 62.0, 36.0, 27.0])
+def test_radiative_transfer_against_garstang_with_double_scattering(altitude_deg, distance_km) -> None:
+    """Inside a small city (radius 3 km), where single scattering rules: all orders over Garstang's kernel lie between 1 and
+    1.3 (Garstang's own correction for double scattering is 1.1 to 1.3)."""
     share = City(0, 0, 1).horizon_share
-    table = city_radiance(4.0, 3.0, share)
-    row = int(np.argmin(np.abs(_VIEW_DEG - (90 - zenith_deg))))
-    assert _VIEW_DEG[row] == 90 - zenith_deg
-    views = view_directions([90 - zenith_deg], [0.0])
-    from generator.bake.single_scattering import disk_points
-
-    spots = disk_points(3.0, 12, 16) + np.array([0.0, 4.0])
-    single = city_single(BakedAir(), np.array([530.0]), CityGrid().aerosol_tau_550, spots, views) * 1e-6
+    row = VIEW_ALTITUDES_DEG.index(altitude_deg)
+    spots = disk_points(3.0, 12, 16) + np.array([0.0, distance_km])
+    views = view_directions([altitude_deg], [0.0])
+    patch = 3.0 / math.sqrt(len(spots))
+    single = 1e-6 * city_single(
+        BakedAir(), np.array([530.0]), STANDARD_AIR.aerosol_tau_550, spots, views, spot_radius_km=patch
+    )
     kernel = (1 - share) * single[0, 0, 0] + share * single[1, 0, 0]
-    assert _RELATIVE_DEG[0] == 0
-    assert 1.0 < table[NEAR_550, row, 0] / kernel < 1.3
+    assert 1.0 < city_radiance(distance_km, 3.0, share)[NEAR_550, row, 0] / kernel < 1.3
 
 
 def test_lamps_are_normalised_in_v() -> None:
@@ -179,19 +172,14 @@ def moonlight_nanolambert(rho, moon_zenith, zenith, phase, k) -> float:
 
 @pytest.mark.parametrize(("rho", "moon_zenith", "zenith", "phase", "k", "published"), KRISCIUNAS_SCHAEFER)
 def test_moonlight_of_krisciunas_and_schaefer(rho, moon_zenith, zenith, phase, k, published) -> None:
-    """Krisciunas & Schaefer 1991, PASP 103, 1033: within 30 % (their own accuracy is 8 to 23 %).
-
-    At 10 deg from the Moon, where their two branches differ by 28 %, a Henyey-Greenstein aerosol is 44 % brighter: 50 %."""
-    tolerance = 0.50 if rho == 10 else 0.30
-    assert moonlight_nanolambert(rho, moon_zenith, zenith, phase, k) == pytest.approx(published, rel=tolerance)
+    """Krisciunas & Schaefer 1991, PASP 103, 1033: within 30 % (their own accuracy is 8 to 23 %)."""
+    assert moonlight_nanolambert(rho, moon_zenith, zenith, phase, k) == pytest.approx(published, rel=0.30)
 
 
 def test_full_moon_lights_the_ground_with_a_quarter_lux() -> None:
     """Direct and scattered light of a full Moon 60 deg up: 0.25 lx +- 15 % (Kyba et al. 2017, A&G 58, 1.31)."""
     air = Atmosphere(1013.25, 0.1, 1.3, 300.0)
     moon = np.array([0.0, math.cos(math.radians(60)), math.sin(math.radians(60))])
-    from generator.atmosphere import airmass, optical_depth
-
     magnitude = float(moon_v_mag(0.0))
     direct = star_spectra([magnitude], [0.92])[0] * np.exp(-optical_depth(GRID_NM, air) * float(airmass(60.0)))
     direct_v = float(BESSELL_V.mean(GRID_NM, direct)) * moon[2]
@@ -201,26 +189,3 @@ def test_full_moon_lights_the_ground_with_a_quarter_lux() -> None:
     diffuse_v = 2 * np.pi * np.trapezoid(per_row * np.sin(altitude) * np.cos(altitude), altitude)
     lux = (direct_v + diffuse_v) / BESSELL_V.zero_point * 2.54e-6
     assert lux == pytest.approx(0.25, rel=0.15)
-
-
-def test_white_furnace(tmp_path) -> None:
-    """Nothing absorbs and light comes from everywhere: radiance 1 everywhere, within 1 % on average and 3 sigma each."""
-    out = tmp_path / "furnace.npz"
-    subprocess.run([sys.executable, "-m", "generator.bake.worker", "furnace", str(out)], check=True, timeout=300)
-    with np.load(out, allow_pickle=False) as stored:
-        mean, error = stored["mean"], stored["error"]
-    assert abs(mean.mean() - 1) < 0.01
-    assert (np.abs(mean - 1) < 0.01 + 3 * error).all()
-    assert error.max() < 0.006
-
-
-def test_monte_carlo_error_is_below_a_fifth_of_the_shot_noise() -> None:
-    """Of a pixel with 400 electrons of sky, a fifth of 5 %: median errors of the moonlight map, and of the city's kernel to
-    10 km, where skies are bright. Farther cities, to 60 km, stay below 5 %, a fifth of the noise of 16 electrons."""
-    fifth_of_shot_noise = 0.2 / math.sqrt(400)
-    assert float(np.median(moon_map().relative_error)) < fifth_of_shot_noise
-    distance = np.array(CityGrid().distance_km)
-    error = np.median(city_map().relative_error, axis=(0, 1, 3, 4))
-    assert (error[distance <= 3] < 1.1 * fifth_of_shot_noise).all()
-    assert (error[distance <= 10] < 0.02).all()
-    assert (error[distance <= 60] < 0.05).all()

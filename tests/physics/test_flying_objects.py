@@ -11,12 +11,13 @@ from skyfield.api import EarthSatellite, Loader, wgs84
 from small_scenes import small_scenario
 
 from generator.dataset_writer import render_dataset
+from generator.errors import ScenarioError
 from generator.frame_plan import plan_frame
 from generator.scene import render_expected
 
 ISS = (
-    "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9993",
-    "2 25544  51.6452  30.5112 0005169 131.6131 359.4453 15.49166270208215",
+    "1 25544U 98067A   20015.53245370  .00001052  00000-0  26928-4 0  9996",
+    "2 25544  51.6452  30.5112 0005169 131.6131 359.4453 15.49166270208211",
 )
 DARK = {"sky": None, "stars": {"limiting_magnitude": -2.0}}
 TRAIL = {
@@ -57,6 +58,23 @@ def test_light_is_on_for_its_time(change, share) -> None:
     assert changed / steady == pytest.approx(share, rel=0.01, abs=1e-9)
 
 
+def test_ends_are_where_the_light_is_seen() -> None:
+    """A meteor that shines from a fifth to three fifths of the exposure, and two flashes.
+
+    To the sixty-fourth of the exposure in which light curves are drawn: 2.3 px of the meteor's way.
+    """
+    whole = {"start": {"azimuth_deg": 90.0, "altitude_deg": 70.0}, "end": {"azimuth_deg": 270.0, "altitude_deg": 70.0}}
+    meteor = {"kind": "meteor", "v_mag": -3.0, "start_s": 0.1, "end_s": 0.3} | whole
+    plan, frame = rendered(meteor)
+    distance = plan.spec.camera.f_px * np.tan(np.radians(20.0))
+    assert frame.objects.start_px[0] == pytest.approx([134.5 - distance, 89.5], abs=2.3)
+    assert frame.objects.end_px[0] == pytest.approx([134.5 + distance, 89.5], abs=2.3)
+    plan, frame = rendered(TRAIL | {"kind": "aircraft", "strobe": {"period_s": 0.25, "flash_s": 0.01, "first_s": 0.12}})
+    lit = np.argwhere(frame.electrons > 0.02 * frame.electrons.max())
+    assert lit[:, 1].min() == pytest.approx(frame.objects.start_px[0, 0], abs=3)
+    assert lit[:, 1].max() == pytest.approx(frame.objects.end_px[0, 0], abs=3)
+
+
 def test_element_sets_against_skyfield() -> None:
     """Azimuth and altitude of a satellite within 0.01 deg of Skyfield's over a minute."""
     utc = "2020-01-15T18:00:00Z"
@@ -75,6 +93,21 @@ def test_element_sets_against_skyfield() -> None:
         wanted = np.array([np.sin(a) * np.cos(h), np.cos(a) * np.cos(h), np.sin(h)])
         apart = np.degrees(np.arccos(np.clip(wanted @ plan.objects.directions[0, keyframe], -1, 1)))
         assert apart < 0.01
+
+
+@pytest.mark.parametrize(
+    ("lines", "fragment"),
+    [
+        ((ISS[0][:-1] + str((int(ISS[0][-1]) + 1) % 10), ISS[1]), "checksum"),
+        ((ISS[1], ISS[0]), "lines 1 and 2"),
+        ((ISS[0], "2 25544" + " " * 61 + "4"), "not a two-line element set"),
+        ((ISS[0][:40], ISS[1]), "at least 69"),
+    ],
+)
+def test_bad_element_sets_are_refused_when_the_scenario_is_read(lines, fragment) -> None:
+    with pytest.raises(ScenarioError, match=fragment) as caught:
+        small_scenario(foreground={"satellites": [{"line1": lines[0], "line2": lines[1], "v_mag": 1.0}]})
+    assert "foreground.satellites.0" in str(caught.value)
 
 
 def test_objects_have_rows_of_their_own(tmp_path) -> None:

@@ -99,6 +99,24 @@ def test_a_cube_hides_and_is_lit_from_above(tmp_path) -> None:
     assert 0 < face < 0.3 * sky
 
 
+def test_an_obj_mesh_is_the_same_as_its_ply(tmp_path) -> None:
+    """Moved and scaled, too: the cube of 20 m around (30, 0, 5) from one of 1 m around the origin."""
+    (tmp_path / "cube.ply").write_text(cube_ply(20, (30.0, 0.0, 5.0)))
+    lines = cube_ply(1, (0.0, 0.0, 0.0)).split("end_header\n")[1].splitlines()
+    faces = [[int(corner) + 1 for corner in line.split()[1:]] for line in lines[8:]]
+    text = "".join(f"v {line}\n" for line in lines[:8]) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
+    (tmp_path / "cube.obj").write_text(text)
+    moved = {"file": "cube.obj", "translate_m": [30.0, 0.0, 5.0], "scale": 20.0}
+    by_ply, by_obj = (
+        render_expected(plan_frame(scenario_in(tmp_path, foreground={"shapes": [shape]}), 0))
+        for shape in ({"file": "cube.ply"}, moved)
+    )
+    assert by_obj.occluded.sum() > 5
+    np.testing.assert_array_equal(by_obj.occluded, by_ply.occluded)
+    assert by_obj.star_electrons[by_obj.occluded].max() == 0
+    assert np.abs(by_obj.sky_electrons - by_ply.sky_electrons).max() < 0.02 * by_ply.sky_electrons.max()
+
+
 def test_foreground_has_the_same_bits_again(tmp_path) -> None:
     mitsuba_runtime.start()
     (tmp_path / "horizon.csv").write_text(PROFILE)
@@ -133,17 +151,28 @@ def test_bad_foregrounds_are_refused(tmp_path) -> None:
     (tmp_path / "falling.csv").write_text("azimuth_deg,elevation_deg\n10,1\n5,1\n")
     (tmp_path / "open.ply").write_text(cube_ply(2, (5, 0, 0), faces=11))
     (tmp_path / "noise.ply").write_bytes(b"ply\n" + struct.pack("d", 1.5) * 20)
+    whole = cube_ply(2, (5, 0, 0))
+    (tmp_path / "huge.ply").write_text(whole.replace("vertex 8", "vertex 2000000000"))
+    (tmp_path / "astray.ply").write_text(whole.replace("3 0 2 3", "3 0 2 99"))
+    (tmp_path / "nan.ply").write_text(whole.replace("6.0", "nan"))
+    (tmp_path / "astray.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    (tmp_path / "points.obj").write_text("v 0 0 0\n")
     cases = [
         ({"horizon": {"file": "columns.csv"}}, ["foreground.horizon", "azimuth_deg"]),
         ({"horizon": {"file": "falling.csv"}}, ["foreground.horizon", "do not increase"]),
         ({"shapes": [{"file": "/etc/passwd"}]}, ["foreground.shapes.0.file", "leaves the scenario's folder"]),
         ({"shapes": [{"file": "none.ply"}]}, ["foreground.shapes.0.file", "cannot be read"]),
         ({"shapes": [{"file": "columns.csv"}]}, ["foreground.shapes.0.file", ".ply or .obj"]),
-        ({"shapes": [{"file": "open.ply"}]}, ["foreground.shapes.0.file", "not closed", "3 edges"]),
+        ({"shapes": [{"file": "open.ply"}]}, ["foreground.shapes.0.closed", "not closed", "3 edges"]),
+        ({"shapes": [{"file": "huge.ply"}]}, ["foreground.shapes.0.file", "announces 2000000012 elements"]),
+        ({"shapes": [{"file": "astray.ply"}]}, ["foreground.shapes.0.file", "faces of vertex 99, but only 8"]),
+        ({"shapes": [{"file": "nan.ply"}]}, ["foreground.shapes.0.file", "cannot be read as a mesh"]),
+        ({"shapes": [{"file": "astray.obj"}]}, ["foreground.shapes.0.file", "invalid vertex 9"]),
+        ({"shapes": [{"file": "points.obj"}]}, ["foreground.shapes.0.file", "0 faces"]),
         ({"shapes": [{"file": "noise.ply"}]}, ["foreground.shapes.0.file", "cannot be read as a mesh"]),
     ]
     for foreground, fragments in cases:
         with pytest.raises(ScenarioError) as caught:
-            render_expected(plan_frame(scenario_in(tmp_path, foreground=foreground), 0))
+            scenario_in(tmp_path, foreground=foreground)
         for fragment in fragments:
             assert fragment in str(caught.value)

@@ -69,7 +69,10 @@ def test_magnitudes_of_planets_are_skyfield_s(sky, text) -> None:
 
 def test_planets_are_drawn_as_stars() -> None:
     """Venus on 15 January 2020 at dusk: in the truth of the plan with its NAIF number, brighter than V -3.9."""
-    plan = plan_frame(small_scenario(time__utc_start="2020-01-15T17:30:00Z", stars={"limiting_magnitude": 2.0}), 0)
+    towards = {"azimuth_deg": 220.0, "altitude_deg": 20.0}
+    plan = plan_frame(
+        small_scenario(time__utc_start="2020-01-15T17:30:00Z", attitude=towards, stars={"limiting_magnitude": 2.0}), 0
+    )
     venus = plan.stars.star_id == 900_000_299
     assert venus.sum() == 1
     assert float(plan.stars.v_mag[venus][0]) < -3.9

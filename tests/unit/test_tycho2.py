@@ -1,13 +1,23 @@
-"""The reader of KStars' deepstars.dat, on a file of the same bytes with made-up stars."""
+"""The reader of KStars' star files: on a file of the same bytes with made-up stars, and on the real ones."""
 
+import os
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from generator.catalogue import load_catalogue
+from generator.catalogue import StarCatalogue, load_catalogue
 from generator.errors import DataFileError
-from generator.tycho2 import TYCHO_ID_BASE, add_missing, johnson_from_tycho, read_tycho2
+from generator.tycho2 import (
+    BRIGHTER_FILES,
+    DEFAULT_PATH,
+    PATH_VARIABLE,
+    TYCHO_ID_BASE,
+    add_missing,
+    johnson_from_tycho,
+    read_tycho2,
+)  # fmt: skip
 
 
 def deepstars(stars) -> bytes:
@@ -66,3 +76,46 @@ def test_a_missing_or_damaged_file_is_named(tmp_path) -> None:
     path.write_bytes(deepstars(STARS)[:-5])
     with pytest.raises(DataFileError, match="multiple of 32"):
         read_tycho2(path)
+
+
+def test_knows_stars_where_they_were_at_hipparcos_epoch(tmp_path) -> None:
+    """KStars has some stars at J1991.25: a star of the catalogue moved back 8.75 years is not a new one."""
+    catalogue = load_catalogue()
+    fast = catalogue[(np.hypot(catalogue.pm_ra_mas_yr, catalogue.pm_dec_mas_yr) > 1200) & (catalogue.v_mag < 7)]
+    assert len(fast) > 20
+    cosine = np.cos(np.radians(fast.dec_deg))
+    more = StarCatalogue(
+        hip=np.zeros(len(fast), np.int32),
+        hr=np.zeros(len(fast), np.int32),
+        ra_deg=fast.ra_deg - fast.pm_ra_mas_yr * 8.75 / 3.6e6 / cosine,
+        dec_deg=fast.dec_deg - fast.pm_dec_mas_yr * 8.75 / 3.6e6,
+        pm_ra_mas_yr=fast.pm_ra_mas_yr,
+        pm_dec_mas_yr=fast.pm_dec_mas_yr,
+        parallax_mas=fast.parallax_mas,
+        v_mag=fast.v_mag,
+        bv_mag=fast.bv_mag,
+        bv_assumed=fast.bv_assumed,
+        other_id=(TYCHO_ID_BASE + np.arange(len(fast))).astype(np.int32),
+    )
+    assert len(add_missing(fast, more)) == len(fast)
+
+
+INSTALLED = Path(os.environ.get(PATH_VARIABLE, DEFAULT_PATH))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not (INSTALLED.parent / BRIGHTER_FILES[0]).exists() or not INSTALLED.exists(),
+    reason=f"{INSTALLED} of Debian's non-free kstars-data-extra-tycho2 and kstars-data's files beside it are not installed",
+)
+def test_the_real_files() -> None:
+    """Counts of the three files, Johnson V, duplicates removed, by an independent reading: 45,636 stars to V 8 and 77,673 to
+    V 8.5 (within 3, by what counts as a duplicate). Joined, no bright star comes twice: the naked-eye sky grows by less
+    than 5, by companions that the default catalogue has as one star."""
+    tycho, base = read_tycho2(INSTALLED), load_catalogue()
+    assert (tycho.v_mag <= 8.0).sum() == pytest.approx(45_636, abs=3)
+    assert (tycho.v_mag <= 8.5).sum() == pytest.approx(77_673, abs=3)
+    joined = add_missing(base, tycho)
+    assert (joined.v_mag <= 6.0).sum() - (base.v_mag <= 6.0).sum() < 5
+    assert 77_673 < (joined.v_mag <= 8.5).sum() < 1.01 * 77_673
+    assert (np.diff(joined.v_mag) >= 0).all()

@@ -1,5 +1,7 @@
 """Distributions in scenarios: what they draw, that they are refused when malformed, that each is independent."""
 
+import copy
+
 import numpy as np
 import pytest
 import yaml
@@ -96,6 +98,30 @@ def test_frames_multiply_with_sweeps_and_differ() -> None:
     assert scenario.frame_count == 6
     assert values(scenario, "sky", "bortle").tolist() == [2, 2, 2, 6, 6, 6]
     assert len(set(values(scenario, "site", "latitude_deg"))) == 6
+
+
+def test_values_inside_lists_vary_too() -> None:
+    """A sweep and a distribution of items of lists; the hash sees them, and not what they gave."""
+    trail = {
+        "kind": "satellite",
+        "start": {"azimuth_deg": {"uniform": [0, 360]}, "altitude_deg": 70},
+        "end": {"azimuth_deg": 120, "altitude_deg": 75},
+        "v_mag": {"sweep": [1.0, 3.0]},
+    }
+    values = {"foreground": {"trails": [trail]}, "motion": {"rate_deg_s": [{"uniform": [-1, 1]}, 0, 0]}}
+    scenario = small_scenario(**values, frames=3)
+    assert scenario.frame_count == 6
+    frames = [scenario.frame(index) for index in range(6)]
+    assert [frame.foreground.trails[0].v_mag for frame in frames] == [1, 1, 1, 3, 3, 3]
+    assert len({frame.foreground.trails[0].start.azimuth_deg for frame in frames}) == 6
+    assert len({frame.motion.rate_deg_s[0] for frame in frames}) == 6
+    other = copy.deepcopy(values)
+    other["motion"]["rate_deg_s"][0]["uniform"] = [-1, 2]
+    assert small_scenario(**other, frames=3).sha256 != scenario.sha256
+    assert small_scenario(**values, frames=3).sha256 == scenario.sha256
+    trail["v_mag"] = {"uniform": [1, 99]}
+    with pytest.raises(ScenarioError, match=r"foreground\.trails\.0\.v_mag"):
+        small_scenario(**values)
 
 
 def test_one_distribution_does_not_disturb_another() -> None:

@@ -37,7 +37,7 @@ def test_reads_frames_truth_and_pixels(folder):
 
 def test_an_observation_holds_no_truth(folder):
     observation = open_dataset(folder).frames[0].observation
-    assert set(vars(observation)) == {"camera", "utc", "R_cam"}
+    assert set(vars(observation)) == {"camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg"}
     assert set(vars(observation.camera)) == {"model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p"}
 
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from benchmark.geodesy import WGS84_A_M, WGS84_B_M, geodesic_km
+from benchmark.geodesy import WGS84_A_M, WGS84_B_M, east_north_km, geodesic_km
 
 # Metres. The first two are printed in Karney (2013), tables 2 and 4; the last is Flinders Peak to Buninyong, the test
 # line of the Geocentric Datum of Australia manual (54 972.271 m); the others are values of GeographicLib 2.1.
@@ -58,3 +58,18 @@ def test_never_longer_than_half_a_meridian():
 def test_impossible_coordinates_are_refused(bad):
     with pytest.raises(ValueError, match="must"):
         geodesic_km(*bad)
+
+
+def test_direction_is_the_published_one():
+    # Flinders Peak to Buninyong, Geocentric Datum of Australia manual: azimuth 306 deg 52' 05.37".
+    line = (-37.951033416667, 144.424867888889, -37.652821138889, 143.926495527778)
+    east, north = east_north_km(*line)
+    assert math.degrees(math.atan2(east, north)) % 360 == pytest.approx(306 + 52 / 60 + 5.37 / 3600, abs=1e-6)
+    assert math.hypot(east, north) == pytest.approx(geodesic_km(*line), rel=1e-12)
+
+
+def test_direction_of_nearly_antipodal_points():
+    # Karney (2013), table 4: the azimuth at the first point is 161.890524 deg.
+    east, north = east_north_km(-30.0, 0.0, 29.9, 179.8)
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(161.890524, abs=1e-4)
+    assert east_north_km(10.0, 20.0, 10.0, 20.0) == (0.0, 0.0)

@@ -21,15 +21,19 @@ from benchmark.studies import thesis_published as thesis
 from benchmark.studies.centroid_frames import StarList, list_stars, make_frame, project
 from benchmark.studies.contestants import Contestant, judge_detections
 from benchmark.studies.page_model import Number, Table, family, plain
+from benchmark.studies.progress import StudyProgress
 from benchmark.studies.records import Row, Rows, write_rows
 from benchmark.studies.svg_plot import Axis, Series, plot
-from benchmark.studies.thesis_answers import calibration_error
+from benchmark.studies.thesis_answers_confidence import calibration_error
 from benchmark.studies.thesis_answers_position import swap_error_km
 from benchmark.studies.thesis_centroids import DISTURBANCES, disturb, rotation, sites_of
+from benchmark.studies.thesis_disturbed import CLEAR, SETTINGS, disturbed_scenario
 from benchmark.studies.thesis_rendered import half_depth, study_scenario
-from benchmark.studies.thesis_study import Progress, run_study
+from benchmark.studies.thesis_study import run_study
 from benchmark.studies.thesis_tables import confidence_bins
 from celnav.solver import SOLVERS
+from generator.frame_plan import plan_frame
+from generator.scenario import FrameSpec
 
 SCENARIO = Path(__file__).parents[3] / "scenes" / "thesis_mag.yaml"
 
@@ -162,6 +166,21 @@ def test_sites_are_drawn_like_the_scenarios_own():
     assert all(stars.v_mag.max() <= 6.5 for stars in sites)
 
 
+def test_disturbed_pictures_differ_in_their_disturbance_alone():
+    """Sites, instants and cameras agree between settings, and the Moon that one of them has is full and up."""
+    scenario = study_scenario(SCENARIO, None)
+    made = {setting: disturbed_scenario(scenario, setting, 3) for setting in SETTINGS}
+    for index in range(3):
+        clear = made[CLEAR].frame(index)
+        for setting, other in made.items():
+            changed = {section for section in FrameSpec.model_fields if getattr(other.frame(index), section)
+                       != getattr(clear, section)}  # fmt: skip
+            assert changed == set(SETTINGS[setting])
+        state = plan_frame(made["full Moon"], index).sky
+        assert state.moon_altitude_deg > 5
+        assert state.moon.phase_angle_deg < 10
+
+
 def test_rotation_is_scipys():
     vector = np.array([0.3, -0.2, 0.5])
     np.testing.assert_allclose(rotation(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
@@ -242,14 +261,14 @@ def small_study(tmp_path_factory):
     text = text.replace("[8.0, 7.5, 7.0, 6.5, 6.0, 5.5, 5.0, 4.5, 4.0]", "[7.0, 5.0]")
     (root / "small.yaml").write_text(text, encoding="utf-8")
     steps = []
-    progress = Progress(lambda name, total: steps.append(name), lambda: None)
+    progress = StudyProgress(lambda name, total: steps.append(name), lambda: None)
     study = run_study(root / "small.yaml", 2, None, root / "frames", root / "out", 2, "skybench <study>", progress)
     return root, study, steps
 
 
 def test_study_writes_page_numbers_and_rows(small_study):
     root, study, steps = small_study
-    assert steps == ["rendering", "solving pictures", "solving centroids"]
+    assert steps == ["rendering", "solving pictures", "disturbed pictures", "solving centroids"]
     page = (root / "out" / "index.html").read_text(encoding="utf-8")
     assert "skybench &lt;study&gt;" in page
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")

@@ -96,6 +96,36 @@ def test_cache_is_used_and_survives_damage(tmp_path, monkeypatch):
     assert len(built) == 2
 
 
+def test_cache_gives_back_what_it_was_given(tmp_path, monkeypatch):
+    """Bits, types and shapes, empty and two-dimensional arrays included; and nobody can write into a mapped table."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    given = {
+        "a": np.arange(7, dtype=np.int16),
+        "b": np.arange(6.0).reshape(2, 3),
+        "c": np.empty((0, 2), dtype=np.float32),
+        "d": np.array([True, False, True]),
+    }
+    celnav.cache.cached("t", "k", lambda: given)
+    found = celnav.cache.cached("t", "k", lambda: pytest.fail("built twice"))
+    assert list(found) == list(given)
+    for name, array in given.items():
+        assert (found[name].dtype, found[name].shape) == (array.dtype, array.shape)
+        assert found[name].tobytes() == array.tobytes()
+        assert found[name].flags.aligned
+        assert not found[name].flags.writeable
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{}\n", b"[1]\n", b"PK\x03\x04", b'{"format": "celnav-cache/1", "bytes": 0}\n']
+)
+def test_cache_builds_what_is_no_table(tmp_path, monkeypatch, content):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    celnav.cache.cached("t", "k", lambda: {"a": np.arange(4)})
+    (file,) = (tmp_path / "skybench" / "celnav").iterdir()
+    file.write_bytes(content)
+    assert celnav.cache.cached("t", "k", lambda: {"a": np.arange(3)})["a"].tolist() == [0, 1, 2]
+
+
 def test_unwritable_cache_costs_time_only(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))

@@ -297,13 +297,14 @@ def test_robust_losses_are_scipys_and_their_weights_are_derivatives():
         np.testing.assert_allclose(weight, slope, rtol=1e-3)
 
 
-def test_tables_load_in_a_third_of_a_second():
-    load_patterns(PatternConfig())
+@pytest.mark.parametrize("config", [PatternConfig(), pytest.param(EXTENDED_PATTERNS, marks=pytest.mark.slow)])
+def test_tables_load_in_a_third_of_a_second(config):
+    load_patterns(config)
     best = math.inf
     for _ in range(3):
         load_patterns.cache_clear()
         start = time.perf_counter()
-        load_patterns(PatternConfig())
+        load_patterns(config)
         best = min(best, time.perf_counter() - start)
     assert best < 0.3
 

@@ -1,6 +1,7 @@
-"""Monte Carlo radiative transfer with Mitsuba's ``volpath``. Runs in a process of its own: see :mod:`generator.bake.worker`.
+"""The bake's radiative transfer once more, by Mitsuba's ``volpath``: the independent judge of the random walks.
 
-Lengths are kilometres (float32 needs it). The observer stands 2 m above the ground at the origin.
+Runs in a process of its own: see :mod:`generator.bake.worker`. Lengths are kilometres (float32 needs it). The observer
+stands 2 m above the ground at the origin.
 """
 
 from __future__ import annotations
@@ -15,71 +16,17 @@ from numpy.typing import NDArray
 
 from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
 from generator.bake.directions import view_directions
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid
+from generator.bake.grids import BakedAir, CityGrid
+from generator.bake.single_scattering import aerosol_phase
+from generator.bake.walk import phase_table
 
 Floats = NDArray[np.float64]
 LAYERS = 512
+HALF_WIDTH_KM = 2000.0
+"""4,000 km of air stand in for an infinite plane."""
 OBSERVER_KM = 0.002
 MAX_DEPTH = 24
-GARSTANG_NORMALISATION = 0.554
-
-
-class LampDisk(mi.Emitter):
-    """A disk of lamps on the ground, of unit photon output above the horizon, in two patterns at once.
-
-    Red is Lambert, cos(psi)/pi; green is Garstang's light near the horizon, 0.554 psi^4/(2 pi); blue is nothing.
-    Source: Garstang 1986, PASP 98, 364, eq. 1. A point of the disk is drawn for every shadow ray, so that the disk behaves
-    like a point light whose place is blurred.
-    """
-
-    def __init__(self, props: Any) -> None:
-        super().__init__(props)
-        self.m_flags = int(mi.EmitterFlags.DeltaPosition)
-        self.distance = mi.Float(float(props["distance"]))
-        self.radius = float(props["radius"])
-
-    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
-        """Mitsuba's interface."""
-        spot = mi.warp.square_to_uniform_disk_concentric(sample) * self.radius
-        ds = dr.zeros(mi.DirectionSample3f, dr.width(sample))
-        ds.p = mi.Point3f(spot.x, spot.y + self.distance, 0.0005)
-        ds.n = mi.Normal3f(0, 0, 1)
-        ds.d = ds.p - it.p
-        ds.dist = dr.norm(ds.d)
-        ds.d = ds.d / ds.dist
-        ds.pdf = mi.Float(1)  # type: ignore[assignment]
-        ds.delta = mi.Bool(True)  # type: ignore[assignment]
-        ds.time = it.time
-        ds.emitter = mi.EmitterPtr(self)
-        cosine = dr.maximum(-ds.d.z, 0)
-        angle = dr.safe_acos(cosine)
-        inverse_square = dr.select(active & (cosine > 0), dr.rcp(dr.square(ds.dist)), 0)
-        lambert = cosine / math.pi
-        horizon = GARSTANG_NORMALISATION * dr.square(dr.square(angle)) / (2 * math.pi)
-        return ds, mi.Color3f(lambert, horizon, 0) * inverse_square
-
-    def eval(self, si: Any, active: Any = True) -> Any:
-        """Mitsuba's interface: a point light is never hit."""
-        del si, active
-        return mi.Spectrum(0)
-
-    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-        """Mitsuba's interface."""
-        del it, ds, active
-        return mi.Float(0)
-
-    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-        """Mitsuba's interface."""
-        del it, ds, active
-        return mi.Spectrum(0)
-
-    def traverse(self, callback: Any) -> None:
-        """Mitsuba's interface: the distance may be changed."""
-        callback.put("distance", self.distance, mi.ParamFlags.NonDifferentiable)
-
-    def to_string(self) -> str:
-        """Return a short description."""
-        return "LampDisk"
+PHASE_NODES = 40_001
 
 
 def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light: dict[str, Any]) -> dict[str, Any]:
@@ -95,7 +42,8 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
     aerosol = profile(tau_a, air.aerosol_height_km)
     scattered_by_aerosol = air.aerosol_albedo * aerosol
     scattered = rayleigh + scattered_by_aerosol
-    width = air.half_width_km
+    width = HALF_WIDTH_KM
+    phase = aerosol_phase(np.linspace(-1, 1, PHASE_NODES))
     to_world = mi.ScalarTransform4f().translate([-width, -width, 0]).scale([2 * width, 2 * width, air.top_km])
 
     def volume(values: Floats) -> dict[str, Any]:
@@ -117,7 +65,7 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
                     "type": "blendphase",
                     "weight": volume(scattered_by_aerosol / scattered),
                     "first": {"type": "rayleigh"},
-                    "second": {"type": "hg", "g": air.aerosol_asymmetry},
+                    "second": {"type": "tabphase", "values": ", ".join(f"{value:.6g}" for value in phase)},
                 },
             },
         },
@@ -130,9 +78,9 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
     }
 
 
-def _trace(scene: Any, start: Any, direction: Any, count: int, seed: int) -> Any:
-    """Radiance (channels, count) that arrives at `start` from `direction`, one path each."""
-    integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": 8})
+def _trace(scene: Any, start: Any, direction: Any, count: int, seed: int, hide: bool = False) -> Any:
+    """Radiance (channels, count) at `start` from `direction`, one path each; `hide`: none straight from lights."""
+    integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": 8, "hide_emitters": hide})
     medium = next(shape.interior_medium() for shape in scene.shapes() if shape.interior_medium() is not None)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
@@ -193,8 +141,8 @@ def multiply_scattered(
     passed_on = (per_km_r + air.aerosol_albedo * per_km_a) / (per_km_r + per_km_a) * scattered
     by_aerosol = random.random(h.shape) * (per_km_r + air.aerosol_albedo * per_km_a) > per_km_r
     xi = random.random(h.shape)
-    g = air.aerosol_asymmetry
-    cosine_a = (1 + g * g - ((1 - g * g) / (1 - g + 2 * g * xi)) ** 2) / (2 * g)
+    cosines, cumulative = phase_table()
+    cosine_a = np.interp(xi, cumulative, cosines)
     root = np.cbrt(2 * (2 * xi - 1) + np.sqrt(4 * (2 * xi - 1) ** 2 + 1))
     cosine = np.clip(np.where(by_aerosol, cosine_a, root - 1 / root), -1, 1)
     turn = 2 * np.pi * random.random(h.shape)
@@ -210,64 +158,57 @@ def multiply_scattered(
     ).reshape(-1, 3)
     start = (directions[:, None] * (h / rise)[..., None]).reshape(-1, 3)
     samples = _trace(
-        scene, mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(came.T.astype(np.float32)), h.size, seed
+        scene, mi.Point3f(start.T.astype(np.float32)), mi.Vector3f(came.T.astype(np.float32)), h.size, seed, hide=True
     )
     samples = samples.reshape(-1, *h.shape) * passed_on
     return samples.mean(axis=-1).T, samples.std(axis=-1, ddof=1).T / math.sqrt(paths)
 
 
-def bake_moon(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
-    """Scattered moonlight per unit irradiance above the air, sr^-1.
+VIEWS_DEG = ((8.0, 36.0, 90.0), (0.0, 75.0, 180.0))
+"""Altitudes and azimuths in which the walks are judged."""
+JUDGED_NM, JUDGED_TAU = 430.0, 0.3
+DISK_RINGS = 22
+"""Rings of lamps of CityGrid, out to 29.5 km."""
+
+
+def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
+    """Light of a disk of Lambert lamps around the observer, without light scattered once, at the altitudes of VIEWS_DEG.
+
+    Its edge is the edge of a ring of CityGrid.
 
     Returns
     -------
-    mean, error : (aerosol, wavelength, moon altitude, view altitude, azimuth) arrays
+    mean, error : (3,) arrays
+        Radiance per photon output of the disk, km^-2 sr^-1.
     """
-    views = view_directions(grid.view_altitude_deg, grid.relative_azimuth_deg)
-    shape: tuple[int, ...] = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.moon_altitude_deg))
-    shape += (len(grid.view_altitude_deg), len(grid.relative_azimuth_deg))
-    mean, error = np.zeros(shape), np.zeros(shape)
-    for index in np.ndindex(shape[:3]):
-        altitude = math.radians(min(grid.moon_altitude_deg[index[2]], 89.9))
-        light = {
-            "type": "directional",
-            "direction": [0, -math.cos(altitude), -math.sin(altitude)],
-            "irradiance": {"type": "uniform", "value": 1.0},
-        }
-        scene = mi.load_dict(air_scene(air, grid.wavelength_nm[index[1]], grid.aerosol_tau_550[index[0]], light))
-        seed = grid.seed * 100_003 + int(np.ravel_multi_index(index, shape[:3]))
-        cell = radiance(scene, views, grid.paths, seed)
-        mean[index], error[index] = (part[:, 0].reshape(shape[3:]) for part in cell)
-        if index[2] == 0:
-            print(f"moon {index[:2]}", flush=True)
-    return mean, error
+    air = BakedAir()
+    radius_km = float(CityGrid().edges[0][DISK_RINGS])
+    light = {
+        "type": "disk",
+        "to_world": mi.ScalarTransform4f().translate([0, 0, 1e-4]).scale(radius_km),
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": air.ground_albedo}},
+        "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 1 / (math.pi * radius_km) ** 2}},
+    }
+    scene = mi.load_dict(air_scene(air, JUDGED_NM, JUDGED_TAU, light))
+    views = view_directions(VIEWS_DEG[0], VIEWS_DEG[1][:1])
+    mean, error = multiply_scattered(scene, air, JUDGED_NM, JUDGED_TAU, views, paths, 5)
+    return mean[:, 0], error[:, 0]
 
 
-def bake_city(air: BakedAir, grid: CityGrid) -> tuple[Floats, Floats]:
-    """Radiance per photon output above the horizon of a small disk of lamps, km^-2 sr^-1, without single scattering.
-
-    Returns
-    -------
-    mean, error : (pattern, wavelength, distance, view altitude, azimuth) arrays
-        Patterns: Lambert, near the horizon.
-    """
-    views = view_directions(grid.view_altitude_deg, grid.relative_azimuth_deg)
-    shape: tuple[int, ...] = (2, len(grid.wavelength_nm), len(grid.distance_km), len(grid.view_altitude_deg))
-    shape += (len(grid.relative_azimuth_deg),)
-    mean, error = np.zeros(shape), np.zeros(shape)
-    for w, wavelength in enumerate(grid.wavelength_nm):
-        for d, distance in enumerate(grid.distance_km):
-            light = {"type": "lamp_disk", "distance": float(distance), "radius": grid.disk_radius_km}
-            scene = mi.load_dict(air_scene(air, wavelength, grid.aerosol_tau_550, light))
-            seed = grid.seed * 100_003 + w * len(grid.distance_km) + d
-            cell = multiply_scattered(scene, air, wavelength, grid.aerosol_tau_550, views, grid.paths, seed)
-            for store, values in zip((mean, error), cell, strict=True):
-                store[:, w, d] = values[:, :2].T.reshape(2, *shape[3:])
-        print(f"city {wavelength:.0f} nm", flush=True)
-    return mean, error
+def moonlit(moon_altitude_deg: float = 30.0, paths: int = 80_000) -> tuple[Floats, Floats]:
+    """All scattered moonlight per unit irradiance above the air, sr^-1, at VIEWS_DEG: mean, error, (9,) arrays."""
+    altitude = math.radians(moon_altitude_deg)
+    light = {
+        "type": "directional",
+        "direction": [0, -math.cos(altitude), -math.sin(altitude)],
+        "irradiance": {"type": "uniform", "value": 1.0},
+    }
+    scene = mi.load_dict(air_scene(BakedAir(), JUDGED_NM, JUDGED_TAU, light))
+    mean, error = radiance(scene, view_directions(*VIEWS_DEG), paths, 3)
+    return mean[:, 0], error[:, 0]
 
 
-def furnace(paths: int = 20_000, wavelength_nm: float = 400.0) -> tuple[Floats, Floats]:
+def furnace(paths: int = 30_000, wavelength_nm: float = 400.0) -> tuple[Floats, Floats]:
     """Radiance seen in 8 directions in a white furnace: nothing absorbs, and light of radiance 1 comes from everywhere."""
     air = BakedAir(aerosol_albedo=1.0, ground_albedo=1.0)
     light = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}

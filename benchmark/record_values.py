@@ -1,0 +1,70 @@
+"""Reading frame records (docs/dataset_format.md): values by key, each checked, with the file and key in every complaint."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmark.errors import DatasetError
+
+FRAME_FORMAT = "skybench-frame/1"
+RENDER_AGAIN = "render the dataset again with `skybench render`"
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """A frame record. Raises DatasetError where it is none of this format."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise DatasetError(f"{path}: not readable as JSON ({error}); {RENDER_AGAIN}") from error
+    if not isinstance(record, dict):
+        raise DatasetError(f"{path}: expected one JSON object; {RENDER_AGAIN}")
+    if record.get("format") != FRAME_FORMAT:
+        raise DatasetError(f"{path}: format is {record.get('format')!r}, this version reads {FRAME_FORMAT!r}")
+    return record
+
+
+def value(path: Path, record: Mapping[str, Any], key: str) -> Any:
+    """Look up ``section.name`` in a frame record."""
+    found: Any = record
+    for part in key.split("."):
+        if not isinstance(found, Mapping) or part not in found:
+            raise DatasetError(f"{path}: key {key} is missing (docs/dataset_format.md); {RENDER_AGAIN}")
+        found = found[part]
+    return found
+
+
+def number(path: Path, record: Mapping[str, Any], key: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite number within limits."""
+    found = value(path, record, key)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+        raise DatasetError(f"{path}: {key} must be a finite number, found {found!r}")
+    if not low <= found <= high:
+        raise DatasetError(f"{path}: {key} must lie within {low:g} to {high:g}, found {found!r}")
+    return float(found)
+
+
+def integer(path: Path, record: Mapping[str, Any], key: str, low: int = 0) -> int:
+    """An integer of at least `low`."""
+    found = value(path, record, key)
+    if isinstance(found, bool) or not isinstance(found, int) or found < low:
+        raise DatasetError(f"{path}: {key} must be an integer of at least {low}, found {found!r}")
+    return found
+
+
+def text(path: Path, record: Mapping[str, Any], key: str) -> str:
+    """A text that is not empty."""
+    found = value(path, record, key)
+    if not isinstance(found, str) or not found:
+        raise DatasetError(f"{path}: {key} must be a text, found {found!r}")
+    return found
+
+
+def optional_number(path: Path, record: Mapping[str, Any], key: str) -> float | None:
+    """A number that records of other generators may leave out."""
+    section, name = key.split(".")
+    found = record.get(section)
+    if not isinstance(found, Mapping) or found.get(name) is None:
+        return None
+    return number(path, record, key)

@@ -1,0 +1,129 @@
+"""cedar-solve behind docs/solver_protocol.md; runs in an environment of its own (requirements.txt), without skybench.
+
+Databases of patterns for wide fields are made on first use from the Yale Bright Star Catalogue that comes with skybench, and
+kept in the user's cache.
+"""
+
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+PROTOCOL = "skybench-solver/1"
+VERSION = "0.5.1"
+BSC = Path(__file__).parents[3] / "celnav" / "data" / "ybsc" / "catalog.dat"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skybench" / "cedar-solve"
+DATABASE_FOVS_DEG = (60.0, 120.0)
+FOV_MAX_ERROR_DEG = 5.0
+TIMEOUT_MS = 2000
+
+
+def write_bsc5(path: Path) -> None:
+    """Write the catalogue in the byte format of the SAO's BSC5 file, which tetra3 reads (29 bytes of header, 32 a star)."""
+    rows = []
+    for line in BSC.read_text(encoding="ascii", errors="replace").splitlines():
+        line = line.ljust(197)
+        if not line[75:83].strip() or not line[102:107].strip():
+            continue
+        ra = math.radians(15 * (int(line[75:77]) + int(line[77:79]) / 60 + float(line[79:83]) / 3600))
+        dec = math.radians(int(line[84:86]) + int(line[86:88]) / 60 + int(line[88:90]) / 3600)
+        motion = [math.radians(float(text or 0) / 3600) for text in (line[148:154].strip(), line[154:160].strip())]
+        sign = -1 if line[83] == "-" else 1
+        rows.append((int(line[0:4]), ra, sign * dec, 0, round(100 * float(line[102:107])), *motion))
+    layout = "f4,f8,f8,i2,i2,f4,f4"
+    header = np.array([0, 0, -len(rows), 1, 1, 1, 32], dtype=np.int32)
+    path.write_bytes(header.tobytes() + np.array(rows, dtype=layout).tobytes())
+
+
+def load_database(tetra3: Any, fov_deg: float) -> Any:
+    """Database of patterns for fields of view up to this; made where it is not yet there."""
+    name = CACHE / f"bsc5-{fov_deg:g}-deg-{VERSION.replace('.', '-')}"  # a dot would be taken for a suffix
+    if not name.with_suffix(".npz").exists():
+        CACHE.mkdir(parents=True, exist_ok=True)
+        catalogue = CACHE / "bsc5"
+        write_bsc5(catalogue)
+        maker = tetra3.Tetra3(load_database=None)
+        maker.generate_database(
+            max_fov=fov_deg + FOV_MAX_ERROR_DEG,
+            save_as=str(name),
+            star_catalog=str(catalogue),
+            epoch_proper_motion=2020,
+        )
+    return tetra3.Tetra3(load_database=str(name))
+
+
+def rotation_of(found: dict[str, float]) -> Any:
+    """Rotation ICRS to camera (x right, y down, z boresight) from tetra3's right ascension, declination and roll."""
+    ra, dec, roll = (math.radians(found[key]) for key in ("RA", "Dec", "Roll"))
+    boresight = np.array([math.cos(ra) * math.cos(dec), math.sin(ra) * math.cos(dec), math.sin(dec)])
+    east = np.array([-math.sin(ra), math.cos(ra), 0.0])
+    north = np.cross(boresight, east)
+    left = math.cos(roll) * east + math.sin(roll) * north
+    up = -math.sin(roll) * east + math.cos(roll) * north
+    return np.array([-left, -up, boresight])
+
+
+def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) -> dict[str, Any]:
+    """Detect, solve, and put the answer into the protocol's terms."""
+    camera = request["camera"]
+    started = time.perf_counter()
+    own = request["detections"] is None
+    if own:
+        with Image.open(request["image"]) as picture:
+            image = np.asarray(picture).astype(np.float32)
+        # tetra3 counts from the first pixel's corner, rows first.
+        centroids = np.asarray(tetra3.get_centroids_from_image(image)).reshape(-1, 2)
+        uv = centroids[:, ::-1] - 0.5
+    else:
+        uv = np.array(request["detections"]["uv"], dtype=float).reshape(-1, 2)
+    detected = time.perf_counter()
+    result: dict[str, Any] = {
+        "detections": {"uv": uv.tolist(), "flux": None} if own else None,
+        "time_ms": {"detect": 1000 * (detected - started)},
+    }
+    if camera["model"] != "pinhole":
+        return result | {"status": "refused", "reason": "knows pinholes only"}
+    if len(uv) < 4:
+        return result | {"status": "refused", "reason": "fewer than 4 detections"}
+    fov = math.degrees(2 * math.atan(camera["width"] / 2 / camera["f_px"]))
+    near = min(databases, key=lambda known: abs(known - fov))
+    # tetra3 takes the principal point to be the image's middle.
+    middle = np.array([(camera["width"] - 1) / 2, (camera["height"] - 1) / 2])
+    shifted = uv - [camera["cx_px"], camera["cy_px"]] + middle
+    found = databases[near].solve_from_centroids(
+        shifted[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
+        fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=TIMEOUT_MS,
+    )  # fmt: skip
+    if found["RA"] is None:
+        return result | {"status": "refused", "reason": "no match"}
+    return result | {"status": "attitude", "R_icrs_to_camera": rotation_of(found).tolist()}
+
+
+def main() -> None:
+    """Answer requests over standard input and output."""
+    replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    import tetra3
+
+    databases = {fov: load_database(tetra3, fov) for fov in DATABASE_FOVS_DEG}
+    for line in sys.stdin:
+        request = json.loads(line)
+        if request["type"] == "hello":
+            reply = {"type": "hello", "protocol": PROTOCOL, "name": "cedar-solve", "version": VERSION}
+        else:
+            try:
+                reply = answer(tetra3, databases, request)
+            except Exception as error:  # whatever it raises costs it the frame
+                reply = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
+            reply |= {"type": "fix", "frame_id": request["frame_id"]}
+        print(json.dumps(reply), file=replies, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,161 @@
+"""Solver folders: what `solver.yaml` says, and the hash of everything that makes a solver what it is."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from platformdirs import user_cache_path
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+import celnav
+from benchmark.errors import SolverError
+from benchmark.solvers.program import Limits
+from generator.strict import Strict, listed
+
+FOLDER = Path(__file__).parent
+SPEC_NAME = "solver.yaml"
+ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
+LARGEST_FOLDER_BYTES = 50_000_000
+AdapterName = Literal["celnav", "tetra3rs", "ruststartracker", "zenith-fixer"]
+
+
+class SolverSpec(Strict):
+    """The content of ``solver.yaml``."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$")]
+    """In tables and in the names of folders."""
+    title: Annotated[str, Field(min_length=5, max_length=120)]
+    """In a few words."""
+    licence: Annotated[str, Field(max_length=60)]
+    """SPDX identifier."""
+    adapter: AdapterName | None = None
+    """One of the benchmark's own adapters; or give `command`."""
+    extra: Literal["peers"] | None = None
+    """Extra of the distribution that brings the adapter's package."""
+    command: Annotated[tuple[str, ...], Field(max_length=50), BeforeValidator(listed)] = ()
+    """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is its environment's."""
+    version: Annotated[str, Field(max_length=60)] | None = None
+    """Of the program; it must say the same in its hello."""
+    environment: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")] | None = None
+    """Name of a virtual environment made from the folder's requirements.txt; without it, skybench's own Python."""
+    time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
+    """Per frame."""
+    memory_limit_mib: Annotated[int, Field(ge=64, le=1_000_000)] = 4096
+    """Address space."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SolverSpec:
+        if (self.adapter is None) == (not self.command):
+            raise ValueError("give either adapter or command")
+        if self.command and self.version is None:
+            raise ValueError("command needs version")
+        if self.adapter and (self.version or self.environment):
+            raise ValueError("version and environment belong to a command")
+        return self
+
+
+@dataclass(frozen=True)
+class SolverFolder:
+    """A solver as its folder describes it."""
+
+    folder: Path
+    spec: SolverSpec
+
+    @property
+    def name(self) -> str:
+        """In tables and in the names of folders."""
+        return self.spec.name
+
+    @property
+    def limits(self) -> Limits:
+        """Of time and memory."""
+        return Limits(time_s=self.spec.time_limit_s, memory_mib=self.spec.memory_limit_mib)
+
+    @property
+    def command(self) -> list[str]:
+        """Command line that starts it.
+
+        Raises
+        ------
+        SolverError
+            Its environment has not been made.
+        """
+        if self.spec.adapter is not None:
+            return [sys.executable, "-m", "benchmark.solvers.serve", self.name]
+        program, *arguments = self.spec.command
+        return [str(self._python()) if program == "python" else program, *arguments]
+
+    def _python(self) -> Path:
+        if self.spec.environment is None:
+            return Path(sys.executable)
+        place = environments_folder() / self.spec.environment
+        python = place / "bin" / "python"
+        if not python.is_file():
+            raise SolverError(
+                f"{self.name}: its environment {place} is missing; make it with: python3 -m venv {place} && "
+                f"{python} -m pip install -r {self.folder / 'requirements.txt'}"
+            )
+        return python
+
+    @property
+    def configuration_sha256(self) -> str:
+        """Of all files of the folder, and of the adapter's and celnav's code where they are run."""
+        digest = hashlib.sha256()
+        files = {file.relative_to(self.folder).as_posix(): file for file in _files_of(self.folder)}
+        if self.spec.adapter is not None:
+            files |= {f"adapters/{file.name}": file for file in sorted(FOLDER.glob("*.py"))}
+        if self.spec.adapter == "celnav":
+            package = Path(celnav.__file__).parent
+            files |= {f"celnav/{file.relative_to(package).as_posix()}": file for file in sorted(package.rglob("*.py"))}
+        for name, file in sorted(files.items()):
+            digest.update(f"{name}\n{file.stat().st_size}\n".encode())
+            digest.update(file.read_bytes())
+        return digest.hexdigest()
+
+
+def environments_folder() -> Path:
+    """Where programs' virtual environments lie: $SKYBENCH_ENVIRONMENTS, or a folder in the user's cache."""
+    chosen = os.environ.get(ENVIRONMENTS_VARIABLE)
+    return Path(chosen) if chosen else user_cache_path("skybench") / "environments"
+
+
+def read_solver_folder(folder: Path) -> SolverFolder:
+    """Read and check a solver's folder.
+
+    Raises
+    ------
+    SolverError
+        There is no ``solver.yaml`` in it, or it is wrong.
+    """
+    path = folder / SPEC_NAME
+    try:
+        if path.stat().st_size > 100_000:
+            raise SolverError(f"{path}: larger than 100000 bytes")
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return SolverFolder(folder.resolve(), SolverSpec.model_validate(tree))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise SolverError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "(top)"
+        raise SolverError(f"{path}: {where}: {first['msg']}") from error
+
+
+def _files_of(folder: Path) -> list[Path]:
+    files = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
+    ]
+    size = sum(path.stat().st_size for path in files)
+    if size > LARGEST_FOLDER_BYTES:
+        raise SolverError(
+            f"{folder}: holds {size} bytes; keep data that is larger than {LARGEST_FOLDER_BYTES} elsewhere"
+        )
+    return files

@@ -1,0 +1,162 @@
+"""The messages of docs/solver_protocol.md: requests written, answers read and checked.
+
+What a program answers is untrusted: every field is checked for type, size and finiteness before it is used.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.dataset import Frame
+from benchmark.solvers.attitude_position import position_of_attitude
+from benchmark.solvers.protocol import Answer, Detections, Observation
+
+PROTOCOL = "skybench-solver/1"
+LARGEST_NUMBER_OF_DETECTIONS = 100_000
+_LONGEST_REASON = 200
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A program's answer to one frame, checked.
+
+    Attributes
+    ----------
+    answer : Answer
+    uv : ndarray, shape (n, 2)
+        Detections that its matches point to, px.
+    flux : ndarray, shape (n,)
+        Their brightness; NaN where unknown.
+    detect_ms : float
+        The program's own account of detection.
+    """
+
+    answer: Answer
+    uv: NDArray[np.float64]
+    flux: NDArray[np.float64]
+    detect_ms: float
+
+
+def hello() -> dict[str, Any]:
+    """The first request."""
+    return {"type": "hello", "protocol": PROTOCOL}
+
+
+def request_of(frame: Frame, shared: Detections | None) -> dict[str, Any]:
+    """The request to solve a frame; `shared` are the detections that it is to use, None to detect by itself."""
+    seen = frame.observation
+    found = None
+    if shared is not None:
+        flux = np.full(len(shared.uv), np.nan) if shared.flux is None else np.asarray(shared.flux)
+        found = {"uv": np.asarray(shared.uv).tolist(), "flux": [_number_or_none(value) for value in flux]}
+    return {
+        "type": "solve",
+        "frame_id": frame.frame_id,
+        "image": str(frame.image_path.resolve()),
+        "camera": dataclasses.asdict(seen.camera),
+        "utc_mid": seen.utc,
+        "R_cam": np.asarray(seen.R_cam).tolist(),
+        "tilt_sigma_deg": seen.tilt_sigma_deg,
+        "heading_sigma_deg": _number_or_none(seen.heading_sigma_deg),
+        "detections": found,
+    }
+
+
+def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation, shared: Detections | None) -> Reply:
+    """Read an answer.
+
+    Raises
+    ------
+    ValueError
+        It is not what docs/solver_protocol.md says, or the program says that it failed.
+    """
+    if message.get("type") != "fix" or message.get("frame_id") != frame_id:
+        raise ValueError(f"expected the answer to {frame_id}, found type {message.get('type')!r}")
+    uv, flux = _points(message.get("detections")) if shared is None else _given(shared)
+    status = message.get("status")
+    lat = lon = None
+    if status == "error":
+        raise ValueError(" ".join(str(message.get("reason", "no reason given")).split())[:_LONGEST_REASON])
+    if status == "fix":
+        lat, lon = _number(message, "lat_deg"), _number(message, "lon_deg")
+    elif status == "attitude":
+        rotation = _array(message.get("R_icrs_to_camera"), (3, 3), "R_icrs_to_camera")
+        lat, lon = position_of_attitude(rotation, observation.R_cam[:, 2], observation.utc)
+    elif status != "refused":
+        raise ValueError(f"status is {status!r}, expected fix, attitude, refused or error")
+    ok = status != "refused"
+    cov = None
+    if ok and message.get("cov_ee_km2") is not None:
+        ee, en, nn = (_number(message, f"cov_{name}_km2") for name in ("ee", "en", "nn"))
+        cov = np.array([[ee, en], [en, nn]])
+    confidence = None if message.get("confidence") is None else _number(message, "confidence")
+    stages = message.get("time_ms") or {}
+    if not isinstance(stages, Mapping) or len(stages) > 50:
+        raise ValueError("time_ms must be an object of at most 50 numbers")
+    time_ms = {str(stage)[:50]: _number(stages, stage) for stage in stages}
+    reason = "" if ok else " ".join(str(message.get("reason", "")).split())[:_LONGEST_REASON]
+    answer = Answer(ok, reason, lat, lon, cov, confidence, _matches(message.get("matches")), time_ms)
+    return Reply(answer, uv, flux, max(time_ms.get("detect", 0.0), 0.0))
+
+
+def _number_or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _number(message: Mapping[str, Any], key: str) -> float:
+    value = message.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{key} must be a finite number, found {str(value)[:40]!r}")
+    return float(value)
+
+
+def _array(value: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers of shape {shape}") from error
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, found shape {array.shape}")
+    return array
+
+
+def _points(found: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if found is None:
+        return np.empty((0, 2)), np.empty(0)
+    if not isinstance(found, Mapping) or not isinstance(found.get("uv"), list):
+        raise ValueError("detections must be an object with uv, and flux or not")
+    n = len(found["uv"])
+    if n > LARGEST_NUMBER_OF_DETECTIONS:
+        raise ValueError(f"{n} detections are more than {LARGEST_NUMBER_OF_DETECTIONS}")
+    uv = _array(found["uv"], (n, 2), "detections.uv") if n else np.empty((0, 2))
+    listed = found.get("flux")
+    if listed is None:
+        return uv, np.full(n, np.nan)
+    if not isinstance(listed, list) or len(listed) != n:
+        raise ValueError(f"detections.flux must be a list of {n} numbers")
+    return uv, _array(
+        [0.0 if value is None else value for value in listed], (n,), "detections.flux"
+    ) if n else np.empty(0)
+
+
+def _given(shared: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    uv = np.array(shared.uv, dtype=np.float64)
+    flux = np.full(len(uv), np.nan) if shared.flux is None else np.array(shared.flux, dtype=np.float64)
+    return uv, flux
+
+
+def _matches(found: Any) -> NDArray[np.int64]:
+    if not found:
+        return np.empty((0, 2), dtype=np.int64)
+    if not isinstance(found, list) or len(found) > LARGEST_NUMBER_OF_DETECTIONS:
+        raise ValueError("matches must be a list of [detection, star id]")
+    for pair in found:
+        proper = isinstance(pair, list) and len(pair) == 2 and all(type(number) is int for number in pair)
+        if not proper or not all(-(2**31) <= number < 2**31 for number in pair):
+            raise ValueError("matches must be pairs of integers of 32 bits: [detection, star id]")
+    return np.array(found, dtype=np.int64)

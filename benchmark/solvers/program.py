@@ -1,0 +1,256 @@
+"""A program under test as a process of its own: one JSON line in, one out, within limits of time and memory.
+
+The program may do anything: hang, crash, print garbage, print without end, take all memory. Whatever it does costs it the
+frame and never the run: it is killed with all its children, and started again for the next frame.
+"""
+
+import contextlib
+import json
+import os
+import resource
+import selectors
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from benchmark.errors import SolverError
+from benchmark.memory import peak_mib, reset_peak
+from benchmark.solvers.messages import PROTOCOL, hello
+
+LONGEST_REPLY_BYTES = 16_000_000
+_KEPT_STDERR_BYTES = 4_000
+_CHUNK = 65_536
+# One core each: programs are compared by what they do with one, and the benchmark runs several frames at a time.
+_ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a program may take.
+
+    Attributes
+    ----------
+    time_s : float
+        Wall time per frame.
+    memory_mib : int
+        Address space of each of its processes (RLIMIT_AS).
+    start_s : float
+        Wall time until it says hello.
+    """
+
+    time_s: float = 10.0
+    memory_mib: int = 4096
+    start_s: float = 120.0
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A reply and what it cost: wall time, and the largest resident memory (None where the system does not tell)."""
+
+    message: dict[str, Any]
+    time_ms: float
+    peak_memory_mib: float | None
+
+
+class ProgramFailedError(Exception):
+    """A program gave no usable reply; it has been killed.
+
+    Attributes
+    ----------
+    time_ms : float
+        From the request to the failure.
+    """
+
+    def __init__(self, reason: str, time_ms: float) -> None:
+        super().__init__(reason)
+        self.time_ms = time_ms
+
+
+class ProgramSession:
+    """A running program; start it with `start`, ask it frame by frame, and close it."""
+
+    def __init__(self, command: Sequence[str], folder: Path, limits: Limits) -> None:
+        self._command = list(command)
+        self._folder = folder
+        self.limits = limits
+        self._process: subprocess.Popen[bytes] | None = None
+        self._selector = selectors.DefaultSelector()
+        self._received = b""
+        self._stderr = b""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def running(self) -> bool:
+        """Whether it has been started and neither closed nor killed."""
+        return self._process is not None
+
+    def start(self) -> dict[str, Any]:
+        """Start the program and return its hello.
+
+        Raises
+        ------
+        SolverError
+            It cannot be started, or does not say hello in time and form.
+        """
+        self.close()
+        name = self._command[0]
+        try:
+            process = subprocess.Popen(
+                self._command,
+                cwd=self._folder,
+                env=os.environ | _ONE_THREAD,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise SolverError(f"{name}: cannot be started ({error.strerror})") from error
+        self._process = process
+        memory = self.limits.memory_mib * 2**20
+        with contextlib.suppress(ProcessLookupError):  # it has ended already, which the exchange will notice
+            resource.prlimit(process.pid, resource.RLIMIT_AS, (memory, memory))
+        self._selector = selectors.DefaultSelector()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            assert stream is not None
+            os.set_blocking(stream.fileno(), False)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._selector.register(process.stdout, selectors.EVENT_READ, "stdout")
+        self._selector.register(process.stderr, selectors.EVENT_READ, "stderr")
+        try:
+            greeting = self._exchange(hello(), self.limits.start_s)
+        except ProgramFailedError as error:
+            raise SolverError(f"{' '.join(self._command)}: did not start: {error}") from error
+        if greeting.get("type") != "hello" or greeting.get("protocol") != PROTOCOL:
+            self.close()
+            raise SolverError(f"{' '.join(self._command)}: does not speak {PROTOCOL} (docs/solver_protocol.md)")
+        return greeting
+
+    def ask(self, request: Mapping[str, Any]) -> Exchange:
+        """Send a request and wait for the reply.
+
+        Raises
+        ------
+        ProgramFailedError
+            It hung, crashed, or answered no JSON object; it has been killed.
+        """
+        assert self._process is not None, "start the program first"
+        known = reset_peak(self._process.pid)
+        started = time.perf_counter()
+        message = self._exchange(request, self.limits.time_s)
+        elapsed_ms = 1000.0 * (time.perf_counter() - started)
+        return Exchange(message, elapsed_ms, peak_mib(self._process.pid) if known else None)
+
+    def close(self) -> None:
+        """End the program and all its children."""
+        process, self._process = self._process, None
+        self._received = self._stderr = b""
+        if process is None:
+            return
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        self._selector.close()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+
+    def _exchange(self, request: Mapping[str, Any], limit_s: float) -> dict[str, Any]:
+        started = time.perf_counter()
+        try:
+            if self._received:
+                raise _MisbehavedError("printed more than its answer")
+            line = self._converse(json.dumps(request, allow_nan=False).encode() + b"\n", started + limit_s, limit_s)
+            return _json_object(line)
+        except _MisbehavedError as error:
+            reason = f"error: {error}{self._last_words()}"
+            self.close()
+            raise ProgramFailedError(reason, 1000.0 * (time.perf_counter() - started)) from error
+
+    def _converse(self, pending: bytes, deadline: float, limit_s: float) -> bytes:
+        """Write all of `pending` and read one line, whichever the program wants first."""
+        assert self._process is not None
+        assert self._process.stdin is not None
+        stdin = self._process.stdin
+        self._selector.register(stdin, selectors.EVENT_WRITE, "stdin")
+        try:
+            while b"\n" not in self._received:
+                left = deadline - time.perf_counter()
+                if left <= 0.0:
+                    raise _MisbehavedError(f"no answer within {limit_s:g} s")
+                for key, _ in self._selector.select(left):
+                    if key.data == "stdin":
+                        try:
+                            pending = pending[os.write(stdin.fileno(), pending[:_CHUNK]) :]
+                        except OSError as error:
+                            raise _MisbehavedError(self._end()) from error
+                        if not pending:
+                            self._selector.unregister(stdin)
+                        continue
+                    chunk = os.read(key.fd, _CHUNK)
+                    if key.data == "stderr":
+                        self._stderr = (self._stderr + chunk)[-_KEPT_STDERR_BYTES:]
+                        if not chunk:
+                            self._selector.unregister(key.fileobj)
+                        continue
+                    self._received += chunk
+                    if not chunk:
+                        raise _MisbehavedError(self._end())
+                    if len(self._received) > LONGEST_REPLY_BYTES:
+                        raise _MisbehavedError(f"answered with more than {LONGEST_REPLY_BYTES} bytes")
+        finally:
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.unregister(stdin)
+        line, _, self._received = self._received.partition(b"\n")
+        return line
+
+    def _end(self) -> str:
+        """How the program ended."""
+        assert self._process is not None
+        try:
+            code = self._process.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            return "closed its output"
+        if code < 0:
+            return f"ended by signal {signal.Signals(-code).name}"
+        return f"ended with exit status {code}"
+
+    def _last_words(self) -> str:
+        """The last line that it wrote on standard error."""
+        assert self._process is not None
+        assert self._process.stderr is not None
+        with contextlib.suppress(OSError):
+            self._stderr = (self._stderr + (os.read(self._process.stderr.fileno(), _CHUNK) or b""))[
+                -_KEPT_STDERR_BYTES:
+            ]
+        lines = self._stderr.decode("utf-8", "replace").split("\n")
+        words = [" ".join(line.split()) for line in lines if line.strip()]
+        return f" ({words[-1][:120]})" if words else ""
+
+
+class _MisbehavedError(Exception):
+    """What a program did that it must not."""
+
+
+def _json_object(line: bytes) -> dict[str, Any]:
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise _MisbehavedError(f"answered with a line that is not JSON: {line[:40]!r}") from error
+    if not isinstance(message, dict):
+        raise _MisbehavedError("answered with JSON that is no object")
+    return message

@@ -1,0 +1,259 @@
+r"""What a wrong camera, attitude, clock or sky does to a position, to first order.
+
+A solver that turns its sky until predicted and observed positions agree minimises sum |d_i - D_i t|^2 over small turns t,
+where d_i is what the fault adds to observed minus predicted position of star i (px), and D_i the derivative of the predicted
+position by a turn. Its answer moves by the t of that least-squares problem, linear in d. Faults that turn the whole sky, or
+the horizon, add to t directly and leave no residual: no fit can see them.
+
+A turn of the sky by t (east, north, up; right-handed, rad) against the horizon is a displacement of the observer: going north
+by n turns the sky about east by n; going east by e turns it about the Earth's axis, by -e about north and -e tan(latitude)
+about up. Where the heading is given, the two numbers are fitted to all three of t with the stars' own weight; where only
+the vertical is, they are the first two.
+
+The formulas hold for a pinhole camera that looks anywhere, on a sphere for the astronomy and on WGS84 for the kilometres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+F8 = NDArray[np.float64]
+
+WGS84_A_KM = 6378.137
+WGS84_E2 = 0.00669437999014
+EARTH_RATE_RAD_S = 7.292115e-5
+"""Turn of the Earth against the stars per second of UT1 (IERS Conventions 2010, table 1.1)."""
+
+Horizon = Literal["whole attitude", "vertical alone"]
+Weights = Literal["pixel", "angle"]
+FREE = ("focal length", "cx", "cy", "r^3", "r^5")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a frame shows, as far as a prediction needs to know.
+
+    Attributes
+    ----------
+    rays : ndarray, shape (n, 3)
+        Apparent directions of the stars, unit vectors in the camera frame.
+    R_cam : ndarray, shape (3, 3)
+        ENU to camera.
+    latitude_deg : float
+        Of the observer.
+    f_px : float
+        Focal length that the solver is told.
+    half_diagonal_px : float
+        Of the frame.
+    """
+
+    rays: F8
+    R_cam: F8
+    latitude_deg: float
+    f_px: float
+    half_diagonal_px: float
+
+    @property
+    def from_centre(self) -> F8:
+        """Positions of the stars on the told pinhole from its principal point, px, shape (n, 2)."""
+        return self.f_px * self.rays[:, :2] / self.rays[:, 2:]
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """A fault as the solver meets it.
+
+    Attributes
+    ----------
+    shift_px : ndarray, shape (n, 2)
+        Added to observed minus predicted positions.
+    turn_rad : ndarray, shape (3,)
+        Turn of the sky against the horizon (east, north, up) that leaves no residual.
+    """
+
+    shift_px: F8
+    turn_rad: F8 = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """What a solver fits.
+
+    Attributes
+    ----------
+    horizon : str
+        What it is told of its attitude.
+    weights : str
+        Whether errors count in pixels or in angle.
+    free_sigmas : tuple of float
+        Standard deviations before the fit of the camera's five corrections, in the order of `FREE`: of the logarithm of the
+        focal length, of the principal point (px), and of the factors q of q (r/half diagonal)^2 and ^4; empty for none.
+    noise_px : float
+        Of a centroid along each axis; says what the priors weigh.
+    """
+
+    horizon: Horizon = "whole attitude"
+    weights: Weights = "pixel"
+    free_sigmas: tuple[float, ...] = ()
+    noise_px: float = 0.1
+
+
+def radii_km(latitude_deg: float) -> tuple[float, float]:
+    """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km (Torge, Geodesy, 2001, 4.1.3)."""
+    w = 1 - WGS84_E2 * math.sin(math.radians(latitude_deg)) ** 2
+    return WGS84_A_KM / math.sqrt(w), WGS84_A_KM * (1 - WGS84_E2) / w**1.5
+
+
+def turning_derivatives(view: View) -> F8:
+    """Derivatives of pinhole positions by a turn of the sky about the camera's axes, px/rad, shape (n, 2, 3).
+
+    A turn t moves a direction s by t x s, and (u, v) = f (x, y)/z.
+    """
+    x, y = (view.rays[:, :2] / view.rays[:, 2:]).T
+    one = np.ones_like(x)
+    by_u = np.column_stack((-x * y, one + x * x, -y))
+    by_v = np.column_stack((-one - y * y, x * y, x))
+    return view.f_px * np.stack((by_u, by_v), axis=1)
+
+
+def camera_derivatives(view: View) -> F8:
+    """Derivatives of pinhole positions by the corrections in `FREE`, shape (n, 2, 5)."""
+    place = view.from_centre
+    q = (np.sum(place**2, axis=1) / view.half_diagonal_px**2)[:, None]
+    across, down = np.zeros_like(place), np.zeros_like(place)
+    across[:, 0], down[:, 1] = 1.0, 1.0
+    return np.stack((place, across, down, q * place, q**2 * place), axis=2)
+
+
+def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
+    """First-order error of a position, east and north, km, shape (2,).
+
+    Parameters
+    ----------
+    view : View
+    misfit : Misfit
+        Of the fault, or the sum of several.
+    estimator : Estimator
+        What the solver fits: least squares, with Gaussian priors on the camera's corrections.
+    """
+    design = turning_derivatives(view) @ view.R_cam  # by turns about east, north and up
+    if estimator.free_sigmas:
+        design = np.concatenate((design, camera_derivatives(view)), axis=2)
+    to_weight = _to_angle(view) if estimator.weights == "angle" else np.broadcast_to(np.eye(2), (len(design), 2, 2))
+    rows = (to_weight @ design).reshape(-1, design.shape[2])
+    seen = (to_weight @ misfit.shift_px[:, :, None]).ravel()
+    normal = rows.T @ rows
+    free = np.arange(3, design.shape[2])
+    normal[free, free] += (estimator.noise_px / np.array(estimator.free_sigmas)) ** 2
+    turn = np.linalg.solve(normal, rows.T @ seen)[:3] + misfit.turn_rad
+    if estimator.horizon == "vertical alone":
+        east, north = -turn[1], turn[0]
+    else:
+        information = np.linalg.inv(np.linalg.inv(normal)[:3, :3])
+        moves = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.tan(math.radians(view.latitude_deg)), 0.0]])
+        east, north = np.linalg.solve(moves.T @ information @ moves, moves.T @ information @ turn)
+    return np.array([east, north]) * radii_km(view.latitude_deg)
+
+
+def _to_angle(view: View) -> F8:
+    """Matrices, shape (n, 2, 2), that take a displacement in px to one in rad along and across the radius."""
+    cosine = view.rays[:, 2]
+    radius = np.linalg.norm(view.rays[:, :2], axis=1)
+    along = view.rays[:, :2] / np.maximum(radius, 1e-12)[:, None]
+    across = np.column_stack((-along[:, 1], along[:, 0]))
+    # On a pinhole dr = f dtheta / cos^2, and the arc across is f sin dphi / cos.
+    return np.stack((along * (cosine**2)[:, None], across * cosine[:, None]), axis=1) / view.f_px
+
+
+def focal_misfit(view: View, part: float) -> Misfit:
+    """Told focal length (1 + part) times the true one: observed minus predicted is -part x (position from the centre)."""
+    return Misfit(-part * view.from_centre)
+
+
+def centre_misfit(view: View, shift_px: F8) -> Misfit:
+    """Told principal point shifted by `shift_px`, shape (2,): all positions are shifted by its negative."""
+    return Misfit(np.broadcast_to(-shift_px, (len(view.rays), 2)))
+
+
+def k1_misfit(view: View, k1: float) -> Misfit:
+    """Told radial term k1 of a lens without one: predicted positions move outward by k1 r^2, r the tangent off the axis."""
+    q = np.sum((view.from_centre / view.f_px) ** 2, axis=1)
+    return Misfit(-k1 * q[:, None] * view.from_centre)
+
+
+def projection_misfit(view: View) -> Misfit:
+    """Told a pinhole of a stereographic lens.
+
+    Observed is 2 f tan(theta/2), predicted f tan(theta), theta off the axis: to the third order they differ by -f theta^3/4.
+    """
+    cosine = view.rays[:, 2]
+    # 2 tan(theta/2) = 2 sin/(1 + cos): the ratio to tan(theta) is 2 cos/(1 + cos).
+    return Misfit((2 * cosine / (1 + cosine) - 1)[:, None] * view.from_centre)
+
+
+def attitude_misfit(view: View, turn_rad: F8) -> Misfit:
+    """Told R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems turned back by it."""
+    return Misfit(np.zeros((len(view.rays), 2)), -np.asarray(turn_rad, dtype=np.float64))
+
+
+def clock_misfit(view: View, late_s: float) -> Misfit:
+    """Told a time later than the true one: the sky is expected to have turned on about the Earth's axis.
+
+    The Earth's rate times the delay, about (0, cos, sin) of the latitude: the position moves west by 464 m x cos(latitude)
+    a second.
+    """
+    latitude = math.radians(view.latitude_deg)
+    axis = np.array([0.0, math.cos(latitude), math.sin(latitude)])
+    return Misfit(np.zeros((len(view.rays), 2)), EARTH_RATE_RAD_S * late_s * axis)
+
+
+def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> Misfit:
+    """Told that there is no air: stars stand higher than predicted by the refraction.
+
+    Refraction by apparent altitude h, in arc minutes: cot(h + 7.31/(h + 4.4)), h in degrees, at 1010 hPa and 10 deg C, in
+    proportion to pressure over absolute temperature (Bennett 1982, Journal of Navigation 35, 255).
+    """
+    zenith = view.R_cam[:, 2]
+    sine = view.rays @ zenith
+    altitude_deg = np.degrees(np.arcsin(np.clip(sine, -1, 1)))
+    arcmin = 1 / np.tan(np.radians(altitude_deg + 7.31 / (altitude_deg + 4.4)))
+    angle = np.radians(arcmin / 60) * pressure_hpa / 1010 * 283 / (273 + temperature_c)
+    # Each star is turned about the horizontal axis at right angles to its vertical circle, upwards.
+    axis = np.cross(view.rays, zenith)
+    axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
+    return Misfit(np.einsum("nij,nj->ni", turning_derivatives(view), axis * angle[:, None]))
+
+
+def epoch_misfit(view: View, pole: F8, told_pole: F8, local_angle_rad: float) -> Misfit:
+    """Told a date whose celestial pole stands elsewhere, at the same Earth rotation angle.
+
+    Between two dates the celestial intermediate system turns by the difference (dX, dY) of the pole's coordinates: by
+    (dY, -dX, 0) about the axes that the Earth rotation angle counts from (X grows by 20.04 arcsec a year). Proper motion,
+    which differs from star to star, is left out.
+
+    Parameters
+    ----------
+    view : View
+    pole, told_pole : ndarray, shape (2,)
+        X and Y of the celestial intermediate pole, rad, at the true and at the told date.
+    local_angle_rad : float
+        Earth rotation angle plus longitude.
+    """
+    dx, dy = np.asarray(told_pole) - np.asarray(pole)
+    sky_turn = np.array([dy, -dx, 0.0])
+    latitude = math.radians(view.latitude_deg)
+    c, s = math.cos(local_angle_rad), math.sin(local_angle_rad)
+    to_enu = np.array(
+        [
+            [-s, c, 0.0],
+            [-math.sin(latitude) * c, -math.sin(latitude) * s, math.cos(latitude)],
+            [math.cos(latitude) * c, math.cos(latitude) * s, math.sin(latitude)],
+        ]
+    )
+    # The predicted sky is turned by this; what is observed seems turned back.
+    return Misfit(np.zeros((len(view.rays), 2)), -to_enu @ sky_turn)

@@ -1,0 +1,230 @@
+"""What a task is: strict files, and the hash that freezes their meaning."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from benchmark.errors import TaskError
+from benchmark.intervals import wilson
+from generator.errors import ScenarioError
+from generator.scenario_file import Scenario, parse_scenario
+from generator.strict import Strict, listed
+
+FOLDER = Path(__file__).parent
+LARGEST_FILE_BYTES = 100_000
+SplitName = Literal["dev", "test"]
+SPLITS: tuple[SplitName, ...] = ("dev", "test")
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+Numbers = Annotated[tuple[float, ...], Field(min_length=3, max_length=40), BeforeValidator(listed)]
+Sigmas = Annotated[tuple[Annotated[float, Field(ge=0, le=360)], ...], Field(max_length=40), BeforeValidator(listed)]
+
+
+class Condition(Strict):
+    """What is graded."""
+
+    name: Annotated[str, Field(min_length=3, max_length=80)]
+    """In words."""
+    unit: Annotated[str, Field(max_length=20)]
+    """Empty for a pure number."""
+    values: Numbers
+    """From easy to hard; of the scenario's sweep (in its order), or of `told`."""
+    harder: Literal["higher", "lower"]
+    """Which values are harder."""
+
+    @model_validator(mode="after")
+    def _from_easy_to_hard(self) -> Condition:
+        order = sorted(set(self.values), reverse=self.harder == "lower")
+        if order != list(self.values):
+            raise ValueError("values must run from easy to hard, each once")
+        return self
+
+
+class Told(Strict):
+    """What a solver is told wrongly, level by level; what is left out is told as it is.
+
+    Errors are Gaussian and drawn anew for every frame and level. The standard deviations of tilt and heading are part of
+    what the solver is told; the error of the focal length is not.
+    """
+
+    tilt_sigma_deg: Sigmas = ()
+    """Of the given vertical about each horizontal axis."""
+    heading_sigma_deg: Sigmas = ()
+    """Of the given heading; 180 or more: the heading given is random, and said to be unknown."""
+    focal_error: Sigmas = ()
+    """Size of the relative error of the given focal length; its sign is random."""
+
+    @property
+    def lengths(self) -> set[int]:
+        """Numbers of levels."""
+        return {len(given) for given in (self.tilt_sigma_deg, self.heading_sigma_deg, self.focal_error) if given}
+
+
+class Split(Strict):
+    """One of the two sets of frames."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    """Root of all its random streams."""
+
+
+class Metric(Strict):
+    """The number that the task's leaderboard sorts by."""
+
+    name: Literal["success_10km"] = "success_10km"
+    """Part of the frames with a fix nearer than 10 km to the truth."""
+    unit: Literal["1"] = "1"
+    better: Literal["higher"] = "higher"
+
+
+class TaskDefinition(Strict):
+    """The content of a task's file."""
+
+    name: Name
+    revision: Annotated[int, Field(ge=1, le=1000)]
+    """Rises with every change of meaning; results of different revisions are never compared."""
+    title: Annotated[str, Field(min_length=10, max_length=120)]
+    licence: Literal["CC-BY-4.0"]
+    """Of the frames."""
+    scenario: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.scenario\.yaml$")]
+    """File beside this one, without seed and number of frames."""
+    condition: Condition
+    told: Told = Told()
+    splits: dict[SplitName, Split]
+    metric: Metric
+    frames_per_condition: Annotated[int, Field(ge=10, le=10_000)]
+    half_width_points: Annotated[float, Field(gt=0, lt=50)]
+    """Half of the widest 95 % interval of the metric at one condition, per cent points, to one decimal."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TaskDefinition:
+        if set(self.splits) != set(SPLITS):
+            raise ValueError(f"splits: give {' and '.join(SPLITS)}")
+        if self.splits["dev"].seed == self.splits["test"].seed:
+            raise ValueError("splits: dev and test must have different seeds")
+        if self.told.lengths - {len(self.condition.values)}:
+            raise ValueError(f"told: give one value for each of the {len(self.condition.values)} conditions")
+        wide = widest_half_width_points(self.frames_per_condition)
+        if abs(wide - self.half_width_points) > 0.05:
+            raise ValueError(f"half_width_points: {self.frames_per_condition} frames give {wide:.1f}")
+        return self
+
+
+def widest_half_width_points(frames: int) -> float:
+    """Half of the widest 95 % interval (Wilson) of a proportion of frames, per cent points."""
+    low, high = wilson(frames // 2, frames)
+    return 50.0 * (high - low)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task as it is run: definition, scenario text, and the hash of both.
+
+    Attributes
+    ----------
+    definition : TaskDefinition
+    scenario_text : str
+        YAML without seed and number of frames.
+    sha256 : str
+        Of the meaning of definition and scenario: formatting and comments do not count.
+    """
+
+    definition: TaskDefinition
+    scenario_text: str
+    sha256: str
+
+    @property
+    def label(self) -> str:
+        """Name and revision, as in ``bortle@1``."""
+        return f"{self.definition.name}@{self.definition.revision}"
+
+    def text_of(self, split: SplitName) -> str:
+        """The scenario file of a split."""
+        seed, frames = self.definition.splits[split].seed, self.definition.frames_per_condition
+        return f"seed: {seed}\nframes: {frames}\n{self.scenario_text}"
+
+    def scenario_of(self, split: SplitName) -> Scenario:
+        """The scenario of a split."""
+        return parse_scenario(self.text_of(split), f"{self.definition.scenario} ({split})")
+
+
+def task_names() -> tuple[str, ...]:
+    """All tasks, sorted."""
+    return tuple(sorted(path.name.removesuffix(".task.yaml") for path in FOLDER.glob("*.task.yaml")))
+
+
+def load_task(name: str, folder: Path = FOLDER) -> Task:
+    """Read and check a task by its name, with or without its revision.
+
+    Raises
+    ------
+    TaskError
+        There is no such task or revision, or its files are wrong.
+    """
+    bare, _, revision = name.partition("@")
+    path = folder / f"{bare}.task.yaml"
+    if not path.is_file() or path.parent != folder:
+        known = ", ".join(sorted(file.name.removesuffix(".task.yaml") for file in folder.glob("*.task.yaml")))
+        raise TaskError(f"unknown task {name!r}; known: {known}")
+    try:
+        definition = TaskDefinition.model_validate(_read_yaml(path, yaml.SafeLoader))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "(top)"
+        raise TaskError(f"{path}: {where}: {first['msg']}") from error
+    if definition.name != bare:
+        raise TaskError(f"{path}: name is {definition.name!r}, the file's name says {bare!r}")
+    if revision and revision != str(definition.revision):
+        raise TaskError(
+            f"{name}: this version has revision {definition.revision} of it; use {bare}@{definition.revision}"
+        )
+    beside = folder / definition.scenario
+    # All scalars as texts: a hash of what is written, whatever YAML makes of it.
+    trees = [_read_yaml(file, yaml.BaseLoader) for file in (path, beside)]
+    for key in ("seed", "frames"):
+        if key in trees[1]:
+            raise TaskError(f"{beside}: {key}: comes from the task; leave it out")
+    meaning = json.dumps(trees, sort_keys=True, separators=(",", ":"))
+    task = Task(definition, beside.read_text(encoding="utf-8"), hashlib.sha256(meaning.encode()).hexdigest())
+    _check_scenario(task, beside)
+    return task
+
+
+def _check_scenario(task: Task, path: Path) -> None:
+    try:
+        scenario = task.scenario_of("dev")
+    except ScenarioError as error:
+        raise TaskError(str(error)) from error
+    n = len(task.definition.condition.values)
+    expected = 1 if task.definition.told.lengths else n
+    if scenario.combination_count != expected or len(scenario.axes) > 1:
+        raise TaskError(
+            f"{path}: sweeps {scenario.combination_count} combinations, the task needs {expected} on one axis"
+        )
+    for axis in scenario.axes:
+        for sweep in axis:
+            numbers = [value for value in sweep.values if isinstance(value, int | float)]
+            if (
+                len(axis) == 1
+                and len(numbers) == n
+                and not all(map(math.isclose, numbers, task.definition.condition.values))
+            ):
+                raise TaskError(f"{path}: sweep {'.'.join(sweep.path)} differs from the task's condition values")
+
+
+def _read_yaml(path: Path, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise TaskError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
+        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)  # a safe one
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise TaskError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
+    if not isinstance(tree, dict):
+        raise TaskError(f"{path}: expected a mapping of keys")
+    return tree

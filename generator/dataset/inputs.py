@@ -1,0 +1,72 @@
+"""Files that a scenario names (meshes, horizons, logs, …), kept with the dataset so that it can be made again from itself."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+from generator.dataset.layout import CARD, CROISSANT, FIGURES, MANIFEST, SCENARIO_COPY, TABLES
+from generator.dataset.shard import StoredFile
+from generator.dataset.target import Target
+from generator.errors import GeneratorError
+from generator.scenario_file import Scenario
+from generator.strict import InputFile
+
+OWN_NAMES = (*TABLES, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
+"""What lies at a dataset's root; a scenario's own file may not take the place of any of it."""
+_SAFE_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
+
+
+def store_inputs(target: Target, scenario: Scenario) -> None:
+    """Copy the scenario's files to where the dataset's copy of the scenario finds them; those already there are checked.
+
+    Raises
+    ------
+    GeneratorError
+        A name that cannot be kept, a file that changed since the scenario was read, or another one in the dataset.
+    """
+    for file in scenario.files:
+        check_name(file.path)
+        stored = target.read(file.path)
+        if stored is not None:
+            if hashlib.sha256(stored).hexdigest() != file.sha256:
+                raise GeneratorError(
+                    f"{target.name}/{file.path}: differs from the file of this name beside the scenario; "
+                    "choose another folder"
+                )
+            continue
+        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
+            local = Path(scratch) / "input"
+            shutil.copyfile(file.location, local)
+            if hashlib.sha256(local.read_bytes()).hexdigest() != file.sha256:
+                raise GeneratorError(f"{file.location}: changed since the scenario was read; run the command again")
+            target.put(local, file.path)
+
+
+def check_name(path: str) -> None:
+    """Refuse a path that another system may not bear, or that is one of the dataset's own. Raises GeneratorError."""
+    parts = path.split("/")
+    if not all(_SAFE_PART.fullmatch(part) for part in parts):
+        raise GeneratorError(
+            f"the scenario's file '{path}' is copied into the dataset: use letters, digits, _, - and . in its name, "
+            "and / between folders"
+        )
+    if parts[0] in OWN_NAMES:
+        raise GeneratorError(
+            f"the scenario's file '{path}' would lie where the dataset keeps its own '{parts[0]}'; rename it"
+        )
+
+
+def stored_inputs(target: Target, scenario: Scenario) -> list[StoredFile]:
+    """The copies as the manifest lists them."""
+    return [_measured(target, file) for file in scenario.files]
+
+
+def _measured(target: Target, file: InputFile) -> StoredFile:
+    size = target.size(file.path)
+    if size is None:
+        raise GeneratorError(f"{target.name}/{file.path}: missing; run the same command again")
+    return StoredFile(file.path, size, file.sha256)

@@ -1,0 +1,70 @@
+"""How much longer one kind of frame takes than another, in turns."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from generator.dataset.images import encode
+from generator.dataset_writer import render_frame
+from generator.scenario_file import Scenario
+from generator.speed.scenes import FULL_SKY, PLAIN_SKY, FrameSize, data_set, moonlit
+
+WARM_UP = 2
+
+
+@dataclass(frozen=True)
+class PairedTimes:
+    """Seconds per frame, pair by pair.
+
+    Attributes
+    ----------
+    plain_s, full_s : tuple of float
+    """
+
+    plain_s: tuple[float, ...]
+    full_s: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Median over pairs of full over plain."""
+        return statistics.median(full / plain for full, plain in zip(self.full_s, self.plain_s, strict=True))
+
+
+def make_frame(scenario: Scenario, index: int) -> None:
+    """Render a frame with its truth, and encode its image, as for a data set."""
+    encode(render_frame(scenario, index, channels=False).dn, "png")
+
+
+def time_pairs(plain: Callable[[int], None], full: Callable[[int], None], pairs: int) -> PairedTimes:
+    """Time two ways of making frame k in turns, each first in every other pair.
+
+    Frames are numbered from 0; those of the warm-up come first.
+    """
+    seconds: dict[bool, list[float]] = {False: [], True: []}
+    for number in range(WARM_UP + pairs):
+        for is_full in (True, False) if number % 2 else (False, True):
+            start = time.perf_counter()
+            (full if is_full else plain)(number)
+            if number >= WARM_UP:
+                seconds[is_full].append(time.perf_counter() - start)
+    return PairedTimes(tuple(seconds[False]), tuple(seconds[True]))
+
+
+def time_skies(pairs: int, size: FrameSize | None = None) -> PairedTimes:
+    """The full sky with Moon against airglow and city light alone."""
+    frame = size or FrameSize()
+
+    def maker(sky: str) -> Callable[[int], None]:
+        return lambda number: make_frame(moonlit(frame, sky, number), 0)
+
+    return time_pairs(maker(PLAIN_SKY), maker(FULL_SKY), pairs)
+
+
+def time_cameras(pairs: int, size: FrameSize | None = None) -> PairedTimes:
+    """All of the camera's effects against a plain camera, frames of a data set."""
+    frame = size or FrameSize()
+    plain, full = (data_set(frame, WARM_UP + pairs, full_camera) for full_camera in (False, True))
+    return time_pairs(lambda number: make_frame(plain, number), lambda number: make_frame(full, number), pairs)

@@ -1,0 +1,140 @@
+"""Everything that ``skybench speed`` measures, in one report."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from generator.mitsuba_runtime import CUDA_VARIANT, choose_variant
+from generator.speed.pairs import PairedTimes, time_cameras, time_skies
+from generator.speed.scenes import FrameSize
+from generator.speed.stages import time_stages
+from generator.speed.throughput import frames_per_second
+
+FORMAT = "skybench-speed/1"
+PART_OF = "of which"
+"""Stages whose names start so are parts of the stage before."""
+
+
+@dataclass(frozen=True)
+class SpeedReport:
+    """What was measured.
+
+    Attributes
+    ----------
+    device : str
+        What Dr.Jit computes on.
+    variant : str
+        Mitsuba's.
+    size : FrameSize
+    codec : str
+    stages_s, floor_s : dict of float
+        Median seconds by stage, one frame at a time in one process.
+    frames_per_s : dict of float
+        By number of worker processes.
+    sky, camera : PairedTimes
+        Full against plain.
+    """
+
+    device: str
+    variant: str
+    size: FrameSize
+    codec: str
+    stages_s: dict[str, float]
+    floor_s: dict[str, float]
+    frames_per_s: dict[int, float]
+    sky: PairedTimes
+    camera: PairedTimes
+
+    @property
+    def frame_s(self) -> float:
+        """Sum of the stages, s."""
+        return sum(seconds for name, seconds in self.stages_s.items() if not name.startswith(PART_OF))
+
+    @property
+    def over_floor(self) -> float:
+        """A frame's time over the floor's."""
+        return self.frame_s / sum(self.floor_s.values())
+
+    @property
+    def scaling(self) -> float:
+        """Frames per second with the most processes over those with one."""
+        return self.frames_per_s[max(self.frames_per_s)] / self.frames_per_s[1]
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON-ready data."""
+        return {
+            "format": FORMAT,
+            "device": self.device,
+            "variant": self.variant,
+            "frame": asdict(self.size),
+            "codec": self.codec,
+            "stages_s": self.stages_s,
+            "frame_s": self.frame_s,
+            "floor_s": self.floor_s,
+            "over_floor": self.over_floor,
+            "frames_per_s": {str(workers): rate for workers, rate in self.frames_per_s.items()},
+            "scaling": self.scaling,
+            "sky": asdict(self.sky) | {"ratio": self.sky.ratio},
+            "camera": asdict(self.camera) | {"ratio": self.camera.ratio},
+        }
+
+
+def measure(
+    frames: int,
+    pairs: int,
+    workers: tuple[int, ...] = (1, 2),
+    size: FrameSize | None = None,
+    codec: str = "png",
+    progress: Callable[[str], None] = lambda stage: None,
+) -> SpeedReport:
+    """Measure everything.
+
+    Parameters
+    ----------
+    frames : int
+        To time for the stages, and per worker process.
+    pairs : int
+        Of frames, for each of the two ratios.
+    workers : tuple of int
+        Numbers of processes; 1 is the base of the scaling.
+    size : FrameSize, optional
+    codec : str
+        Of the images: ``png`` or ``jxl``.
+    progress : callable
+        Called with what is measured next.
+    """
+    size = size or FrameSize()
+    progress("stages")
+    stages, floor = time_stages(frames, size, codec)
+    rates = {}
+    for count in workers:
+        progress(f"{count} {'process' if count == 1 else 'processes'}")
+        rates[count] = frames_per_second(count, frames, size, codec)
+    progress("skies")
+    sky = time_skies(pairs, size)
+    progress("cameras")
+    camera = time_cameras(pairs, size)
+    variant = choose_variant()
+    return SpeedReport(device_name(variant), variant, size, codec, stages, floor, rates, sky, camera)
+
+
+def device_name(variant: str) -> str:
+    """Name of what a Mitsuba variant computes on: the first GPU's, or the processor's."""
+    if variant == CUDA_VARIANT:
+        query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+        try:
+            run = subprocess.run(query, capture_output=True, text=True, timeout=20, check=True)
+        except (OSError, subprocess.SubprocessError):
+            return "GPU of unknown name"
+        return (run.stdout.splitlines() or ["GPU of unknown name"])[0].strip()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()

@@ -1,0 +1,75 @@
+"""The scenarios that are timed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from generator.scenario_file import Scenario, parse_scenario
+
+_SET = """
+name: speed
+seed: 1
+frames: {frames}
+site: {{latitude_deg: {{uniform: [-60, 60]}}, longitude_deg: {{uniform: [-180, 180]}}}}
+time: {{utc_start: {{utc: [2000-01-01T00:00:00Z, 2025-12-31T00:00:00Z], sun_below_deg: -6}}, exposure_s: 0.5}}
+attitude: zenith-north-up
+camera: {camera}
+sensor: {sensor}
+motion: {motion}
+sky: {{bortle: 4}}
+stars: {{limiting_magnitude: {limiting_magnitude}}}
+"""
+_MOONLIT = """
+name: speed
+site: {{latitude_deg: 52.0, longitude_deg: 4.36}}
+time: {{utc_start: 2020-01-08T21:{minute:02d}:00Z, exposure_s: 0.5}}
+camera: {camera}
+sky: {sky}
+stars: {{limiting_magnitude: 6.5}}
+"""
+_CAMERA = "width: {width}, height: {height}, hfov_deg: 120, aperture_mm: 4"
+_LENS = (
+    "pixel_pitch_um: 4.0, psf: {diffraction: {f_number: 2.0, coma_waves: 0.2, astigmatism_waves: 0.2}, "
+    "gaussian_sigma_px: 0.5, support_px: 8}"
+)
+PLAIN_SKY = "{zenith_mag_arcsec2: 20.0, components: [airglow, skyglow]}"
+FULL_SKY = "{bortle: 5}"
+WHOLE_CATALOGUE_MAG = 15.0
+
+
+@dataclass(frozen=True)
+class FrameSize:
+    """How large the timed frames are, and how faint their stars."""
+
+    width: int = 1080
+    height: int = 720
+    limiting_magnitude: float = WHOLE_CATALOGUE_MAG
+
+    @property
+    def camera(self) -> str:
+        """The plain camera's keys."""
+        return _CAMERA.format(width=self.width, height=self.height)
+
+
+def data_set(size: FrameSize, frames: int, full_camera: bool = False) -> Scenario:
+    """A set of frames at random times and places: all components of the sky, all stars, noise.
+
+    The full camera has a Bayer filter array, a rolling shutter, an attitude of 32 samples, and a diffraction pattern with
+    coma and astigmatism that grow off axis.
+    """
+    lens = ", " + _LENS if full_camera else ""
+    return parse_scenario(
+        _SET.format(
+            frames=frames,
+            camera="{" + size.camera + lens + "}",
+            sensor="{colour: {pattern: RGGB}, rolling_shutter: {line_time_us: 30}}" if full_camera else "{}",
+            motion="{rate_deg_s: [0.3, 0.8, -0.5], samples: 32}" if full_camera else "{}",
+            limiting_magnitude=size.limiting_magnitude,
+        ),
+        "speed",
+    )
+
+
+def moonlit(size: FrameSize, sky: str, minute: int) -> Scenario:
+    """A frame under a high Moon, at another minute each time so that nothing of the sky is remembered."""
+    return parse_scenario(_MOONLIT.format(minute=minute % 60, camera="{" + size.camera + "}", sky=sky), "speed")

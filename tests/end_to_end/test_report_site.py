@@ -1,0 +1,167 @@
+"""The report over tasks in a real browser, from disk, without a network."""
+
+import io
+
+import numpy as np
+import pytest
+from browser import chromium, console, open_page, requested
+from PIL import Image
+from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
+
+from benchmark.site.pages import make_boards, write_site
+
+PHONE_PX = 390
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    root = write_results(
+        tmp_path_factory.mktemp("site") / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared")
+    )
+    return write_site(make_boards(root), root).parent
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+def shown(driver, selector):
+    return [element for element in driver.find_elements("css selector", selector) if element.is_displayed()]
+
+
+def column(driver, table, place):
+    rows = shown(driver, f"#{table} tbody tr")
+    return [row.find_elements("css selector", "th, td")[place].text.split("\n")[0] for row in rows]
+
+
+@pytest.mark.parametrize("width", [PHONE_PX, 1300])
+@pytest.mark.parametrize("dark", [False, True])
+def test_no_page_complains_asks_outside_or_scrolls_sideways(driver, site, width, dark):
+    pages = sorted(site.glob("*.html"))
+    assert len(pages) == 1 + 4 + 4
+    for page in pages:
+        open_page(driver, page, width, dark)
+        driver.execute_script("document.querySelectorAll('details').forEach((one) => { one.open = true; });")
+        assert driver.execute_script("return document.documentElement.scrollWidth") <= width, page.name
+        assert console(driver) == [], page.name
+        outside = [url for url in requested(driver) if not url.startswith(("file:", "data:"))]
+        assert outside == [], page.name
+        background = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert background == ("rgb(20, 23, 27)" if dark else "rgb(253, 253, 251)")
+
+
+def test_headings_sort_by_mouse_and_keyboard(driver, site):
+    open_page(driver, site / "bortle@1-dev-own.html")
+    header = driver.find_element("css selector", "#results thead th:nth-child(3)")
+    assert header.text.startswith("success")
+    header.find_element("css selector", "button").click()
+    assert header.get_attribute("aria-sort") == "descending"
+    values = [float(text.removesuffix(" %")) for text in column(driver, "results", 2)]
+    assert values == sorted(values, reverse=True)
+    header.find_element("css selector", "button").send_keys("\ue007")  # Enter
+    assert header.get_attribute("aria-sort") == "ascending"
+    values = [float(text.removesuffix(" %")) for text in column(driver, "results", 2)]
+    assert values == sorted(values)
+    other = driver.find_element("css selector", "#results thead th:nth-child(1) button")
+    other.send_keys(" ")
+    assert header.get_attribute("aria-sort") is None
+    names = column(driver, "results", 0)
+    assert names == sorted(names)
+
+
+def test_infinite_numbers_sort_as_numbers_and_undefined_ones_last(driver, site):
+    open_page(driver, site / "bortle@1-dev-own.html")
+    page = driver.find_element("css selector", "#results")
+    driver.execute_script(
+        "const cells = [...arguments[0].tBodies[0].rows].map((row) => row.cells[2]);"
+        "['', 'Infinity', '-Infinity', '7'].forEach((value, n) => { cells[n].dataset.value = value; });",
+        page,
+    )
+    read = "return [...arguments[0].tBodies[0].rows].map((row) => row.cells[2].dataset.value)"
+    button = page.find_element("css selector", "thead th:nth-child(3) button")
+    button.click()
+    assert driver.execute_script(read, page) == ["Infinity", "7", "-Infinity", ""]
+    button.click()
+    assert driver.execute_script(read, page) == ["-Infinity", "7", "Infinity", ""]
+
+
+def test_filters_hide_rows_columns_and_say_how_many_are_left(driver, site):
+    open_page(driver, site / "index.html")
+    status = driver.find_element("css selector", ".filters output")
+    assert status.text == "8 of 16 results"  # one mode of detections is chosen at first
+    choose(driver, "detections", "")
+    assert status.text == "16 of 16 results"
+    assert len(shown(driver, "#all-results tbody tr")) == 16
+    choose(driver, "task", "motion@1")
+    assert status.text == "8 of 16 results"
+    assert set(column(driver, "all-results", 1)) == {"motion@1"}
+    assert len(shown(driver, "#matrix-success thead th")) == 3
+    choose(driver, "family", "peers")
+    assert set(column(driver, "all-results", 0)) == {"tetra3rs", "ruststartracker"}
+    assert set(column(driver, "matrix-success", 0)) == {"tetra3rs", "ruststartracker"}
+    choose(driver, "measure", "break")
+    assert not shown(driver, "#matrix-success")
+    assert shown(driver, "#matrix-break")
+    driver.find_element("css selector", ".filters [type=reset]").click()
+    driver.execute_async_script("setTimeout(arguments[0], 50)")
+    assert status.text == "8 of 16 results"
+
+
+def choose(driver, name, value):
+    select = driver.find_element("css selector", f".filters select[name={name}]")
+    driver.execute_script(
+        "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('change', {bubbles: true}));",
+        select,
+        value,
+    )
+
+
+def test_filters_work_by_keyboard(driver, site):
+    open_page(driver, site / "index.html")
+    driver.find_element("css selector", ".filters select[name=task]").send_keys("motion")
+    assert set(column(driver, "all-results", 1)) == {"motion@1"}
+
+
+def test_the_first_tab_skips_to_the_content(driver, site):
+    open_page(driver, site / "index.html")
+    driver.find_element("css selector", "body").send_keys("\ue004")  # Tab
+    first = driver.switch_to.active_element
+    assert first.text == "Skip to the content"
+    assert first.is_displayed()
+    first.send_keys("\ue007")
+    assert driver.switch_to.active_element.get_attribute("id") == "main"
+
+
+def test_the_page_turns_dark_and_stays_so(driver, site):
+    open_page(driver, site / "index.html")
+    button = driver.find_element("css selector", "#theme")
+    assert button.text == "Dark page"
+    button.click()
+    assert button.text == "Light page"
+    assert driver.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    open_page(driver, site / "bortle@1-dev-own.html")
+    assert driver.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    driver.find_element("css selector", "#theme").click()
+    driver.execute_script("localStorage.clear()")
+
+
+def test_a_worst_frame_is_enlarged_by_its_link(driver, site):
+    open_page(driver, site / "bortle@1-dev-own.html")
+    card = driver.find_element("css selector", "#worst-2")
+    before = card.size["width"]
+    card.find_element("css selector", "a.picture").send_keys("\ue007")
+    assert card.size["width"] > 2 * before
+    assert card.find_element("css selector", ".close").is_displayed()
+
+
+def test_panels_show_axes_and_curves_and_no_black_shapes(driver, site):
+    """Copies of a shared backdrop take their style only from rules that name nothing outside of it."""
+    open_page(driver, site / "bortle@1-dev-own.html")
+    panel = driver.find_element("css selector", ".small svg.panel")
+    driver.execute_script("arguments[0].scrollIntoView();", panel)
+    with Image.open(io.BytesIO(panel.screenshot_as_png)) as opened:
+        grey = np.asarray(opened.convert("L"))
+    assert (grey < 245).mean() > 0.02
+    assert (grey < 60).mean() < 0.01

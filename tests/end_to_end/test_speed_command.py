@@ -1,0 +1,91 @@
+"""`skybench speed` on tiny frames: the shape of what it answers. Times themselves are no test's business."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmark.cli import app
+from generator.speed import report as speed_report
+from generator.speed.pairs import PairedTimes
+from generator.speed.scenes import FrameSize, data_set
+
+TINY = FrameSize(width=48, height=32, limiting_magnitude=3.0)
+
+
+@pytest.fixture(scope="module")
+def tiny_report() -> speed_report.SpeedReport:
+    return speed_report.measure(frames=1, pairs=1, size=TINY)
+
+
+def test_json_has_stages_floor_rates_and_ratios(tiny_report, monkeypatch) -> None:
+    asked = {}
+
+    def measure(frames, pairs, codec, progress):
+        asked.update(frames=frames, pairs=pairs, codec=codec)
+        return tiny_report
+
+    monkeypatch.setattr(speed_report, "measure", measure)
+    run = CliRunner().invoke(app, ["speed", "--json", "--frames", "1", "--pairs", "1"])
+    assert run.exit_code == 0, run.output
+    assert asked == {"frames": 1, "pairs": 1, "codec": "png"}
+    answer = json.loads(run.stdout)
+    assert answer["format"] == "skybench-speed/1"
+    assert answer["frame"] == {"width": 48, "height": 32, "limiting_magnitude": 3.0}
+    assert list(answer["stages_s"]) == ["plan", "render", "of which sky maps", "noise", "truth", "image", "parquet"]
+    assert list(answer["floor_s"]) == ["poisson", "normals", "png"]
+    assert list(answer["frames_per_s"]) == ["1", "2"]
+    parts = [*answer["stages_s"].values(), *answer["floor_s"].values(), *answer["frames_per_s"].values()]
+    assert all(value > 0 for value in parts)
+    assert answer["frame_s"] == pytest.approx(
+        sum(answer["stages_s"].values()) - answer["stages_s"]["of which sky maps"]
+    )
+    assert answer["over_floor"] == pytest.approx(answer["frame_s"] / sum(answer["floor_s"].values()))
+    assert answer["scaling"] == pytest.approx(answer["frames_per_s"]["2"] / answer["frames_per_s"]["1"])
+    for ratio in (answer["sky"], answer["camera"]):
+        assert ratio["ratio"] == pytest.approx(ratio["full_s"][0] / ratio["plain_s"][0])
+    assert answer["device"]
+    assert answer["variant"] in ("llvm_ad_spectral", "cuda_ad_spectral")
+
+
+def test_tables_are_printed_for_people(tiny_report, monkeypatch) -> None:
+    monkeypatch.setattr(speed_report, "measure", lambda *args, **values: tiny_report)
+    run = CliRunner().invoke(app, ["speed"])
+    assert run.exit_code == 0
+    for words in ("frame over floor", "scaling", "median ratio"):
+        assert words in run.stdout
+
+
+def test_ratio_is_the_median_over_pairs() -> None:
+    assert PairedTimes((1.0, 2.0, 4.0), (2.0, 6.0, 4.0)).ratio == 2.0
+
+
+def test_full_camera_is_the_one_of_the_bar() -> None:
+    spec = data_set(FrameSize(), 1, full_camera=True).frame(0)
+    assert (spec.camera.width, spec.camera.height) == (1080, 720)
+    assert spec.sensor.colour is not None
+    assert spec.sensor.colour.pattern == "RGGB"
+    assert spec.sensor.rolling_shutter is not None
+    assert spec.motion.samples == 32
+    assert not spec.motion.still
+    assert spec.camera.psf is not None
+    assert spec.camera.psf.varies
+    assert set(spec.sky.active_components) >= {"airglow", "zodiacal", "milky_way", "skyglow", "moonlight", "twilight"}
+
+
+def test_a_gpu_s_own_name_is_given(monkeypatch, tmp_path) -> None:
+    """The CPU twin of a run on a GPU: the name comes from the driver's tool, the rest of the path is the same."""
+    tool = tmp_path / "nvidia-smi"
+    tool.write_text("#!/bin/sh\necho 'NVIDIA H100 80GB HBM3'\necho 'NVIDIA T4'\n", encoding="utf-8")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert speed_report.device_name("cuda_ad_spectral") == "NVIDIA H100 80GB HBM3"
+    tool.unlink()
+    assert speed_report.device_name("cuda_ad_spectral") == "GPU of unknown name"
+    assert speed_report.device_name("llvm_ad_spectral")
+
+
+def test_unknown_codec_is_refused() -> None:
+    run = CliRunner().invoke(app, ["speed", "--codec", "gif"])
+    assert run.exit_code != 0
+    assert "gif" in run.output

@@ -1,0 +1,69 @@
+"""A program under test that does what its first argument says; by itself it answers every frame with one position."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+WAY = sys.argv[1]
+ANSWER = {"type": "fix", "status": "fix", "lat_deg": 48.0, "lon_deg": 11.0}
+
+
+def main():
+    asked = 0
+    if WAY == "no hello":
+        time.sleep(100)
+    if WAY == "wrong hello":
+        print(json.dumps({"type": "hello", "protocol": "skybench-solver/0"}), flush=True)
+    for line in sys.stdin:
+        request = json.loads(line)
+        if request["type"] == "hello":
+            print(
+                json.dumps({"type": "hello", "protocol": "skybench-solver/1", "name": WAY, "version": "1"}), flush=True
+            )
+            continue
+        asked += 1
+        if WAY == "hang":
+            time.sleep(100)
+        elif WAY == "hang with a child":
+            child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"])
+            with open(os.environ["CHILD_PID_FILE"], "w") as file:
+                file.write(str(child.pid))
+            time.sleep(100)
+        elif WAY == "crash":
+            print("cannot go on: the stars are wrong", file=sys.stderr, flush=True)
+            os._exit(7)
+        elif WAY == "abort":
+            os.abort()
+        elif WAY == "garbage":
+            print("Solved! lat = 48", flush=True)
+        elif WAY == "list":
+            print("[1, 2]", flush=True)
+        elif WAY == "deep":
+            print("[" * 200_000, flush=True)
+        elif WAY == "flood":
+            while True:
+                print("x" * 10_000, end="", flush=True)
+        elif WAY == "flood of lines":
+            print("x\n" * 100_000, flush=True)
+        elif WAY == "flood of errors":
+            print("e" * 1_000_000, file=sys.stderr, flush=True)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+        elif WAY == "memory":
+            kept = []
+            while True:
+                kept.append(bytearray(10_000_000))
+        elif WAY == "other frame":
+            print(json.dumps(ANSWER | {"frame_id": "another"}), flush=True)
+        elif WAY == "chatter":
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}) + "\nand more", flush=True)
+        elif WAY == "every second":
+            if asked % 2:
+                os._exit(3)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+        else:
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+
+
+main()

@@ -1,0 +1,316 @@
+"""Metrics of a table of frames against numbers worked out by hand."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark.break_point import break_point, crossing, discrimination, isotonic
+from benchmark.calibration import (
+    calibration_error,
+    ellipse_coverage,
+    nees,
+    nees_values,
+    overconfidence,
+    reliability,
+    risk_coverage,
+)
+from benchmark.clustered import Resamples, expanded_levels, quantile_estimate
+from benchmark.comparison import compare, detectable, paired, ranks
+from benchmark.errors import ResultsError
+from benchmark.frame_metrics import METRICS, groups_of, kelvins_scores, measure, measure_by, read_frames, resamples_of
+from benchmark.intervals import quantile, wilson
+from benchmark.paired_tests import mcnemar_clustered, mcnemar_exact, sign_flip
+from benchmark.power import design_effect, minimum_detectable_difference
+
+
+def table(**columns):
+    n = len(next(iter(columns.values())))
+    base = {"frame_id": [f"frame-{i}" for i in range(n)], "status": ["fix"] * n, "error_km": [1.0] * n}
+    return pd.DataFrame({**base, **columns})
+
+
+MIXED = table(
+    status=["fix", "fix", "fix", "refused", "error"],
+    error_km=[0.5, 5.0, 50.0, None, None],
+    n_matches=[10, 10, 10, 0, 0],
+    n_correct=[10, 8, 0, 0, 0],
+    n_detected_stars=[10, 16, 10, 12, 0],
+    time_ms=[1.0, 2.0, 3.0, 4.0, 100.0],
+    crlb_km=[0.25, 5.0, 1.0, 1.0, None],
+    peak_memory_mib=[100.0, 300.0, 200.0, None, None],
+)
+
+
+def test_every_metric_by_hand():
+    found = {key: estimate.value for key, estimate in measure(MIXED).items()}
+    assert found == {
+        "success_1km": 0.2, "success_3km": 0.2, "success_10km": 0.4, "success_30km": 0.4,
+        "median_error_km": 50.0, "p90_error_km": math.inf, "wrong_and_confident": 0.2,
+        "star_precision": 18 / 30, "star_recall": 18 / 48,
+        "kelvins_score": pytest.approx((1.0 + 4 / 16 - 1.0 + 0.0 + 0.0) / 5),
+        # 2, 1, 50, inf; the frame without a bound takes no part.
+        "bound_ratio": pytest.approx((2.0 + 50.0) / 2),
+        "median_time_ms": 3.0, "p95_time_ms": 100.0, "peak_memory_mib": 300.0,
+    }  # fmt: skip
+
+
+def test_the_kelvins_score_is_that_of_the_competition():
+    """max((c - 2 w) / max(t, 1), -1): 20 stars of which 15 right and 2 wrong give 11/20; all wrong not below -1."""
+    frames = table(n_matches=[17, 30, 0, 0], n_correct=[15, 0, 0, 0], n_detected_stars=[20, 10, 10, 0])
+    assert kelvins_scores(frames).tolist() == [0.55, -1.0, 0.0, 0.0]
+
+
+def test_an_error_at_the_bound_has_the_ratio_of_the_documentation():
+    """Median of a round Gaussian error over its root mean square: sqrt(ln 2) = 0.833; of one in one direction: 0.674."""
+    rng = np.random.default_rng(np.random.SeedSequence(8))
+    n, bound = 20_000, 0.07
+    east, north = rng.normal(0, bound / math.sqrt(2), (2, n))
+    # The density of the ratio at its median gives a standard error of 0.0042 and 0.0056; four of them.
+    for error, expected in ((np.hypot(east, north), math.sqrt(math.log(2))), (np.abs(rng.normal(0, bound, n)), 0.6745)):
+        frames = table(error_km=error, crlb_km=[bound] * n)
+        assert measure(frames, [m for m in METRICS if m.key == "bound_ratio"])["bound_ratio"].value == pytest.approx(
+            expected, abs=0.022
+        )
+
+
+def test_frames_of_their_own_site_are_independent():
+    frames = table(error_km=[1.0] * 30 + [100.0] * 10)
+    found = measure(frames, METRICS[:3])["success_3km"]
+    assert (found.value, found.n) == (0.75, 40)
+    # Wilson's interval but for the t quantile and n/(n - 1) of an estimated variance.
+    assert (found.low, found.high) == pytest.approx(wilson(30, 40), abs=0.01)
+
+
+def test_frames_of_one_site_count_once():
+    frames = table(error_km=([1.0] * 5 + [100.0] * 5) * 10, site=[str(i // 5) for i in range(100)])
+    found = measure(frames, METRICS[:3])["success_10km"]
+    assert (found.low, found.high) == pytest.approx(wilson(10, 20), abs=0.03)
+
+
+def test_nothing_to_count_is_undefined():
+    assert all(math.isnan(estimate.value) for estimate in measure(MIXED.iloc[:0]).values())
+    assert math.isnan(measure(table(error_km=[1.0]), METRICS[-1:])["peak_memory_mib"].value)
+
+
+def test_metrics_by_condition_and_by_groups_of_like_size():
+    frames = table(
+        error_km=[1.0, 100.0] * 20, condition=[1.0] * 20 + [2.0] * 20, true_latitude_deg=np.arange(40.0), bortle=[None] * 40
+    )  # fmt: skip
+    found = measure_by(frames, "condition", METRICS[2:3])
+    assert found[["condition", "n_frames", "metric", "value"]].to_numpy().tolist() == [
+        [1.0, 20, "success_10km", 0.5], [2.0, 20, "success_10km", 0.5]
+    ]  # fmt: skip
+    groups = measure_by(frames, "true_latitude_deg", METRICS[2:3], max_groups=4)
+    assert groups["n_frames"].tolist() == [10, 10, 10, 10]
+    assert len(measure_by(frames, "bortle")) == len(measure_by(frames, "no such column")) == 0
+    assert sum(mask.sum() for mask in groups_of(np.array([1.0, math.nan, 2.0, 3.0]), 2)) == 3
+
+
+def test_a_damaged_table_is_named(tmp_path):
+    (tmp_path / "frames.parquet").write_bytes(b"PAR1")
+    with pytest.raises(ResultsError, match="damaged"):
+        read_frames(tmp_path / "frames.parquet")
+
+
+def test_resampled_quantiles_are_quantiles_of_the_resampled_frames():
+    rng = np.random.default_rng(np.random.SeedSequence(1))
+    values, cluster = rng.lognormal(size=40), np.repeat(np.arange(8), 5)
+    values[3] = math.inf
+    drawn = Resamples.of(cluster, 50)
+    for q in (0.5, 0.9):
+        slow = [quantile(np.repeat(values, w[cluster].astype(int)), q) for w in drawn.weights]
+        assert drawn.quantiles(values, q) == pytest.approx(slow)
+    assert Resamples.of(cluster, 50).weights.tolist() == drawn.weights.tolist()
+    assert drawn.weights.sum(axis=1).tolist() == [8.0] * 50
+    assert quantile_estimate([math.nan] * 3, 0.5, Resamples.of([1, 2, 3])).n == 0
+
+
+def test_sites_that_agree_are_not_taken_for_all_sites():
+    """Three sites without a fault: Wilson's bound says that up to 56 % of the others may have one."""
+    counts = {name: [5] * 9 for name in ("n_matches", "n_correct", "n_detected_stars")}
+    frames = table(confidence=[1.0] * 9, site=list("aaabbbccc"), time_ms=[1.0] * 9, **counts)
+    drawn, unseen = resamples_of(frames), wilson(0, 3)[1]
+    assert unseen == pytest.approx(0.5615, abs=1e-4)
+    ece, over, area = calibration_error(frames, drawn), overconfidence(frames, drawn), risk_coverage(frames).area
+    assert (ece.low, ece.high) == (area.low, area.high) == (0.0, pytest.approx(unseen))
+    assert (over.low, over.high) == (pytest.approx(-unseen), pytest.approx(unseen))
+    found = measure(frames)
+    assert (found["kelvins_score"].low, found["kelvins_score"].high) == (pytest.approx(1 - 2 * unseen), 1.0)
+    assert (found["median_error_km"].low, found["median_error_km"].high) == (0.0, math.inf)
+
+
+def test_a_quantile_that_few_frames_cannot_bound():
+    """As for order statistics: no finite upper end of a 90 % quantile below 36 frames, of a median below 6."""
+    for n, bounded in ((35, False), (36, True)):
+        drawn = Resamples.of(np.arange(n), 200)
+        assert math.isfinite(quantile_estimate(np.arange(1.0, n + 1), 0.9, drawn).high) == bounded
+    assert quantile_estimate(np.arange(1.0, 6), 0.5, Resamples.of(np.arange(5), 200)).high == math.inf
+    assert quantile_estimate(np.arange(1.0, 7), 0.5, Resamples.of(np.arange(6), 200)).high < math.inf
+
+
+def test_expanded_levels_of_hesterberg():
+    """By hand for n = 10: t_0.975,9 = 2.262 times sqrt(10/9) is 2.3845, which a normal deviate exceeds with 0.855 %."""
+    assert expanded_levels(10) == pytest.approx((0.00855, 0.99145), abs=1e-4)
+    assert expanded_levels(100_000) == pytest.approx((0.025, 0.975), abs=1e-5)
+
+
+def test_reliability_and_calibration_error_by_hand():
+    frames = table(
+        error_km=[1.0, 100.0, 1.0, 1.0, 100.0, 1.0],
+        confidence=[0.05, 0.1, 0.95, 0.85, 0.9, None],
+        status=["fix"] * 5 + ["refused"],
+    )
+    bins = reliability(frames)
+    assert [(b.low, b.n, b.success.value) for b in bins] == [(0.0, 2, 0.5), (0.8, 2, 0.5), (0.9, 1, 1.0)]
+    assert [b.confidence for b in bins] == pytest.approx([0.075, 0.875, 0.95])
+    found = calibration_error(frames, resamples_of(frames))
+    assert found.value == pytest.approx((2 * 0.425 + 2 * 0.375 + 0.05) / 5)
+    assert found.low <= found.value <= found.high
+    assert overconfidence(frames, resamples_of(frames)).value == pytest.approx((2.85 - 3) / 5)
+    assert math.isnan(calibration_error(frames.iloc[5:], resamples_of(frames.iloc[5:])).value)
+
+
+def test_risk_coverage_by_hand():
+    frames = table(
+        error_km=[1.0, 100.0, 1.0, None], confidence=[0.9, 0.5, 0.5, None], status=["fix", "fix", "fix", "refused"]
+    )
+    found = risk_coverage(frames)
+    # The two of confidence 0.5 share one error between them: 0, 0.5/2, 1/3, and the refused one 2/4.
+    assert found.risk.tolist() == pytest.approx([0, 0.25, 1 / 3, 0.5])
+    assert found.coverage.tolist() == [0.25, 0.5, 0.75, 1.0]
+    assert (found.area.value, found.n_fixes) == (pytest.approx((0.25 + 1 / 3 + 0.5) / 4), 3)
+    assert risk_coverage(table(confidence=[0.1, 0.9])).area.value == 0.0
+    assert risk_coverage(frames.iloc[3:]).area.value == 1.0
+
+
+def test_squared_errors_in_units_of_the_covariance():
+    frames = table(
+        error_east_km=[2.0, 0.0, 1.0, 1.0, 1.0], error_north_km=[0.0, 3.0, 1.0, 1.0, 1.0],
+        cov_ee_km2=[4.0, 1.0, 2.0, 0.0, None], cov_en_km2=[0.0, 0.0, 1.0, 0.0, None], cov_nn_km2=[1.0, 9.0, 2.0, 1.0, None],
+    )  # fmt: skip
+    assert nees_values(frames)[:4].tolist() == pytest.approx([1.0, 1.0, 2 / 3, math.inf])
+    assert math.isnan(nees_values(frames)[4])
+    found = nees(frames.iloc[:3])
+    assert (found.n, found.mean, found.median) == (3, pytest.approx(8 / 9), pytest.approx(1.0))
+    # Bar-Shalom, Li, Kirubarajan (2001), example 5.4.2-1: chi^2 with 100 degrees of freedom lies in 74.2 to 129.6.
+    fifty = nees(pd.concat([frames.iloc[:1]] * 50))
+    assert (50 * fifty.low, 50 * fifty.high) == pytest.approx((74.2, 129.6), abs=0.05)
+    assert ellipse_coverage(frames, resamples_of(frames)).value == 0.75
+
+
+def two(first, second, **columns):
+    errors = [[1.0 if right else 100.0 for right in rights] for rights in (first, second)]
+    return {name: table(error_km=error, **columns) for name, error in zip("ab", errors, strict=True)}
+
+
+def test_a_comparison_by_hand():
+    tables = two([1] * 8 + [0] * 2, [1, 1] + [0] * 8)
+    (found,) = compare(tables)
+    assert found.difference.value == pytest.approx(0.6)
+    assert (found.success_test.p, found.success_p_holm) == pytest.approx((2 / 2**6, 2 / 2**6))
+    assert found.error_ratio.value == pytest.approx(100**-0.6)
+    assert found.closer.value == pytest.approx(0.8)
+    assert (found.n_frames, found.n_sites, found.design_effect) == (10, 10, 1.0)
+
+
+def test_refused_frames_in_a_comparison():
+    """Infinitely far where closeness is asked; no part in the ratio of errors."""
+    tables = {
+        "a": table(status=["fix", "fix", "refused", "refused"], error_km=[1.0, 2.0, None, None]),
+        "b": table(status=["fix", "refused", "fix", "refused"], error_km=[2.0, None, 5.0, None]),
+    }
+    (found,) = compare(tables)
+    assert found.error_ratio.value == pytest.approx(0.5)
+    assert found.closer.value == pytest.approx((1 + 1 + 0 + 0.5) / 4)
+
+
+def test_frames_are_paired_by_id_and_must_be_the_same():
+    one = table(error_km=[1.0, 2.0, 3.0])
+    assert paired(one, one.iloc[::-1])[1]["error_km"].tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(ResultsError, match="different frames"):
+        paired(one, one.iloc[:2])
+    with pytest.raises(ResultsError, match="twice"):
+        paired(one, pd.concat([one, one]))
+
+
+def test_clustered_mcnemar_by_hand():
+    # Sites with differences 2, 1, 1: of 8 sign patterns, sums +-4 come twice.
+    first = [True, True, True, True, False]
+    second = [False] * 5
+    site = ["x", "x", "y", "z", "z"]
+    assert mcnemar_clustered(first, second, site).p == pytest.approx(2 / 8)
+    own = list(range(30))
+    rng = np.random.default_rng(np.random.SeedSequence(5))
+    a, b = rng.uniform(size=(2, 30)) < [[0.8], [0.5]]
+    assert mcnemar_clustered(a, b, own).p == pytest.approx(mcnemar_exact(a, b).p)
+    assert mcnemar_clustered([], [], []).p == 1.0
+
+
+def test_sign_flips_of_few_clusters():
+    """Four clusters of one sign: 2 of 16 patterns are as extreme, within what 9999 draws can tell."""
+    p = sign_flip([1.0, 2.0, 3.0, 4.0], [1, 2, 3, 4], n_flips=9999)
+    assert p == pytest.approx(2 / 16, abs=5 * math.sqrt(0.125 * 0.875 / 9999))
+    assert sign_flip([], []) == 1.0
+
+
+def test_ranks_say_no_more_than_the_tests():
+    right = np.zeros((3, 60), dtype=bool)
+    right[0, :55], right[1, :53], right[2, :10] = True, True, True
+    tables = {name: table(error_km=np.where(row, 1.0, 100.0)) for name, row in zip("abc", right, strict=True)}
+    found = ranks(tables, compare(tables))
+    assert [(r.solver, r.rank, r.low, r.high) for r in found] == [("a", 1, 1, 2), ("b", 2, 1, 2), ("c", 3, 3, 3)]
+    with pytest.raises(ValueError, match="all pairs"):
+        ranks(tables, compare(tables)[:1])
+
+
+def test_the_sample_size_of_a_paired_study():
+    """Two published examples of Connor's formula (two-sided 5 %, power 80 %): 45 against 5 % of discordant pairs take 23
+    pairs (powerandsamplesize.com), 30 against 15 % take 155 (clinicaltrials-tools, McNemar calculator)."""
+    for n, psi, d in ((23, 0.5, 0.4), (155, 0.45, 0.15)):
+        assert minimum_detectable_difference(n, psi) <= d < minimum_detectable_difference(n - 1, psi)
+    assert math.isnan(minimum_detectable_difference(5, 0.2))
+    assert math.isnan(minimum_detectable_difference(100, 0.0))
+    assert minimum_detectable_difference(1000, 0.2) > minimum_detectable_difference(4000, 0.2)
+    assert design_effect([1, 1, 1, -1, 0], ["x", "x", "y", "z", "z"]) == pytest.approx((4 + 1 + 1) / 4)
+    tables = two([1] * 70 + [0] * 30, [1] * 50 + [0] * 30 + [1] * 20)
+    assert detectable(compare(tables)) == pytest.approx(minimum_detectable_difference(100, 0.4))
+
+
+def test_isotonic_regression_by_hand():
+    """Proportions 0.9, 0.4, 0.6, 0.1 of ten frames each: the middle two are pooled to 0.5. A level without frames waits."""
+    fitted, _ = isotonic(np.array([[9.0, 4, 6, 1]]), np.full((1, 4), 10.0))
+    assert fitted[0].tolist() == pytest.approx([0.9, 0.5, 0.5, 0.1])
+    levels = np.array([1.0, 2, 3, 4])
+    assert crossing(levels, fitted, np.full((1, 4), 10.0))[0] == pytest.approx(2.5)
+    fitted, counts = isotonic(np.array([[9.0, 0, 1]]), np.array([[10.0, 0, 10]]))
+    assert crossing(np.array([0.0, 5, 10]), fitted, counts)[0] == pytest.approx(5.0)
+
+
+def by_level(rates, harder=1):
+    right = [i < round(20 * rate) for rate in rates for i in range(20)]
+    level = [float(harder * n) for n in range(len(rates)) for _ in range(20)]
+    return table(error_km=np.where(right, 1.0, 100.0), condition=level)
+
+
+def test_break_points_that_exist_and_that_do_not():
+    found = break_point(by_level([1.0, 0.8, 0.2, 0.0]))
+    assert found.value == pytest.approx(1.5)
+    assert 1.0 < found.low < 1.5 < found.high < 2.0
+    mirrored = break_point(by_level([1.0, 0.8, 0.2, 0.0], -1), harder=-1)
+    assert (mirrored.value, mirrored.low, mirrored.high) == pytest.approx((-1.5, -found.high, -found.low), abs=0.06)
+    assert break_point(by_level([1.0, 0.9, 0.8])).value == math.inf
+    assert break_point(by_level([0.1, 0.0, 0.0])).value == -math.inf
+    assert break_point(by_level([0.1, 0.0], -1), harder=-1).value == math.inf
+    assert break_point(by_level([0.9, 0.55])).high == math.inf
+    assert math.isnan(break_point(table(condition=[None, None])).value)
+
+
+def test_a_task_must_tell_solvers_apart():
+    hard = {"a": by_level([1.0, 0.9, 0.5, 0.1]), "b": by_level([1.0, 0.5, 0.1, 0.0])}
+    found = discrimination(hard)
+    assert (found.n_conditions, found.n_informative, found.best_at_hardest, found.holds) == (4, 3, 0.1, True)
+    easy = {"a": by_level([1.0, 1.0, 1.0, 0.6])}
+    assert not discrimination(easy).holds
+    assert discrimination({"a": by_level([0.2, 0.9], -1)}, harder=-1).best_at_hardest == 0.9

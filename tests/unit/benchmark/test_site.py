@@ -1,0 +1,304 @@
+"""The report over a tree of results: what it says, and that what it is given cannot harm it."""
+
+import base64
+import dataclasses
+import hashlib
+import itertools
+import json
+import math
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
+
+from benchmark.bench_cli import app
+from benchmark.comparison import Rank
+from benchmark.errors import ResultsError
+from benchmark.intervals import Estimate
+from benchmark.site.boards import make_board
+from benchmark.site.charts import _apart, _front
+from benchmark.site.columns import SUCCESS, break_interval, break_words, p_value, script_number, signed
+from benchmark.site.figure import level_scale, log_scale
+from benchmark.site.frame_source import FrameSource
+from benchmark.site.pages import render_figure, render_site, write_site
+from benchmark.site.site_view import detectable_words, site_verdict
+from benchmark.site.tree import read_tree
+
+FIVE_MB = 5_000_000
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return write_results(tmp_path_factory.mktemp("tree") / "results", frames_per_level=9, modes=("own",))
+
+
+@pytest.fixture(scope="module")
+def boards(root):
+    return [make_board(group) for group in read_tree(root)]
+
+
+@pytest.fixture(scope="module")
+def pages(root, boards):
+    folder = write_site(boards, root).parent
+    return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
+
+
+class Outline(HTMLParser):
+    """Tags, attributes and ids of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.addresses, self.ids, self.attributes = [], [], [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes |= {name for name, _ in attrs}
+        self.addresses += [value for name, value in attrs if name in {"src", "href", "srcset", "action", "data"}]
+        self.ids += [value for name, value in attrs if name == "id"]
+
+
+def test_every_link_leads_somewhere_in_the_folder(pages):
+    outlines = {name: Outline(text) for name, text in pages.items()}
+    assert len(pages) == 1 + len(TASKS) + len(SOLVERS)
+    for name, outline in outlines.items():
+        assert len(outline.ids) == len(set(outline.ids)), name
+        for address in outline.addresses:
+            if address.startswith("data:image/webp;base64,"):
+                continue
+            page, _, anchor = address.partition("#")
+            assert (page or name) in pages, (name, address)
+            assert not anchor or anchor in outlines[page or name].ids, (name, address)
+
+
+def test_nothing_runs_but_the_one_script_that_the_policy_names(pages):
+    for name, text in pages.items():
+        policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text).group(1)
+        assert policy.startswith("default-src 'none'")
+        for tag, directive in (("script", "script-src"), ("style", "style-src")):
+            found = re.findall(rf"<{tag}>(.*?)</{tag}>", text, re.DOTALL)
+            assert len(found) == 1, name
+            digest = base64.b64encode(hashlib.sha256(found[0].encode()).digest()).decode()
+            assert f"{directive} 'sha256-{digest}'" in policy
+        outline = Outline(text)
+        assert not {one for one in outline.attributes if one.startswith("on")}
+        assert "style" not in outline.attributes
+        assert not {"iframe", "object", "embed", "link", "base"} & set(outline.tags)
+
+
+def test_words_from_results_are_escaped(pages):
+    page = pages["solver-skybench.html"]
+    assert "no &lt;b&gt;consensus&lt;/b&gt;" in page
+    assert "&lt;i&gt;its&lt;/i&gt; title" in page
+    assert all("<b>consensus" not in text and "<i>its" not in text for text in pages.values())
+
+
+def test_figures_are_well_formed_and_have_words_for_those_who_cannot_see_them(pages):
+    page = pages["bortle@1-dev-own.html"]
+    drawings = re.findall(r'<svg class="panel(?: f\d)?" .*?</svg>', page, re.DOTALL)
+    assert len(drawings) == 2 + 2 * len(SOLVERS) + 2 * (len(SOLVERS) - 1)  # one solver never has a confidence
+    for drawing in drawings:
+        assert ET.fromstring(drawing).attrib["aria-label"]
+    assert page.count("<summary>The same as a table</summary>") == 3
+
+
+def test_the_numbers_on_a_page_are_those_of_the_metrics(pages, boards):
+    entry = boards[0].entries[0]
+    frames = entry.stored.frames
+    share = float((frames["error_km"].fillna(math.inf) < 10.0).mean())
+    assert entry.success.value == pytest.approx(share)
+    row = re.search(
+        rf'<tr><th scope="row">(?:(?!</tr>).)*{entry.label}</a>.*?</tr>', pages[boards[0].file_name], re.DOTALL
+    )
+    assert SUCCESS.value(entry) in row.group()
+    assert f'data-value="{share:.6g}"' in row.group()
+
+
+def test_the_best_solver_comes_first_and_the_verdict_admits_doubt(boards):
+    for board in boards:
+        rates = [entry.success.value for entry in board.entries]
+        assert rates == sorted(rates, reverse=True)
+    sure = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 2, 3, 4, 5, 6))))
+    doubt = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 1, 3, 4, 5, 6))))
+    assert site_verdict([sure]) == f"Of 1 comparison (task and mode of detections) {sure.entries[0].label} leads 1."
+    assert "in 1 the first place is not decided" in site_verdict([doubt])
+    assert "12.3 points of success" in detectable_words(dataclasses.replace(boards[0], detectable=0.123))
+    assert "none" in detectable_words(dataclasses.replace(boards[0], detectable=math.nan))
+
+
+def _ranked(board, lows):
+    for entry, low in zip(board.entries, lows, strict=True):
+        yield dataclasses.replace(entry, rank=Rank(entry.label, low, low, 6))
+
+
+def test_the_harmful_frame_is_the_farthest_fix_or_else_the_easiest_refusal(boards):
+    board = boards[0]
+    for entry in board.entries:
+        frames = entry.stored.frames.set_index("frame_id")
+        worst = frames.loc[entry.worst.frame_id]
+        failed = frames[~(frames["error_km"].fillna(math.inf) < 10.0)]
+        if (failed["status"] == "fix").any():
+            assert worst["error_km"] == failed["error_km"].max()
+        else:
+            assert worst["condition"] == failed["condition"].min()
+
+
+def test_break_points_beyond_the_test_are_said_in_words(boards):
+    never = next(entry for board in boards for entry in board.entries if entry.label == "never")
+    assert (break_words(never), break_interval(never)) == ("never ≥ 50 %", "")
+    task = next(board for board in boards if board.task.harder < 0).entries[0]
+    strong = dataclasses.replace(task, break_point=Estimate(-math.inf, -math.inf, 3.0, 9))
+    assert break_words(strong) == "not reached"
+    half = dataclasses.replace(task, break_point=Estimate(4.0, -math.inf, 4.5, 9))
+    assert (break_words(half), break_interval(half)) == ("4", "< 3 – 4.5")
+
+
+def test_results_of_two_configurations_of_a_solver_are_told_apart_by_their_keys(root, tmp_path):
+    copy = shutil.copytree(root / "bortle@1", tmp_path / "tree" / "bortle@1")
+    folder = next((copy / "dev" / "own").glob("skybench-*"))
+    shutil.copytree(folder, folder.with_name("skybench-000000000000"))
+    labels = {result.label for result in read_tree(tmp_path / "tree")[0] if result.solver == "skybench"}
+    assert labels == {"skybench 000000", f"skybench {folder.name.removeprefix('skybench-')[:6]}"}
+
+
+def test_a_result_in_the_wrong_place_or_without_its_task_is_refused(root, tmp_path):
+    shutil.copytree(root / "bortle@1" / "dev", tmp_path / "a" / "other@1" / "dev")
+    with pytest.raises(ResultsError, match="bortle@1, which its folder does not say"):
+        read_tree(tmp_path / "a")
+    folder = next((root / "bortle@1" / "dev" / "own").glob("never-*"))
+    copy = shutil.copytree(folder, tmp_path / "b" / "bortle@1" / "dev" / "own" / folder.name)
+    summary = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
+    del summary["provenance"]["task"]["condition"]
+    (copy / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    with pytest.raises(ResultsError, match="what it says of its task cannot be read"):
+        read_tree(tmp_path / "b")
+    with pytest.raises(ResultsError, match="no results of tasks"):
+        read_tree(tmp_path / "nothing")
+
+
+def test_results_of_different_frames_are_not_compared(root):
+    one, two = read_tree(root)[0][:2]
+    with pytest.raises(ResultsError, match="81 and 80 frames cannot be compared"):
+        make_board([one, dataclasses.replace(two, frames=two.frames.iloc[1:])])
+    other = dataclasses.replace(two.provenance, scenario_sha256="ef" * 32)
+    with pytest.raises(ResultsError, match="different scenarios"):
+        make_board([one, dataclasses.replace(two, provenance=other)])
+
+
+def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp_path):
+    result = dataclasses.replace(read_tree(root)[0][0], folder=tmp_path / "x" / "own" / "skybench-0")
+    assert FrameSource(tmp_path).picture(result, "frame-00003") is None
+    folder = tmp_path / "bortle@1" / f"dev-{'ab' * 6}"
+    (folder / "unpacked").mkdir(parents=True)
+    pixels = np.random.default_rng(np.random.SeedSequence(5)).integers(90, 130, (40, 60)).astype(np.uint16)
+    Image.fromarray(pixels).save(folder / "unpacked" / "frame-00003.png")
+    picture = FrameSource(tmp_path).picture(result, "frame-00003-2")  # level 2 of the same picture
+    assert picture[8:12] == b"WEBP"
+    (folder / "stars" / "dev").mkdir(parents=True)
+    stars = {
+        "frame_id": ["frame-00003", "frame-00003", "frame-00004"],
+        "u_px": [1.0, 2.0, 3.0],
+        "v_px": [4.0, 5.0, 6.0],
+        "electrons_e": [10.0, 20.0, 30.0],
+        "snr": [2.0, 9.0, 9.0],
+    }
+    pq.write_table(pa.table(stars), folder / "stars" / "dev" / "shard-000000.parquet")
+    assert FrameSource(tmp_path).true_stars(result, "frame-00003-2") == [(2.0, 5.0)]
+    (folder / "unpacked" / "frame-00003.png").write_bytes(b"no picture")
+    with pytest.raises(ResultsError, match="not a readable image"):
+        FrameSource(tmp_path).picture(result, "frame-00003")
+    assert FrameSource(tmp_path).picture(result, "../../secret") is None
+
+
+def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards):
+    many = []
+    for task in range(8):
+        for mode in ("own", "shared"):
+            board = boards[0]
+            entries = [
+                dataclasses.replace(
+                    entry,
+                    stored=dataclasses.replace(entry.stored, solver=f"{entry.label}{n}", label=f"{entry.label}{n}"),
+                )
+                for entry in board.entries
+                for n in range(2)
+            ]
+            names = [entry.label for entry in entries]
+            pairs = [
+                dataclasses.replace(board.comparisons[0], first=first, second=second)
+                for first, second in itertools.combinations(names, 2)
+            ]
+            facts = dataclasses.replace(board.task, name=f"task{task}")
+            many.append(
+                dataclasses.replace(
+                    board, task=facts, detections=mode, entries=tuple(entries), comparisons=tuple(pairs)
+                )
+            )
+    pages = render_site(many, FrameSource(), "results")
+    assert len(pages) == 1 + 16 + 12
+    size = sum(len(text.encode()) for text in pages.values())
+    assert FIVE_MB / 2 < size < FIVE_MB
+    pictures = "".join(re.findall(r"data:image/webp;base64,([\w+/=]+)", pages[many[0].file_name]))
+    assert len(pictures) > 12_000
+
+
+def test_the_leaderboard_as_a_picture_stands_alone(boards):
+    drawing = render_figure(boards)
+    root = ET.fromstring(drawing)
+    words = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert {"skybench", "never", "bortle", "motion", "thesis-mag"} <= set(words)
+    assert "light-dark" not in drawing
+    assert "prefers-color-scheme:dark" in drawing
+    assert "http" not in drawing.replace("http://www.w3.org/2000/svg", "")
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}circle"))) == len(SOLVERS) * len(TASKS)
+
+
+def test_axes_place_values_where_they_belong():
+    log = log_scale([0.02, 500.0], "km", refused=True)
+    assert (log.place(0.01), log.place(math.inf), log.place(0.0)) == (0.0, 1.0, 0.0)
+    assert log.place(1000.0) == pytest.approx(5 / 6)  # the last sixth is for the refused
+    assert log.ticks[-1] == (math.inf, "∞")
+    levels = level_scale([0.0, 1.0, 10.0], "rate")
+    assert [levels.place(value) for value in (-1.0, 0.0, 0.5, 1.0, 5.5, 10.0, 11.0)] == [0, 0, 0.25, 0.5, 0.75, 1, 1]
+    assert level_scale([4.0], "one").place(4.0) == 0.5
+
+
+def test_names_stand_apart_and_the_front_holds_what_none_beats():
+    places = _apart([0.5, 0.5, 0.51, 0.0, 1.0], 0.1)
+    assert np.diff(sorted(places)).min() >= 0.1 - 1e-9
+    assert max(places) <= 1.0
+    assert _front([(10.0, 0.5), (5.0, 0.4), (20.0, 0.45), (8.0, 0.4), (30.0, 0.9)]) == [(5, 0.4), (10, 0.5), (30, 0.9)]
+
+
+def test_numbers_for_script_and_reader():
+    assert [script_number(value) for value in (math.nan, math.inf, -math.inf, 0.25)] == [
+        "",
+        "Infinity",
+        "-Infinity",
+        "0.25",
+    ]
+    assert (signed(0.123), signed(-0.05), p_value(0.0004), p_value(0.04)) == ("+12.3", "−5.0", "< 0.001", "0.040")
+
+
+def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
+    copy = shutil.copytree(root, tmp_path / "tree")
+    (copy / "site").mkdir(exist_ok=True)
+    (copy / "site" / "solver-gone.html").write_text("of a solver that is no more", encoding="utf-8")
+    result = CliRunner().invoke(app, ["report", "--out", str(copy), "--figure", str(tmp_path / "board.svg")])
+    assert result.exit_code == 0, result.output
+    assert str(copy / "site" / "index.html") in result.stdout
+    assert "skybench" in result.stdout
+    assert "bortle@1" in result.stdout
+    assert not (copy / "site" / "solver-gone.html").exists()
+    assert (tmp_path / "board.svg").is_file()
+    result = CliRunner().invoke(app, ["report", "--out", str(tmp_path), "--figure", str(tmp_path / "board.svg")])
+    assert result.exit_code == 2
+    assert "--figure needs results of tasks" in result.stderr

@@ -1,0 +1,264 @@
+"""Tasks are frozen: what they mean does not change without a new revision, and what is done is not done again."""
+
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+from unit.benchmark.test_solver_programs import PROGRAM
+
+from benchmark.bench_cli import app
+from benchmark.errors import TaskError
+from benchmark.results import read_task_results
+from benchmark.solvers.protocol import CameraRecord, Observation
+from benchmark.task_frames import misinformed, wanted_shards
+from benchmark.tasks import definition
+from benchmark.tasks.definition import FOLDER, Told, load_task, task_names, widest_half_width_points
+
+FROZEN = {
+    "attitude@1": "31d631a4984a5912b0e6e0c7a7b22b4247a00cdc5411f839c611adc59315484b",
+    "bortle@1": "35fe5af978974c6d5c8912a662ecc3a18322561e62c8753ecc15943b68315d63",
+    "calibration@1": "c4474588c85751929001f84d00a02efc586a9c04ee2e2cf77ec3285194adbf50",
+    "clutter@1": "a536a6d6c4083a9abb8407757ebf1a77f4c74580c40674614aa944b8a185f865",
+    "motion@1": "66f0eac4bf5fd0cc3b482e8b9a3083e69845c76c6677cca8b59f836b19622fa7",
+    "optics@1": "d70aec8358a51944f7902c39464a24ae8c49ddd35627958691ce5849a9e6ab86",
+    "thesis-mag@1": "0027035fcc031514a5d6a5798306df5e843a3c35ddfc508d5c2505ad248228a3",
+    "weather@1": "7e7e19481b1f528594644bfc32df562b857f449c0e4d4c1e99a9b5dda4287991",
+}
+
+
+def test_no_task_changes_without_a_new_revision():
+    found = {load_task(name).label: load_task(name).sha256 for name in task_names()}
+    assert found == FROZEN, "a task's meaning changed: raise its revision, and freeze the hash of the new one"
+
+
+@pytest.mark.parametrize("name", sorted(label.partition("@")[0] for label in FROZEN))
+def test_every_task_is_whole(name):
+    task = load_task(name)
+    dev, test = (task.scenario_of(split) for split in definition.SPLITS)
+    assert dev.seed != test.seed
+    assert dev.sha256 != test.sha256
+    # 3 points over a task of seven conditions or more.
+    frames = task.definition.frames_per_condition * len(task.definition.condition.values)
+    assert widest_half_width_points(frames) <= 3.05
+    dev.check()
+
+
+def test_splits_of_all_tasks_have_seeds_of_their_own():
+    seeds = [split.seed for name in task_names() for split in load_task(name).definition.splits.values()]
+    assert len(set(seeds)) == len(seeds) == 16
+
+
+def test_formatting_does_not_count_but_meaning_does(tmp_path):
+    for file in FOLDER.glob("bortle.*"):
+        shutil.copy(file, tmp_path)
+    before = load_task("bortle", tmp_path)
+    path = tmp_path / "bortle.scenario.yaml"
+    path.write_text("# another comment\n" + path.read_text())
+    assert load_task("bortle", tmp_path).sha256 == before.sha256
+    path.write_text(path.read_text().replace("aperture_mm: 1.2", "aperture_mm: 1.3"))
+    assert load_task("bortle", tmp_path).sha256 != before.sha256
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("task", "revision: 1", "revision: 0", "revision"),
+        ("task", "revision: 1", "revision: 1\nnote: x", "note"),
+        ("task", "half_width_points: 7.9", "half_width_points: 2.0", "150 frames give 7.9"),
+        ("task", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[2, 1, 3, 4, 5, 6, 7, 8, 9]", "from easy to hard"),
+        ("task", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[1, 2, 3]", "needs 3 on one axis"),
+        ("task", "seed: 8601", "seed: 8101", "different seeds"),
+        ("task", "name: bortle\n", "name: other\n", "file's name says 'bortle'"),
+        ("task", "scenario: bortle.scenario.yaml", "scenario: ../x.scenario.yaml", "scenario"),
+        ("scenario", "name: task-bortle", "name: task-bortle\nseed: 3", "comes from the task"),
+        ("scenario", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[1, 2, 3, 4, 5, 6, 7, 8, 8]", "differs from the task's"),
+        ("scenario", "hfov_deg: 60", "hfov_deg: -60", "hfov_deg"),
+    ],
+)
+def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):
+    for path in FOLDER.glob("bortle.*"):
+        shutil.copy(path, tmp_path)
+    path = tmp_path / f"bortle.{file}.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(TaskError, match=message):
+        load_task("bortle", tmp_path)
+
+
+def test_unknown_tasks_and_revisions_are_refused():
+    with pytest.raises(TaskError, match="known: attitude, bortle"):
+        load_task("bortel")
+    with pytest.raises(TaskError, match="use bortle@1"):
+        load_task("bortle@2")
+    assert load_task("bortle@1").label == "bortle@1"
+    with pytest.raises(TaskError, match="unknown task"):
+        load_task("../tasks/bortle")
+
+
+def test_the_first_frames_are_the_same_however_many_are_asked_for():
+    scenario = load_task("bortle").scenario_of("dev")
+
+    def indices(n):
+        return {i for shard in wanted_shards(scenario, n, "dev") for i in range(shard.first, shard.stop)}
+
+    assert indices(3) < indices(25) < indices(150) == set(range(scenario.frame_count))
+    assert indices(3) == {150 * condition + i for condition in range(9) for i in range(3)}
+    full = {shard.index: shard for shard in wanted_shards(scenario, 150, "dev")}
+    assert len(full) == 135
+    assert all(full[shard.index] == shard for shard in wanted_shards(scenario, 20, "dev"))
+
+
+CAMERA = CameraRecord("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
+SEEN = Observation(CAMERA, "2020-01-01T00:00:00Z", Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix())
+
+
+def test_what_is_told_errs_as_the_task_says():
+    told = Told(tilt_sigma_deg=(0.0, 0.5), heading_sigma_deg=(0.0, 2.0))
+    assert misinformed(SEEN, told, 0, 1, 0).R_cam == pytest.approx(SEEN.R_cam, abs=1e-15)
+    off = []
+    for index in range(4000):
+        heard = misinformed(SEEN, told, 1, 1, index)
+        assert (heard.tilt_sigma_deg, heard.heading_sigma_deg, heard.camera) == (0.5, 2.0, CAMERA)
+        off.append(Rotation.from_matrix(SEEN.R_cam.T @ heard.R_cam).as_rotvec(degrees=True))
+    # The standard deviation of 4000 Gaussian numbers is within 5 % of theirs with a probability of 1 - 8e-6.
+    assert np.std(off, axis=0) == pytest.approx([0.5, 0.5, 2.0], rel=0.05)
+    assert np.abs(np.mean(off, axis=0)).max() < 5 * 2.0 / math.sqrt(4000)
+
+
+def test_an_unknown_heading_is_said_to_be_unknown():
+    told = Told(heading_sigma_deg=(0.0, 10.0, 180.0))
+    heard = [misinformed(SEEN, told, 2, 1, index) for index in range(500)]
+    assert all(math.isinf(one.heading_sigma_deg) for one in heard)
+    # The vertical stays what it was; the heading is anything.
+    assert all(one.R_cam[:, 2] == pytest.approx(SEEN.R_cam[:, 2], abs=1e-12) for one in heard)
+    turned = [Rotation.from_matrix(SEEN.R_cam.T @ one.R_cam).as_rotvec(degrees=True)[2] for one in heard]
+    quarters, _ = np.histogram(turned, [-180, -90, 0, 90, 180])
+    assert quarters.min() > 80  # of 125 expected: chance 2e-5
+
+
+def test_a_wrong_focal_length_is_not_confessed():
+    told = Told(focal_error=(0.0, 0.1))
+    heard = [misinformed(SEEN, told, 1, 1, index) for index in range(100)]
+    assert {round(one.camera.f_px, 9) for one in heard} == {450.0, 550.0}
+    assert all(one.camera.fy_px == one.camera.f_px for one in heard)
+    assert (heard[0].tilt_sigma_deg, heard[0].heading_sigma_deg) == (0.0, 0.0)
+
+
+TINY = """
+name: tiny
+revision: 1
+title: A task for this test alone
+licence: CC-BY-4.0
+scenario: tiny.scenario.yaml
+condition: {name: limiting magnitude, unit: mag, values: [5.0, 4.0, 3.0], harder: lower}
+splits: {dev: {seed: 1}, test: {seed: 2}}
+metric: {name: success_10km, unit: "1", better: higher}
+frames_per_condition: 10
+half_width_points: 26.3
+"""
+TINY_SCENARIO = """
+name: tiny
+site: {latitude_deg: 52.0, longitude_deg: 4.36}
+time: {utc_start: {utc: [2020-01-15T18:00:00Z, 2020-01-16T05:00:00Z]}, exposure_s: 0.5}
+camera: {width: 270, height: 180, hfov_deg: 90, aperture_mm: 4}
+stars: {limiting_magnitude: {sweep: [5.0, 4.0, 3.0]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    root = tmp_path_factory.mktemp("tiny")
+    tasks, solver = root / "tasks", root / "mine"
+    tasks.mkdir()
+    solver.mkdir()
+    (tasks / "tiny.task.yaml").write_text(TINY)
+    (tasks / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
+    (solver / "program.py").write_bytes(PROGRAM.read_bytes())
+    (solver / "solver.yaml").write_text(
+        'name: mine\ntitle: Says Munich\nlicence: MIT\nversion: "1"\ncommand: [python, program.py, well]\n'
+    )
+    return root
+
+
+def bench(root, monkeypatch, *arguments):
+    # A task folder of the test's own.
+    for module in ("benchmark.task_cli", "benchmark.tasks.definition"):
+        monkeypatch.setattr(f"{module}.load_task", lambda name: load_task(name, root / "tasks"))
+    places = ["--out", str(root / "out"), "--data", str(root / "data")]
+    return CliRunner().invoke(app, ["run", "tiny", *arguments, *places], catch_exceptions=False)
+
+
+def test_a_task_is_rendered_run_and_skipped_when_done(tiny, monkeypatch):
+    mine = ["--solver", str(tiny / "mine")]
+    first = bench(tiny, monkeypatch, "--solver", "skybench", *mine, "--frames", "2")
+    assert first.exit_code == 0, first.output
+    assert "mine: 6 frames" in first.output
+    results = {result.solver: result for result in read_task_results(tiny / "out")}
+    assert set(results) == {"skybench", "mine"}
+    assert {len(result.scores) for result in results.values()} == {6}
+    assert results["skybench"].overall.recall.value > 0.6
+    assert results["mine"].overall.recall.value == 0.0
+    assert results["mine"].overall.n_fixes == 6
+    assert results["mine"].provenance.task["condition"]["values"] == [5.0, 4.0, 3.0]
+    (folder,) = (tiny / "out" / "tiny@1" / "dev" / "own").glob("mine-*")
+    assert len(folder.name) == len("mine-") + 12
+    stamp = (folder / "summary.json").stat().st_mtime_ns
+    # The same again, and less: nothing to do. More: done anew. Another configuration: beside it.
+    for frames in ("2", "1"):
+        assert "mine: done before" in bench(tiny, monkeypatch, *mine, "--frames", frames).output
+    assert (folder / "summary.json").stat().st_mtime_ns == stamp
+    assert "mine: 9 frames" in bench(tiny, monkeypatch, *mine, "--frames", "3").output
+    assert json.loads((folder / "summary.json").read_text())["provenance"]["task"]["frames_per_condition"] == 3
+    (tiny / "mine" / "weights.csv").write_text("0.5")
+    assert "mine: 3 frames" in bench(tiny, monkeypatch, *mine, "--frames", "1").output
+    assert len(list((tiny / "out" / "tiny@1" / "dev" / "own").glob("mine-*"))) == 2
+    # Frames carry what the statistics need.
+    import pyarrow.parquet as pq
+
+    rows = pq.read_table(folder / "frames.parquet").to_pylist()
+    assert [row["condition"] for row in rows] == [5.0] * 3 + [4.0] * 3 + [3.0] * 3
+    assert all(row["site"].startswith("+52.0000 +4.3600 2020-01-15") for row in rows)
+    assert all(row["peak_memory_mib"] > 1.0 and row["time_ms"] > 0.0 for row in rows)
+
+
+def test_shared_detections_are_the_same_for_all(tiny, monkeypatch):
+    outcome = bench(
+        tiny,
+        monkeypatch,
+        "--solver",
+        "skybench",
+        "--solver",
+        "thesis-adaptive",
+        "--frames",
+        "2",
+        "--detections",
+        "shared",
+    )
+    assert outcome.exit_code == 0, outcome.output
+    results = [r for r in read_task_results(tiny / "out") if r.provenance.task["detections"] == "shared"]
+    assert len(results) == 2
+    assert [s.n_detections for s in results[0].scores] == [s.n_detections for s in results[1].scores]
+    assert max(s.n_detections for s in results[0].scores) > 10
+
+
+def test_requests_that_cannot_be_met_end_with_status_two(tiny, monkeypatch):
+    for arguments, message in (
+        (["--solver", "skybanch"], "did you mean skybench"),
+        (["--solver", "skybench", "--frames", "11"], "it has 1 to 10"),
+        ([], "at least one --solver"),
+        (["--solver", "skybench", "--all"], "either a task or dataset, or --all"),
+    ):
+        outcome = bench(tiny, monkeypatch, *arguments)
+        assert outcome.exit_code == 2, outcome.output
+        assert message in outcome.output
+
+
+def test_the_list_shows_all_tasks_and_solvers():
+    outcome = CliRunner().invoke(app, ["list"])
+    assert outcome.exit_code == 0
+    for name in (*FROZEN, "tetra3rs", "cedar-solve"):
+        assert name in outcome.output
