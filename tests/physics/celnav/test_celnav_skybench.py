@@ -106,6 +106,25 @@ def test_last_known_position(sky, frames):
     assert solve(frame, UP, near=far).reason in {"no_hypothesis", "inconsistent"}
 
 
+def test_blends_and_saturated_stars(sky):
+    """Stars within two pixels are one detection between them, and the forty brightest are all as bright."""
+    condition = Condition("blends", v_max=6.5, noise_px=0.3)
+    for number in range(4):
+        field = make_field(condition, 12, number)
+        n = len(field.uv)
+        close = np.linalg.norm(field.uv[:, None] - field.uv[None], axis=2) < 2.0
+        leader = close.argmax(axis=1)  # brightest first: the brightest within two pixels
+        flux = np.bincount(leader, weights=field.flux, minlength=n)
+        uv = np.column_stack([np.bincount(leader, weights=field.flux * x, minlength=n) for x in field.uv.T])
+        kept = flux > 0
+        assert n - kept.sum() > 30
+        uv, flux = uv[kept] / flux[kept, None], np.minimum(flux[kept], np.sort(flux)[-40])
+        fix = celnav.solve(uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=flux)
+        assert fix.ok, fix.message
+        assert sky.distance_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg) < 1.0
+        assert np.mean(field.star_id[kept][fix.matches[:, 0]] == fix.matches[:, 1]) > 0.97
+
+
 @pytest.mark.parametrize("v_max", [4.0, 5.5])
 def test_two_skies_in_one_frame_are_ambiguous(v_max):
     """Two exposures of equal depth, of which either alone is a good frame: the solver does not choose."""
