@@ -10,16 +10,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from benchmark import submission_cli
 from benchmark.errors import BenchmarkError, ResultsError
+from benchmark.submission_cli import Split
 
 app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
-
-
-class Split(StrEnum):
-    """The two sets of a task's frames."""
-
-    DEV = "dev"
-    TEST = "test"
 
 
 class DetectionsChoice(StrEnum):
@@ -86,7 +80,7 @@ def run(
     if not solver and not all_tasks:
         _fail(ResultsError("give at least one --solver"))
     try:
-        if target is not None and target.is_dir():
+        if target is not None and (target.is_dir() or len(target.parts) > 1):
             _run_on_dataset(target, solver or [], out or _DEFAULT_OUT, jobs)
             return
         from benchmark.task_cli import DEFAULT_OUT, run_on_tasks  # loads the solvers, which --help need not wait for
@@ -120,10 +114,10 @@ def report(
 ) -> None:
     """Report the results in a folder.
 
-    Of one dataset: print the table and write report.html. Of tasks: write the folder `site`, whose index.html is the
-    first of a few pages that need neither a server nor the network.
+    Of one dataset: print its table and write report.html. Of tasks: print the leaderboard and write the folder `site`;
+    its pages need neither a server nor the network, and index.html is the first.
     """
-    from benchmark.site.tree import is_tree
+    from benchmark.site.tree import is_tree  # reads tables, which --help need not wait for
 
     try:
         path = _report_tasks(out, data, figure) if is_tree(out) else _report_dataset(out, figure)
@@ -133,12 +127,18 @@ def report(
 
 
 def _report_tasks(out: Path, data: Path, figure: Path | None) -> Path:
-    from benchmark.site.pages import write_site
+    from benchmark.results import write_atomically
+    from benchmark.site.pages import leaderboard_table, make_boards, render_figure, write_site
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("boards"))
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("comparing", total=None)
-        return write_site(out, data, figure, lambda done, of: bar.update(task, completed=done, total=of))
+        boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
+    Console().print(leaderboard_table(boards))
+    if figure is not None:
+        write_atomically(figure, render_figure(boards).encode())
+    with Console(stderr=True).status("writing the pages"):
+        return write_site(boards, out, data)
 
 
 def _report_dataset(out: Path, figure: Path | None) -> Path:

@@ -193,11 +193,12 @@ def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     seen = camera.in_frame(light.uv) & np.isfinite(rays).all(axis=1) & np.isfinite(light.background_e2)
     uv_by_ray = camera.project_with_derivatives(rays[seen])[1]
     enu = rays[seen] @ light.R_cam
-    turns = np.stack([np.cross(axis, enu) for axis in np.eye(3)])  # about east, north, up
-    by_turn = np.einsum("nij,jk,ank->nia", uv_by_ray, light.R_cam, turns)
+    # A turn w moves the direction d by w x d, and g (w x d) = w (d x g): by turns about east, north, up.
+    by_turn = np.cross(enu[:, None, :], uv_by_ray @ light.R_cam)
     places = place_information(_part(light, seen))
     usable = np.isfinite(by_turn).all(axis=(1, 2))
-    turning = np.einsum("nia,nij,njb->ab", by_turn[usable], places[usable], by_turn[usable])
+    by_turn, weighted = by_turn[usable], places[usable] @ by_turn[usable]
+    turning = by_turn.reshape(-1, 3).T @ weighted.reshape(-1, 3)
     # The observer's way north turns the sky about east, from north to up; his way east turns it about the pole.
     lat = math.radians(light.latitude_deg)
     curvature = 1.0 - WGS84_F * (2.0 - WGS84_F) * math.sin(lat) ** 2

@@ -53,7 +53,7 @@ def plan(
         fail(error)
     sweeps = {".".join(sweep.path): sweep.values for axis in loaded.axes for sweep in axis}
     draws = {".".join(draw.path): _as_written(loaded.template, draw.path) for draw in loaded.draws}
-    files = {file.path: file.sha256 for file in loaded.input_files()}
+    files = {file.path: file.sha256 for file in loaded.files}
     if as_json:
         identity = {"name": loaded.name, "sha256": loaded.sha256, "seed": loaded.seed}
         varied = {"sweeps": {key: list(values) for key, values in sweeps.items()}, "draws": draws, "files": files}

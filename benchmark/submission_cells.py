@@ -20,6 +20,8 @@ from benchmark.parquet_guard import GuardError, read_guarded
 LARGEST_FILE_BYTES = 64 * 2**20
 LONGEST_LINE_BYTES = 4096
 LONGEST_CELL = 200
+MOST_SPARE_LINES = 1000
+"""Empty lines and such, beyond the rows that are allowed."""
 PARQUET_MAGIC = b"PAR1"
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
 
@@ -107,6 +109,9 @@ def _known_columns(names: list[str], known: tuple[str, ...], report: Report) -> 
 
 
 def _csv(content: bytes, known: tuple[str, ...], max_rows: int, report: Report) -> CellTable | None:
+    if content.count(b"\n") > max_rows + MOST_SPARE_LINES:
+        report(0, "", f"has more than {max_rows + MOST_SPARE_LINES} lines")
+        return None
     lines = _lines(content.removeprefix(b"\xef\xbb\xbf"), report)
     for line, cells in lines:
         names = [cell.strip(" ") for cell in cells]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,10 +16,30 @@ from benchmark.cli_errors import fail
 from benchmark.errors import BenchmarkError
 from benchmark.submission import Checked, Problem, check_answers, check_stars
 
+if TYPE_CHECKING:
+    from benchmark.submission_pack import Truth
+
 EXIT_PROBLEMS = 1
 MOST_PRINTED = 100
 
+
+class Split(StrEnum):
+    """The two sets of a task's frames."""
+
+    DEV = "dev"
+    TEST = "test"
+
+
 _File = Annotated[Path, typer.Argument(metavar="FILE", help="The answers: CSV or Parquet (docs/submissions.md).")]
+_Target = Annotated[str, typer.Argument(metavar="TASK|DIR", help="Task (see `bench list`), or a dataset folder.")]
+_SplitOption = Annotated[Split, typer.Option("--split", help="Of the task.")]
+_Frames = Annotated[
+    int | None,
+    typer.Option("--frames", min=1, help="Frames a condition, the same for packing and scoring; default: all."),
+]
+_Data = Annotated[Path, typer.Option("--data", help="Folder for the tasks' frames; what is missing is rendered.")]
+_Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes that render.")]
+_DEFAULT_DATA = Path("out/tasks")
 _Stars = Annotated[Path | None, typer.Option("--stars", help="Star table of the submission, CSV or Parquet.")]
 
 
@@ -32,22 +55,25 @@ def add_to(app: typer.Typer) -> None:
 
 
 def pack_test(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder, truth included.")],
+    target: _Target,
     out: Annotated[Path, typer.Option("--out", help="Folder for the set, empty or new.")],
+    split: _SplitOption = Split.TEST,
+    frames: _Frames = None,
+    data: _Data = _DEFAULT_DATA,
+    jobs: _Jobs = 1,
 ) -> None:
-    """Write DIR's images and what a solver may know, without the truth, under names that tell nothing."""
-    from benchmark.submission_pack import opened, pack
+    """Write images and what a solver may know, without the truth, under names that tell nothing."""
+    from benchmark.submission_pack import pack  # loads the solvers, which --help need not wait for
 
     try:
-        with opened(folder) as dataset, _progress() as progress:
-            task = progress.add_task("packing", total=len(dataset.frames))
-            pack(dataset.frames, out, lambda name: progress.advance(task))
-            count = len(dataset.frames)
+        with _progress() as progress, _opened(target, split, frames, data, jobs, progress) as truth:
+            task = progress.add_task("packing", total=len(truth.frames))
+            pack(truth.frames, out, lambda name: progress.advance(task))
+            count = len(truth.frames)
     except BenchmarkError as error:
         fail(error)
-    typer.echo(
-        f"{count} frames in {out}; fill in {out}/answers.csv, then: skybench bench check {out}/answers.csv --set {out}"
-    )
+    form = out / "answers.csv"
+    typer.echo(f"{count} frames in {out}; fill in {form}, then: skybench bench check {form} --set {out}")
 
 
 def check(
@@ -69,30 +95,54 @@ def check(
 
 def score(
     file: _File,
-    truth: Annotated[Path, typer.Option("--truth", help="Dataset folder that the set was packed from.")],
+    truth: Annotated[str, typer.Option("--truth", metavar="TASK|DIR", help="What the set was packed from.")],
     name: Annotated[str, typer.Option("--name", help="Name on the leaderboard.")],
     stars: _Stars = None,
-    out: Annotated[Path, typer.Option("--out", help="Results folder.")] = Path("results/demo"),
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Results folder; default results/leaderboard or results/demo.")
+    ] = None,
+    split: _SplitOption = Split.TEST,
+    frames: _Frames = None,
+    data: _Data = _DEFAULT_DATA,
+    jobs: _Jobs = 1,
 ) -> None:
     """Score a submission and put it beside the results of the solvers that ran here."""
     from benchmark.formatting import number, percent
-    from benchmark.submission_pack import opened
-    from benchmark.submission_score import check_name, judge_submission, names_in_use, version_of, write_dataset_result
+    from benchmark.metrics import summarise
+    from benchmark.submission_score import check_name, judge_submission, names_in_use, version_of, write_score
 
     try:
         check_name(name)
-        with opened(truth) as dataset, Console(stderr=True).status("scoring"):
-            names = names_in_use(dataset.frames, [answer.frame_id for answer in check_answers(file).answers])
+        with _progress() as progress, _opened(truth, split, frames, data, jobs, progress) as found:
+            names = names_in_use(found.frames, [answer.frame_id for answer in check_answers(file).answers])
             answers, table = _read(file, stars, frozenset(names.values()))
-            outcomes = judge_submission(dataset.frames, names, answers, table)
-            summary = write_dataset_result(dataset, out, name, version_of(file, stars), outcomes)
+            outcomes = judge_submission(found.frames, names, answers, table)
+            folder = out or Path("results/demo" if found.task is None else "results/leaderboard")
+            path = write_score(found, folder, name, version_of(file, stars), outcomes)
     except BenchmarkError as error:
         fail(error)
+    summary = summarise([outcome.score for outcome in outcomes])
     typer.echo(
         f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
         f"median error {number(summary.median_error_km.value, 'km')}"
     )
-    typer.echo(f"results in {out}; next: skybench bench report --out {out}")
+    typer.echo(f"results in {path.parent}; next: skybench bench report --out {folder}")
+
+
+@contextmanager
+def _opened(
+    target: str, split: Split, frames: int | None, data: Path, jobs: int, progress: Progress
+) -> Iterator[Truth]:
+    from benchmark.submission_pack import TaskChoice, opened
+
+    line = progress.add_task("frames", total=None, visible=False)
+
+    def advance(count: int) -> None:
+        progress.update(line, advance=count, visible=True)
+
+    with opened(target, TaskChoice(split.value, frames, data, jobs), advance) as truth:
+        progress.update(line, visible=False)
+        yield truth
 
 
 def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:

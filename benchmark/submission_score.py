@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -12,8 +13,10 @@ import numpy as np
 from benchmark import provenance
 from benchmark.dataset import Dataset, Frame, load_image
 from benchmark.errors import ResultsError
-from benchmark.metrics import FIX, Summary, summarise
+from benchmark.frame_bounds import bound_of
+from benchmark.metrics import FIX, REFUSED
 from benchmark.preview import preview_webp
+from benchmark.result_tables import match_table
 from benchmark.results import (
     PREVIEW_FOLDER,
     ResultFiles,
@@ -27,7 +30,9 @@ from benchmark.run import SolverOutcome, check_answer, judge_answer
 from benchmark.solvers.protocol import Answer
 from benchmark.solvers.registry import known_solvers
 from benchmark.submission import Checked, FrameAnswer, StarRow
-from benchmark.submission_pack import withheld_names
+from benchmark.submission_pack import Truth, withheld_names
+from benchmark.task_frames import TaskFrames
+from benchmark.task_run import KEY_DIGITS, task_facts
 
 DETECTOR = "submission"
 """Name of the detector in results that were submitted; no solver that runs here has it."""
@@ -61,7 +66,7 @@ def judge_submission(
 def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) -> SolverOutcome:
     uv = np.array([(row.u_px, row.v_px) for row in stars], dtype=np.float64).reshape(-1, 2)
     named = [(i, row.star_id) for i, row in enumerate(stars) if row.star_id is not None]
-    status = given.status if given else "refused"
+    status = given.status if given else REFUSED
     ok = given is not None and status == FIX
     covariance = given.cov_km2 if given else None
     answer = Answer(
@@ -76,7 +81,7 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
     check_answer(answer, len(uv))
     # A time that was not given is not known to be finite.
     time_ms = math.inf if given is None or given.time_ms is None else given.time_ms
-    return judge_answer(frame, answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None)
+    return judge_answer(frame, answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None, bound_of(frame))
 
 
 def check_name(name: str) -> None:
@@ -100,10 +105,21 @@ def version_of(*paths: Path | None) -> str:
     return f"sha256:{digest.hexdigest()[:12]}"
 
 
-def write_dataset_result(
-    dataset: Dataset, out: Path, name: str, version: str, outcomes: Sequence[SolverOutcome]
-) -> Summary:
-    """Write a judged submission beside the results of solvers on the same dataset.
+def write_score(truth: Truth, out: Path, name: str, version: str, outcomes: Sequence[SolverOutcome]) -> Path:
+    """Write a judged submission where the results of solvers on the same frames are.
+
+    Parameters
+    ----------
+    truth : Truth
+    out : Path
+        Folder of results.
+    name, version : str
+    outcomes : sequence of SolverOutcome
+
+    Returns
+    -------
+    Path
+        Its summary.
 
     Raises
     ------
@@ -111,30 +127,72 @@ def write_dataset_result(
         The name cannot be used, or `out` holds results on another dataset.
     """
     check_name(name)
-    check_room(out, [name], dataset.scenario_sha256, dataset.truth_sha256)
+    if truth.task is not None:
+        key = _key(name, version, truth.task)
+        folder = out / truth.task.task.label / truth.task.split / "own" / f"{name}-{key}"
+        files, found = ResultFiles.within(folder), _task_provenance(truth.task, version, key)
+    else:
+        assert truth.dataset is not None
+        check_room(out, [name], truth.dataset.scenario_sha256, truth.dataset.truth_sha256)
+        _write_previews(truth.dataset, out)
+        files, found = ResultFiles.beside(out, name), _dataset_provenance(truth.dataset, version)
+    write_result(
+        files,
+        name,
+        [outcome.score for outcome in outcomes],
+        [outcome.details for outcome in outcomes],
+        match_table([row for outcome in outcomes for row in outcome.detections]),
+        found,
+    )
+    return files.summary
+
+
+def _write_previews(dataset: Dataset, out: Path) -> None:
     for frame in dataset.frames:
         preview = out / PREVIEW_FOLDER / f"{frame.frame_id}.webp"
         if frame.image_path.is_file() and not preview.is_file():
             write_atomically(preview, preview_webp(load_image(frame)))
-    scores = [outcome.score for outcome in outcomes]
-    write_result(
-        ResultFiles.beside(out, name),
-        name,
-        scores,
-        [outcome.details for outcome in outcomes],
-        [row for outcome in outcomes for row in outcome.detections],
-        RunProvenance(
-            dataset=dataset.name,
-            scenario_name=dataset.scenario_name,
-            scenario_sha256=dataset.scenario_sha256,
-            truth_sha256=dataset.truth_sha256,
-            dataset_provenance=dataset.provenance,
-            solver_version=version,
-            detector=DETECTOR,
-            versions=provenance.versions(),
-            machine={},
-            date_utc=provenance.now_utc(),
-            jobs=1,
-        ),
+
+
+def _dataset_provenance(dataset: Dataset, version: str) -> RunProvenance:
+    return RunProvenance(
+        dataset=dataset.name,
+        scenario_name=dataset.scenario_name,
+        scenario_sha256=dataset.scenario_sha256,
+        truth_sha256=dataset.truth_sha256,
+        dataset_provenance=dataset.provenance,
+        solver_version=version,
+        detector=DETECTOR,
+        versions=provenance.versions(),
+        machine=dict.fromkeys(provenance.machine(), "not told"),
+        date_utc=provenance.now_utc(),
+        jobs=1,
     )
-    return summarise(scores)
+
+
+def _task_provenance(frames: TaskFrames, version: str, key: str) -> RunProvenance:
+    return RunProvenance(
+        dataset=frames.task.label,
+        scenario_name=frames.task.scenario_of(frames.split).name,
+        scenario_sha256=frames.scenario_sha256,
+        truth_sha256="",
+        dataset_provenance={},
+        solver_version=version,
+        detector=DETECTOR,
+        versions=provenance.versions(),
+        machine=dict.fromkeys(provenance.machine(), "not told"),
+        date_utc=provenance.now_utc(),
+        jobs=1,
+        task={
+            **task_facts(frames, "own"),
+            "solver_title": "submitted answers",
+            "solver_family": DETECTOR,
+            "solver_licence": "",
+            "key": key,
+        },
+    )
+
+
+def _key(name: str, version: str, frames: TaskFrames) -> str:
+    parts = [name, version, DETECTOR, frames.task.sha256, frames.scenario_sha256, frames.per_condition]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:KEY_DIGITS]

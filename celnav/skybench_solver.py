@@ -96,13 +96,21 @@ class SkybenchSolver:
                 f"{distinct} distinct detections are too few: at least {self.config.min_stars} are needed",
             )
         with clock.stage("identify"):
-            alignment, effort = identify(prepared.question, load_sky_index(), self.config.search)
+            found = identify(prepared.question, load_sky_index(), self.config.search)
+        alignment, effort = found.alignment, found.effort
         if alignment is None:
             chance = min(1.0, 10.0**effort.best_log10_false_alarm)
             return Fix.refusal(
                 Reason.NO_HYPOTHESIS,
                 f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)",
                 confidence=1.0 - chance,
+            )
+        if found.rival is not None:
+            return Fix.refusal(
+                Reason.AMBIGUOUS,
+                f"two orientations explain the detections about as well: {len(alignment.detection)} and "
+                f"{len(found.rival.detection)} of the bright ones",
+                confidence=0.5,
             )
         with clock.stage("fix"):
             return self._fix(problem, prepared, orientation, to_terrestrial, alignment)
@@ -318,7 +326,9 @@ def _seen_planets(
     radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
-    order = order[np.unique(planet[order], return_index=True)[1]]
+    # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
+    order = order[np.sort(np.unique(planet[order], return_index=True)[1])]
+    order = order[np.unique(seen[order], return_index=True)[1]]
     seen, planet = free[seen[order]], visible[planet[order]]
     pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
     return pairs, prepared.uv[seen] - predicted[planet]

@@ -62,13 +62,13 @@ class RenderedFrame:
     developed: NDArray[np.uint8] | None = None
 
 
-def render_frame(scenario: Scenario, index: int, layers: bool = False) -> RenderedFrame:
-    """Render frame `index` of a scenario, with `layers` each component by itself too.
+def render_frame(scenario: Scenario, index: int, layers: bool = False, channels: bool = True) -> RenderedFrame:
+    """Render frame `index` of a scenario, with `layers` each component by itself too; `channels`: see `render_expected`.
 
     The result depends on the scenario and the index alone.
     """
     plan = plan_frame(scenario, index)
-    expected = render_expected(plan, layers)
+    expected = render_expected(plan, layers, channels)
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,

@@ -45,11 +45,13 @@ PSF_REACH_SIGMAS = 6.0
 
 @dataclass(frozen=True)
 class PsfTable:
-    """What :class:`generator.plugins.psf_atlas.PsfAtlas` reads.
+    """Point spread functions on a grid of field positions, for a few wavelength bands.
 
     Attributes
     ----------
     stamps : (bands, rows, columns, n, n) array
+        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
+        radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
     shift : (bands,) array
     edges_nm : (bands + 1,) array
         The bands' limits.
@@ -73,6 +75,15 @@ class PsfTable:
         result /= FINE_PER_PX**2
         np.cumsum(result, axis=-1, out=result)
         return np.cumsum(result, axis=-2, out=result)
+
+    @property
+    def by_phase(self) -> NDArray[np.float32]:
+        """The stamps' samples by their place within a pixel first: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
+        *nodes, size, _ = self.stamps.shape
+        side = size // FINE_PER_PX + 1
+        spare = side * FINE_PER_PX - size
+        padded = np.pad(self.stamps, [(0, 0)] * 3 + [(0, spare)] * 2)
+        return padded.reshape(*nodes, side, FINE_PER_PX, side, FINE_PER_PX).transpose(0, 1, 2, 4, 6, 3, 5)
 
     @functools.cached_property
     def inside(self) -> Floats:

@@ -77,6 +77,8 @@ class Scenario:
         Distributions.
     source : str
         File name, for messages.
+    files : tuple of InputFile
+        Files that it names; their hashes are part of its own.
     """
 
     name: str
@@ -87,6 +89,7 @@ class Scenario:
     axes: tuple[tuple[Sweep, ...], ...]
     draws: tuple[Draw, ...]
     source: str = field(compare=False)
+    files: tuple[InputFile, ...] = ()
 
     @property
     def combination_count(self) -> int:
@@ -122,7 +125,15 @@ class Scenario:
                 except ScenarioError as error:
                     raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: frame {index}: {error}") from error
                 chosen[draw.path] = value
-        return _validate(_resolve(self.template, chosen), self.source)
+        files: list[InputFile] = []
+        spec = _validate(_resolve(self.template, chosen), self.source, files)
+        known = {file.path: file.sha256 for file in self.files}
+        for file in files:
+            if known.get(file.path) != file.sha256:
+                raise ScenarioError(
+                    f"{self.source}: '{file.path}' changed since the scenario was read; run the command again"
+                )
+        return spec
 
     def _swept(self, combination: int) -> dict[KeyPath, Any]:
         """Values of the sweeps in one combination."""
@@ -132,20 +143,25 @@ class Scenario:
             chosen |= {sweep.path: sweep.values[position] for sweep in axis}
         return chosen
 
-    def check(self) -> None:
-        """Validate every swept value, and both ends of every distribution, before any work. Raises ScenarioError."""
-        for _ in self._representatives():
-            pass
+    def check(self) -> tuple[InputFile, ...]:
+        """Validate every swept value, and both ends of every distribution, before any work.
 
-    def input_files(self) -> tuple[InputFile, ...]:
-        """Files that the scenario names in any of its frames, each once, by path."""
+        Returns
+        -------
+        tuple of InputFile
+            Files that the scenario names in any of its frames, each once, by path.
+
+        Raises
+        ------
+        ScenarioError
+        """
         found: list[InputFile] = []
         for _ in self._representatives(found):
             pass
         named = {file.path: file for file in found}
         return tuple(named[path] for path in sorted(named))
 
-    def _representatives(self, files: list[InputFile] | None = None) -> Iterator[FrameSpec]:
+    def _representatives(self, files: list[InputFile]) -> Iterator[FrameSpec]:
         """Validated frames in which every swept value, and both ends of every distribution, occur; adds to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
@@ -230,8 +246,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
     scenario = Scenario(name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source)
     if scenario.frame_count > LARGEST_FRAME_COUNT:
         raise ScenarioError(f"{source}: it makes {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
-    scenario.check()
-    return scenario
+    return dataclasses.replace(scenario, files=scenario.check())
 
 
 def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:

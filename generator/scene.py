@@ -22,12 +22,12 @@ from generator.moon_disk import moon_points
 from generator.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.psf import psf_table
 from generator.scenario import FrameSpec
-from generator.sensor.colour import channel_weights, mosaic
+from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.clouds import CloudVeil
 from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
-from generator.star_truth import StarTruth, star_truth
+from generator.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.stellar_spectra import colour_row, colour_table
 from generator.stray_light import with_stray_light
 
@@ -50,7 +50,8 @@ class ExpectedFrame:
     sky_electrons : (height, width) float32 array
         Those from the sky, and from what stands in front of it.
     channels : dict of (height, width) float32 arrays
-        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it.
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty where
+        they were not asked for.
     u_px, v_px : (n,) arrays
         Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
         model's range.
@@ -264,7 +265,7 @@ def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
     """The tabulated point spread function of a camera, for the integrator."""
     table = psf_table(camera)
     return {
-        "psf_stamps": tensor(table.stamps),
+        "psf_stamps": tensor(table.by_phase),
         "psf_shift": tensor(table.shift),
         "psf_inside": tensor(table.inside),
         "psf_beyond": tensor(table.beyond),
@@ -286,8 +287,12 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
     return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
 
 
-def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
-    """Render a frame's expected electrons, and what is true of its stars; with `layers`, each component by itself too."""
+def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
+    """Render a frame's expected electrons, and what is true of its stars.
+
+    With `layers`, each component by itself too. Without `channels`, pixels of a colour sensor are rendered in their own
+    channel alone, which gives the same electrons in less time.
+    """
     mi = mitsuba_runtime.start()
     from generator.plugins.film_response import film_response
 
@@ -298,15 +303,18 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera))
     integrator = scene.integrator()
     sensor = plan.spec.sensor
-    names = list(sensor.channels)
-    sky = np.array(integrator.diffuse(scene, camera))
+    # Stray light carries a channel's light to other pixels.
+    apart = sensor.colour is not None and not channels and plan.spec.camera.direct_share == 1
+    names = [] if apart else list(sensor.channels)
+    pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
+    sky = np.array(integrator.diffuse(scene, camera, pattern))
     zenith = sum(table.zenith_v() for table in tables.values())
     image = sky
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
         for name, part in tables.items():
             alone = mi.load_dict(scene_dict(plan, metameric([part], response), camera))
-            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera)), sensor)
+            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
     nothing, pairs = np.zeros(0), np.zeros((0, 2))
     truths = dict.fromkeys(
         ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
@@ -315,12 +323,16 @@ def render_expected(plan: FramePlan, layers: bool = False) -> ExpectedFrame:
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        points = with_stray_light(np.array(integrator.stars(scene, camera, emitter, tracks)), plan.spec.camera)
+        points = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
+        points = with_stray_light(points, plan.spec.camera)
         image = image + points
         if layers:
             parts[emitter.id()] = mosaic(points, sensor)
         on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
-        truths[emitter.id()] = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        if emitter.id() == "objects":
+            truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
+        truths[emitter.id()] = truth
     # The emitter holds the Moon's disk behind the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(

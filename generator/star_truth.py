@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,26 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         fraction,
         tracks.visible_share < 0.5,
     )
+
+
+def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:
+    """The truth with starts and ends where light first and last comes from, of lights that are dark when the exposure does.
+
+    Parameters
+    ----------
+    truth : StarTruth
+    tracks : generator.plugins.star_splats.StarTracks
+        Their moments are in the order of time, source by source.
+    light_curve : (n, parts) array
+        Relative brightness over the exposure.
+    """
+    start, end = truth.start_px.copy(), truth.end_px.copy()
+    lit, first = np.unique(tracks.star, return_index=True)
+    last = np.append(first[1:], len(tracks.star)) - 1
+    for place, moments, dark in ((start, first, light_curve[:, 0] == 0), (end, last, light_curve[:, -1] == 0)):
+        late = dark[lit]
+        place[lit[late]] = np.stack([tracks.u, tracks.v], axis=1)[moments[late]]
+    return replace(truth, start_px=start, end_px=end)
 
 
 def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:

@@ -144,7 +144,7 @@ def frame_script(number: int, image: NDArray[np.uint16], stars: pd.DataFrame, ob
         "black": int(np.percentile(reduced, 0.5)),
         "white": int(reduced.max()),
         "pixels": base64.b64encode(zlib.compress(planes.tobytes(), 6)).decode("ascii"),
-        "stars": _star_columns(stars),
+        "stars": _star_columns(stars, image.shape[1], image.shape[0]),
         "objects": _object_rows(objects),
     }
     # Only ASCII and no "<", so that nothing in it can be read as markup wherever it is put.
@@ -168,9 +168,10 @@ def _numbers(table: pd.DataFrame, column: str, decimals: int) -> list[float | No
     return [round(float(value), decimals) if np.isfinite(value) else None for value in values]
 
 
-def _star_columns(stars: pd.DataFrame) -> dict[str, list[Any]]:
-    """The brightest stars in the frame, column by column."""
-    inside = stars[stars["fraction_in_frame"] > 0.5].sort_values("v_mag", kind="stable").head(MOST_STARS)
+def _star_columns(stars: pd.DataFrame, width: int, height: int) -> dict[str, list[Any]]:
+    """The brightest stars in the frame, hidden ones among them, column by column."""
+    hidden = stars["occluded"] & stars["u_px"].between(-0.5, width - 0.5) & stars["v_px"].between(-0.5, height - 0.5)
+    inside = stars[(stars["fraction_in_frame"] > 0.5) | hidden].sort_values("v_mag", kind="stable").head(MOST_STARS)
     ids = zip(inside["star_id"], inside["hip"], inside["hr"], strict=True)
     return {
         "name": [star_name(int(star_id), int(hip), int(hr)) for star_id, hip, hr in ids],

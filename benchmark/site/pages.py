@@ -13,6 +13,8 @@ from typing import Any
 
 import jinja2
 from markupsafe import Markup
+from rich.markup import escape
+from rich.table import Table
 
 from benchmark.calibration import RiskCoverage
 from benchmark.formatting import interval, number, percent
@@ -39,24 +41,40 @@ LARGEST_SITE_BYTES = 4_900_000
 _SHEETS = ("palette.css", "page.css", "figure.css", "site/site.css")
 
 
-def write_site(
-    root: Path,
-    data: Path | None = None,
-    figure: Path | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
-) -> Path:
-    """Write the report over a tree of results to ``root/site``.
+def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> list[Board]:
+    """Compare all results of a tree, board by board.
 
     Parameters
     ----------
     root : Path
         Tree of results.
-    data : Path, optional
-        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
-    figure : Path, optional
-        Where to write the leaderboard as one picture too.
     progress : callable
         Called with the boards done and their number.
+
+    Raises
+    ------
+    ResultsError
+        There are no results, damaged ones, or some that cannot be compared.
+    """
+    groups = read_tree(root)
+    boards = []
+    for done, group in enumerate(groups):
+        progress(done, len(groups))
+        boards.append(make_board(group))
+    progress(len(groups), len(groups))
+    return boards
+
+
+def write_site(boards: Sequence[Board], root: Path, data: Path | None = None) -> Path:
+    """Write the report to ``root/site``; pages that an earlier report left there go.
+
+    Parameters
+    ----------
+    boards : sequence of Board
+    root : Path
+        Tree of results.
+    data : Path, optional
+        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
 
     Returns
     -------
@@ -66,20 +84,34 @@ def write_site(
     Raises
     ------
     ResultsError
-        There are no results, or damaged ones.
+        A picture is damaged.
     """
-    groups = read_tree(root)
-    boards = []
-    for done, group in enumerate(groups):
-        progress(done, len(groups))
-        boards.append(make_board(group))
-    progress(len(groups), len(groups))
     folder = root / SITE_FOLDER
-    for name, page in render_site(boards, FrameSource(data), root.name or ".").items():
+    pages = render_site(boards, FrameSource(data), root.name or ".")
+    for name, page in pages.items():
         write_atomically(folder / name, page.encode())
-    if figure is not None:
-        write_atomically(figure, render_figure(boards).encode())
+    for old in folder.glob("*.html"):
+        if old.name not in pages:
+            old.unlink()
     return folder / "index.html"
+
+
+def leaderboard_table(boards: Sequence[Board]) -> Table:
+    """Success of each solver on each task with its interval, for the terminal."""
+    view = make_view(boards, make_styles(boards), ".")
+    matrix = next(matrix for matrix in view.matrices if matrix.column is columns.SUCCESS)
+    table = Table(title="Share of frames within 10 km of the truth (95 % intervals in brackets)", title_justify="left")
+    for heading in ("solver", "detections", *(task.key for task in view.tasks)):
+        table.add_column(heading, overflow="fold")
+    for row in matrix.rows:
+        cells = [
+            "not run"
+            if entry is None
+            else f"{columns.SUCCESS.value(entry)} [dim]\\[{columns.SUCCESS.interval(entry)}][/dim]"
+            for _, entry in row.cells
+        ]
+        table.add_row(escape(row.label), row.detections, *cells)
+    return table
 
 
 def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> dict[str, str]:

@@ -16,6 +16,7 @@ from benchmark.errors import ResultsError
 from benchmark.frame_metrics import SUCCESS_LEVELS_KM, read_frames
 from benchmark.result_tables import DetectionRow
 from benchmark.results import SUMMARY_NAME, RunProvenance, read_summary
+from benchmark.solvers.registry import known_solvers, solver_folder
 
 SUCCESS_METRICS = tuple(f"success_{limit:g}km" for limit in SUCCESS_LEVELS_KM)
 _PATTERN = f"*@*/*/*/*/{SUMMARY_NAME}"
@@ -94,6 +95,13 @@ class StoredResult:
         return [DetectionRow(**row) for row in rows]
 
 
+def family_of(solver: str) -> str:
+    """Which solvers one belongs with: celnav's own, the peers that come with skybench, or others' programs."""
+    if solver not in known_solvers():
+        return "others"
+    return "celnav" if solver_folder(solver).spec.adapter == "celnav" else "peers"
+
+
 def is_tree(root: Path) -> bool:
     """Whether a folder holds results of tasks."""
     return any(root.glob(_PATTERN))
@@ -143,7 +151,7 @@ def _read(path: Path) -> StoredResult:
         folder=folder,
         solver=solver,
         label=solver,
-        family=str(task.get("solver_family") or "other"),
+        family=family_of(solver),
         title=str(task.get("solver_title") or ""),
         task=facts,
         split=split,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,6 @@ class Stage:
         Noise that pairs may have.
     tolerance_px : float
         How far off a detection may be from the star that explains it under a raw hypothesis.
-    bright: int
-    lags: tuple[int, int]
     scored : int
         Detections that score a hypothesis.
     """
@@ -55,6 +53,8 @@ class Stage:
     scored: int = 150
 
 
+# Detections that another orientation must explain, and how far apart two orientations are different ones.
+LEAST_RIVAL, SAME_DEG = 8, 2.0
 PAIRS_AT_ONCE, HYPOTHESES_AT_ONCE = 8, 12_000
 FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
 PAIR_STAGES = (
@@ -69,6 +69,14 @@ PAIR_STAGES = (
     Stage(30, (9, 29), *FINE),
     Stage(20, (4, 8), *COARSE),
     Stage(60, (1, 8), *FINE),
+)
+# Without an order of brightness pairs are as good as one another: many narrow windows before wide ones.
+UNORDERED_STAGES = (
+    Stage(8, (1, 3), *FINE),
+    Stage(30, (1, 3), *FINE),
+    Stage(12, (1, 1), *COARSE),
+    Stage(40, (1, 8), *FINE),
+    Stage(60, (1, 3), *COARSE),
 )
 SINGLE_STAGES = (
     Stage(6, (0, 0), 0.8, 6.0, scored=60),
@@ -85,8 +93,8 @@ class SearchConfig:
 
     Attributes
     ----------
-    pair_stages, single_stages : tuple of Stage
-        Where the attitude to the horizon is not known, and where it is.
+    pair_stages, unordered_stages, single_stages : tuple of Stage
+        Where the attitude to the horizon is not known; the same without an order of brightness; and where it is known.
     verified : int
         Detections that verify it.
     candidates : int
@@ -95,14 +103,18 @@ class SearchConfig:
         The bound that ends the search.
     max_lookups : int
         Effort after which the search gives up.
+    rival_lookups : int
+        Effort for another orientation, where the one found leaves half as many detections unexplained as it explains.
     """
 
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
+    unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
     verified: int = 120
     candidates: int = 4
     max_log10_false_alarm: float = -8.0
     max_lookups: int = 7_000_000
+    rival_lookups: int = 400_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,30 +165,97 @@ class Effort:
     best_log10_false_alarm: float = field(default=0.0)
 
 
-def identify(question: Question, index: SkyIndex, config: SearchConfig) -> tuple[Alignment | None, Effort]:
-    """Return the orientation (ICRS to camera) that passes, or None, and the effort."""
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What the search found.
+
+    Attributes
+    ----------
+    alignment : Alignment or None
+        The orientation (ICRS to camera) that passes.
+    rival : Alignment or None
+        Another one that passes too, and explains half as many detections or more.
+    effort : Effort
+        What it took.
+    """
+
+    alignment: Alignment | None
+    rival: Alignment | None
+    effort: Effort
+
+
+def identify(question: Question, index: SkyIndex, config: SearchConfig) -> Identified:
+    """Find the orientation that explains the detections, and whether another does about as well."""
     effort = Effort(config.max_lookups)
+    found, looked_at = _search(question, index, config, effort)
+    if found is None:
+        return Identified(None, None, effort)
+    rival = _rival(question, index, config, found, np.setdiff1d(looked_at, found.detection), effort)
+    if rival is not None and len(rival.detection) > 2 * len(found.detection):
+        found, rival = rival, None
+    return Identified(found, rival, effort)
+
+
+def _search(
+    question: Question, index: SkyIndex, config: SearchConfig, effort: Effort
+) -> tuple[Alignment | None, NDArray[np.intp]]:
+    """Go through the stages until a hypothesis passes or the effort is spent; also the detections that verified it."""
     orders = tuple(_orders(question))
     for number, (order, ranked) in enumerate(orders):
         # The order given is only a guess where there are no fluxes, and has a part of the effort.
         effort.limit = config.max_lookups // (3 if number < len(orders) - 1 else 1)
         for stage, rotations, view, log_stars in _hypotheses(question, index, config, order, ranked, effort):
-            found = _judge(question, index, config, stage, rotations, view, order, log_stars, effort)
+            found = _judge(question, index, config, stage, rotations, view, order, ranked, log_stars, effort)
             if found is not None:
-                return found, effort
+                # Rows of the detections, whatever the order in which they were tried.
+                return replace(found, detection=order[found.detection]), order[: config.verified]
             if effort.lookups > effort.limit:
                 break
-    return None, effort
+    return None, orders[0][0][:0]
+
+
+def _rival(
+    question: Question,
+    index: SkyIndex,
+    config: SearchConfig,
+    found: Alignment,
+    rest: NDArray[np.intp],
+    effort: Effort,
+) -> Alignment | None:
+    """Look for another orientation among the detections `rest` that the one found leaves unexplained, if they are many.
+
+    Two exposures in one frame, a reflection, or a wrong hypothesis that passed would show here.
+    """
+    explained = len(found.detection)
+    if len(rest) < max(LEAST_RIVAL, 0.5 * explained):
+        return None
+    others = replace(question, uv=question.uv[rest], rays=question.rays[rest])
+    spent = Effort(config.rival_lookups)
+    rival, _ = _search(others, index, replace(config, max_lookups=config.rival_lookups), spent)
+    effort.lookups += spent.lookups
+    effort.hypotheses += spent.hypotheses
+    if rival is None or len(rival.detection) < max(LEAST_RIVAL, 0.5 * explained):
+        return None
+    cosine = (float(np.trace(rival.rotation @ found.rotation.T)) - 1) / 2
+    # The same orientation again, of a camera whose distortion or focal length is not what it is said to be, is no rival.
+    if cosine > math.cos(math.radians(SAME_DEG)):
+        return None
+    return replace(rival, detection=rest[rival.detection])
 
 
 def _orders(question: Question) -> Iterator[tuple[NDArray[np.intp], bool]]:
     """Orders of the detections to try: as given (brightest first); without fluxes also one that spreads over all."""
-    n = len(question.uv)
-    yield np.arange(n), True
+    bright = np.arange(min(len(question.uv), 300))
+    scale = question.camera.radians_per_px(question.uv[bright])
+    # At the rim of some lenses a pixel is degrees wide, and says nothing.
+    sharp = bright[scale <= 4 * np.nanmedian(scale)] if len(bright) else bright
+    rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
+    n = len(rows)
+    yield rows, True
     if not question.ranked and n > 12:
         # A multiplicative step coprime to n visits every detection once, far from where it was.
         step = next(k for k in range(int(0.618 * n), n + 2) if math.gcd(k, n) == 1)
-        yield (np.arange(n) * step) % n, False
+        yield rows[(np.arange(n) * step) % n], False
 
 
 def _hypotheses(
@@ -195,7 +274,8 @@ def _hypotheses(
     scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
     done: set[tuple[float, int, int]] = set()
     singles_done: dict[float, int] = {}
-    stages = config.pair_stages if question.local is None else config.single_stages
+    by_pairs = config.pair_stages if ranked else config.unordered_stages
+    stages = by_pairs if question.local is None else config.single_stages
     reach = 2 * field_cone(question.camera)[1]
     for stage in stages:
         view = View(rays[: stage.scored], scale[: stage.scored])
@@ -248,6 +328,7 @@ def _judge(
     rotations: F4,
     view: View,
     order: NDArray[np.intp],
+    ranked: bool,
     scoring_stars: float,
     effort: Effort,
 ) -> Alignment | None:
@@ -272,7 +353,6 @@ def _judge(
     made_of = 2 if question.local is None else 1
     verified = order[: max(config.verified, len(view.rays))]
     per_field = 4 * math.pi / question.solid_angle_sr
-    ranked = bool((order[:2] == [0, 1]).all()) if len(order) > 1 else True
     n_stars = int(min(max(1.6 * len(verified) if ranked else 1.2 * len(order), 30) * per_field, len(index.xyz)))
     for rotation, score in zip(best, scores, strict=True):
         if score < min(least, 0.5 * len(view.rays)):

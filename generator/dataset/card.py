@@ -183,4 +183,4 @@ catalogue is complete to V 7 (90 % at V 8).
 
 def _inputs(scenario: Scenario) -> str:
     """Rows for the files that the scenario names."""
-    return "".join(f"| `{file.path}` | named by {SCENARIO_COPY} |\n" for file in scenario.input_files())
+    return "".join(f"| `{file.path}` | named by {SCENARIO_COPY} |\n" for file in scenario.files)

@@ -28,7 +28,7 @@ def store_inputs(target: Target, scenario: Scenario) -> None:
     GeneratorError
         A name that cannot be kept, a file that changed since the scenario was read, or another one in the dataset.
     """
-    for file in scenario.input_files():
+    for file in scenario.files:
         check_name(file.path)
         stored = target.read(file.path)
         if stored is not None:
@@ -62,7 +62,7 @@ def check_name(path: str) -> None:
 
 def stored_inputs(target: Target, scenario: Scenario) -> list[StoredFile]:
     """The copies as the manifest lists them."""
-    return [_measured(target, file) for file in scenario.input_files()]
+    return [_measured(target, file) for file in scenario.files]
 
 
 def _measured(target: Target, file: InputFile) -> StoredFile:

@@ -71,7 +71,7 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
     GeneratorError
         The place holds another dataset or other files, or cannot be written.
     """
-    for file in scenario.input_files():
+    for file in scenario.files:
         check_name(file.path)
     try:
         _store_scenario(target, scenario, text)

@@ -119,8 +119,8 @@ def render_shard(
         return report
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or target.name}: writing failed ({error.strerror or error}); {shard.stem} is left out. "
-            "Mend it and run the same command again: finished shards are kept"
+            f"{error.filename or target.name}: reading or writing failed ({error.strerror or error}); "
+            f"{shard.stem} is left out. Mend it and run the same command again: finished shards are kept"
         ) from error
 
 
@@ -173,7 +173,7 @@ def _write_frames(
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as archive:
         for index in range(shard.first, shard.stop):
             started = time.perf_counter()
-            frame = _try_frame(scenario, index, log)
+            frame = _try_frame(scenario, index, spec, log)
             if isinstance(frame, FailedFrame):
                 failures.append(frame)
                 continue
@@ -206,12 +206,12 @@ class _FramesFailedError(Exception):
         self.failures = failures
 
 
-def _try_frame(scenario: Scenario, index: int, log: TextIO) -> RenderedFrame | FailedFrame:
+def _try_frame(scenario: Scenario, index: int, spec: DatasetSpec, log: TextIO) -> RenderedFrame | FailedFrame:
     """Render a frame, again if it fails; a full disk or the like is not the frame's fault and is passed on."""
     problem = ""
     for attempt in range(TRIES_PER_FRAME):
         try:
-            return render_frame(scenario, index)
+            return render_frame(scenario, index, channels=spec.exr)
         except OSError:
             raise
         except Exception as error:

@@ -59,7 +59,7 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
         return [f"{MANIFEST}: belongs to another scenario than {SCENARIO_COPY} (or to another version of skybench)"]
     listed = {file.path for file in manifest.files}
     wanted = [place for shard in shards for place in shard.files] + [SCENARIO_COPY, CROISSANT]
-    wanted += [file.path for file in scenario.input_files()]
+    wanted += [file.path for file in scenario.files]
     return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
 
 

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 WAVELENGTH_GROUPS = 33
 """Wavelengths over four: one every 4.9 nm."""
-AIRMASS_NODES = 96
+AIRMASS_NODES = 192
 LARGEST_AIRMASS = 40.0
 AIRMASS_SCALE = 0.5
 """Nodes of the table of stars are evenly spaced in log(airmass + this)."""
@@ -57,7 +57,8 @@ class FilmResponse:
     ) -> Floats:
         """Integrals of n extinguished star spectra in equal bands of the spectral range.
 
-        Linear in the row, as the spectra are; between nodes of the airmass the logarithm is linear, which is within 1e-4.
+        Linear in the row, as the spectra are; between nodes of the airmass the logarithm is linear, which is within
+        1e-4 in clear and 5e-4 in hazy air (aerosol optical depth 0.6).
 
         Parameters
         ----------

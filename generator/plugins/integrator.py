@@ -10,7 +10,7 @@ directions of the sky light it.
 parameter                type     meaning
 =======================  =======  ================================================================================
 ``psf_sigma_px``         float    standard deviation of a Gaussian point spread function, px; or
-``psf_stamps``           tensor   (bands, rows, columns, n, n): see :class:`generator.plugins.psf_atlas.PsfAtlas`
+``psf_stamps``           tensor   (bands, rows, columns, …): see :class:`generator.plugins.psf_atlas.PsfAtlas`
 ``psf_shift``            tensor   (bands,): lateral chromatic shift at the corner, px
 ``psf_inside``           tensor   (radius + 1, bands, rows, columns): light within squares of 1, 3, 5 … px
 ``psf_beyond``           tensor   (radius + 1,): largest share of a pixel outside of them
@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, film_response
+from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.stamp_light import StampLight, gaussian_light
@@ -106,40 +107,55 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             dr.eval(image)
         return image
 
-    def diffuse(self, scene: Any, camera: NightSkyCamera) -> Any:
-        """Expected electrons from the diffuse sky, TensorXf (height, width, channels)."""
+    def diffuse(self, scene: Any, camera: NightSkyCamera, pattern: Pattern | None = None) -> Any:
+        """Expected electrons from the diffuse sky, TensorXf (height, width, channels); with a filter array one channel."""
         film = camera.film()
         width, height = camera.width, camera.height
         channels = film.create_block().channel_count() - 1
         environment = scene.environment()
+        planes = channels if pattern is None else 1
         if environment is None:
-            return dr.zeros(mi.TensorXf, (height, width, channels))
+            return dr.zeros(mi.TensorXf, (height, width, planes))
         pixel = dr.arange(mi.UInt32, width * height)
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
         free = self._uncovered(scene, camera, film_position)
-        image = dr.zeros(mi.Float, width * height * channels)
+        image = dr.zeros(mi.Float, width * height * planes)
+        seen = None if pattern is None else (pattern, mi.Int32(pixel % width), mi.Int32(pixel // width))
         terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel)
+            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel, seen)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
-                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel)
-        return mi.TensorXf(image, (height, width, channels))
+                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel, seen)
+        return mi.TensorXf(image, (height, width, planes))
 
-    def _add_sky(self, image: Any, coefficients: list[Any], terms: list[Any], etendue: Any, pixel: Any) -> None:
+    def _add_sky(
+        self,
+        image: Any,
+        coefficients: list[Any],
+        terms: list[Any],
+        etendue: Any,
+        pixel: Any,
+        seen: tuple[Pattern, Any, Any] | None,
+    ) -> None:
         """Add light of the sky to an image: a sum of terms, each a value by direction times an integrated spectrum."""
-        channels = len(terms)
-        for channel in range(channels):
+        lights = []
+        for spectrum in terms:
             light = dr.zeros(mi.Float, dr.width(pixel))
             for term, value in enumerate(coefficients):
-                light = dr.fma(value, dr.gather(mi.Float, terms[channel], mi.UInt32(term)), light)
-            dr.scatter_add(image, dr.maximum(light, 0) * etendue, pixel * channels + channel)
+                light = dr.fma(value, dr.gather(mi.Float, spectrum, mi.UInt32(term)), light)
+            lights.append(dr.maximum(light, 0) * etendue)
+        if seen is not None:
+            pattern, column, row = seen
+            lights = [choose(pattern, lights, column, row)]
+        for plane, light in enumerate(lights):
+            dr.scatter_add(image, light, pixel * len(lights) + plane)
         dr.eval(image)
 
     def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
@@ -187,19 +203,30 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             step[electrons < faint_e] = factor * self.largest_step_px
         return follow_stars(scene, camera, emitter, reach, step)
 
-    def stars(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter, tracks: StarTracks | None = None) -> Any:
-        """Expected electrons from stars, TensorXf (height, width, channels); `tracks` are those of :meth:`follow`."""
+    def stars(
+        self,
+        scene: Any,
+        camera: NightSkyCamera,
+        emitter: StarEmitter,
+        tracks: StarTracks | None = None,
+        pattern: Pattern | None = None,
+    ) -> Any:
+        """Expected electrons from stars, TensorXf (height, width, channels); with a filter array one channel.
+
+        `tracks` are those of :meth:`follow`.
+        """
         tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
         width, height = camera.width, camera.height
         electrons = self.electrons_by_band(camera, emitter, self.bands)
-        channels = electrons.shape[1]
-        total = dr.zeros(UINT64, width * height * channels)
+        planes = electrons.shape[1] if pattern is None else 1
+        total = dr.zeros(UINT64, width * height * planes)
         if self.stamps is None:
-            splat_gaussian(total, camera, tracks, electrons[:, :, 0], self.psf_sigma_px, self.stamp_light)
+            sigma_px = self.psf_sigma_px
+            splat_gaussian(total, camera, tracks, electrons[:, :, 0], sigma_px, self.stamp_light, pattern)
         else:
-            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), self.stamp_light)
+            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), self.stamp_light, pattern)
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
-        return mi.TensorXf(image, (height, width, channels))
+        return mi.TensorXf(image, (height, width, planes))
 
     def atlas(self, camera: NightSkyCamera) -> PsfAtlas:
         """The tabulated point spread function over a camera's frame."""

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from generator.psf import FINE_PER_PX
 
 Floats = NDArray[np.float64]
+MARGIN_PX = 256
+"""More than a stamp's part can lie outside of the table."""
 
 
 class PsfAtlas:
@@ -20,8 +22,9 @@ class PsfAtlas:
     Parameters
     ----------
     stamps : TensorXf
-        (bands, rows, columns, n, n): share of the light that a pixel receives, by its distance from the star, every
-        1/FINE_PER_PX px from -radius - 0.5 to radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
+        (bands, rows, columns, FINE_PER_PX, FINE_PER_PX, k, k): share of the light that a pixel receives, by its distance from
+        the star, every 1/FINE_PER_PX px from -radius - 0.5 to radius + 0.5, k = 2 radius + 2. Whole pixels vary fastest, so
+        that a star's pixels are neighbours in memory.
     shift : (bands,) array
         Lateral chromatic shift away from the principal point at distance `corner_px` from it, px; linear in the distance.
     width, height : int
@@ -33,8 +36,9 @@ class PsfAtlas:
     def __init__(
         self, stamps: Any, shift: Floats, width: int, height: int, cx_px: float, cy_px: float, corner_px: float
     ) -> None:
-        self.bands, self.rows, self.columns, self.size = stamps.shape[:4]
-        self.radius_px = ((self.size - 1) // FINE_PER_PX - 1) // 2
+        self.bands, self.rows, self.columns = stamps.shape[:3]
+        self.side = stamps.shape[-1]
+        self.radius_px = self.side // 2 - 1
         self.values = stamps.array
         self.shifts, self.frame = shift, (width, height)
         self.cx_px, self.cy_px, self.corner_px = cx_px, cy_px, corner_px
@@ -69,22 +73,30 @@ class PsfAtlas:
             From the star (where its light of 550 nm falls, less the band's shift) to the first pixel's centre, px.
         count : int
         """
+        samples = (self.side - 1) * FINE_PER_PX
         lower, weight = [], []
         for distance in (du, dv):
             place = (distance + (self.radius_px + 0.5)) * FINE_PER_PX
             floor = dr.floor(place)
-            lower.append(mi.Int32(floor))
+            # A margin in front keeps the division below from meeting negative numbers.
+            lower.append(mi.Int32(floor) + MARGIN_PX * FINE_PER_PX)
             weight.append(place - floor)
-        in_rows = (lower[1] >= 0) & (lower[1] < self.size - 1)
-        first = (mi.UInt32(node) + band * self.rows * self.columns) * self.size**2
-        first += mi.UInt32(lower[1]) * self.size
+        in_rows = (lower[1] >= MARGIN_PX * FINE_PER_PX) & (lower[1] < MARGIN_PX * FINE_PER_PX + samples)
+        stamp = (mi.UInt32(node) + band * self.rows * self.columns) * FINE_PER_PX
+        corners = []
+        for down in (0, 1):
+            row, row_phase = (lower[1] + down) // FINE_PER_PX - MARGIN_PX, (lower[1] + down) % FINE_PER_PX
+            for right in (0, 1):
+                column, phase = (lower[0] + right) // FINE_PER_PX - MARGIN_PX, (lower[0] + right) % FINE_PER_PX
+                part = (mi.Int32(stamp) + row_phase) * FINE_PER_PX + phase
+                corners.append((part * self.side + row) * self.side + column)
+        first = lower[0] - MARGIN_PX * FINE_PER_PX
         shares = []
         for tap in range(count):
-            column = lower[0] + tap * FINE_PER_PX
-            inside = in_rows & (column >= 0) & (column < self.size - 1)
-            index = first + mi.UInt32(column)
+            place = first + tap * FINE_PER_PX
+            inside = in_rows & (place >= 0) & (place < samples)
             above, above_right, below, below_right = (
-                dr.gather(mi.Float, self.values, index + step, inside) for step in (0, 1, self.size, self.size + 1)
+                dr.gather(mi.Float, self.values, mi.UInt32(corner + tap), inside) for corner in corners
             )
             shares.append(
                 dr.lerp(dr.lerp(above, above_right, weight[0]), dr.lerp(below, below_right, weight[0]), weight[1])

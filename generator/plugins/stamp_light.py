@@ -11,10 +11,10 @@ from scipy.special import erf
 
 Floats = NDArray[np.float64]
 
-FAINTEST_PIXEL_E = 0.02
+FAINTEST_PIXEL_E = 0.05
 """Pixels beyond a star's stamp would have received no more electrons than this from the star."""
 SIZES_PX = (3, 4, 6, 9, 13, 19, 28, 40)
-LARGEST_MOVED_SHARE = 0.02
+LARGEST_MOVED_SHARE = 0.025
 """No more than this part of a star's light is taken from beyond its stamp and spread over the stamp instead."""
 
 

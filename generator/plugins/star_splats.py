@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.stamp_light import StampLight
 from generator.plugins.star_tracks import StarTracks
@@ -26,6 +27,7 @@ UINT64: Any = dr.uint64_array_t(mi.Float)
 Floats = NDArray[np.float64]
 UNITS_PER_ELECTRON = 2.0**24
 """Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
+MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
 LANES_AT_ONCE = 1_000_000
 MOST_TAPS = 9
 """Pixels that one lane adds: the code for all of them is compiled, which takes its time."""
@@ -49,6 +51,8 @@ class StampRows:
         From the star to the centre of the part's first pixel, px.
     pixel : Int32
         Index of that pixel in the image.
+    row : Int32
+        Its row in the image.
     first, stop : Int32
         The first of the part's taps whose column is on the sensor and in the stamp, and the one after the last.
     """
@@ -60,19 +64,32 @@ class StampRows:
     du: Any
     dv: Any
     pixel: Any
+    row: Any
     first: Any
     stop: Any
 
     def per_lane(self, values: Floats) -> Any:
-        """Values (m,) of the moments as a Float64 of the lanes."""
-        return dr.gather(FLOAT64, FLOAT64(np.ascontiguousarray(values)), self.owner)
+        """Values (m,) of the moments as a Float of the lanes."""
+        return dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values, dtype=np.float32)), self.owner)
 
-    def add(self, total: Any, tap: int, electrons: list[Any]) -> None:
-        """Add electrons, a Float64 per channel, to each part's pixel number `tap`."""
+    def seen(self, channels: list[Any], pattern: Pattern | None) -> tuple[list[Any], list[Any]]:
+        """What even and odd taps see of values by channel: all of them, or under a filter array their own alone."""
+        if pattern is None:
+            return channels, channels
+        even, odd = (choose(pattern, channels, parity - self.first, self.row) for parity in (0, 1))
+        return [even], [odd]
+
+    def add(self, total: Any, tap: int, electrons: list[Any], few: bool) -> None:
+        """Add electrons, a Float per channel, to each part's pixel number `tap`; `few`: less than MOST_IN_32_BITS_E."""
         drawn = (self.first <= tap) & (self.stop > tap)
         for channel, amount in enumerate(electrons):
             target = mi.UInt32(self.pixel + tap) * len(electrons) + channel
-            dr.scatter_add(total, UINT64(amount * UNITS_PER_ELECTRON + 0.5), target, drawn)
+            # Conversion to 32 bits is an instruction, that to 64 bits is many.
+            if few:
+                units = UINT64(mi.UInt32(mi.Int32(amount * UNITS_PER_ELECTRON + 0.5)))
+            else:
+                units = UINT64(FLOAT64(amount) * UNITS_PER_ELECTRON + 0.5)
+            dr.scatter_add(total, units, target, drawn)
 
 
 def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[StampRows]:
@@ -104,7 +121,7 @@ def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np
             down, across = mi.Int32(place // parts) - radius, mi.Int32(place % parts) * taps
             here = dr.gather(mi.Int32, mi.Int32(row.astype(np.int32)), owner) + down
             left = dr.gather(mi.Int32, mi.Int32(column.astype(np.int32)), owner) - radius + across
-            seen = (here >= 0) & (here < camera.height)
+            on_sensor = (here >= 0) & (here < camera.height)
             yield StampRows(
                 moment=moment,
                 radius=radius,
@@ -113,55 +130,72 @@ def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np
                 du=dr.gather(mi.Float, mi.Float((column - u).astype(np.float32)), owner) + mi.Float(across - radius),
                 dv=dr.gather(mi.Float, mi.Float((row - v).astype(np.float32)), owner) + mi.Float(down),
                 pixel=here * camera.width + left,
+                row=here,
                 first=-left,
-                stop=dr.select(seen, dr.minimum(camera.width - left, side - across), 0),
+                stop=dr.select(on_sensor, dr.minimum(camera.width - left, side - across), 0),
             )
 
 
 def splat_gaussian(
-    total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, sigma_px: float, light: StampLight
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    sigma_px: float,
+    light: StampLight,
+    pattern: Pattern | None = None,
 ) -> None:
     """Add a Gaussian point spread function, integrated over pixels by the error function, at each moment.
 
     Parameters
     ----------
     total : UInt64
-        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
+        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON; with a pattern, (height x width,).
     electrons : (n, channels) array
         Of each star on the axis.
     light : StampLight
         Sizes of the stamps; light beyond a stamp is spread over it.
+    pattern : Pattern, optional
+        Filter array: only the channel that a pixel sees is added.
     """
     channels = electrons.shape[1]
     scale = dr.opaque(mi.Float, 1 / (math.sqrt(2) * sigma_px))
     for rows in stamp_rows(camera, tracks, light.radii(electrons.max(axis=1))):
         weight = tracks.weight[rows.moment] * light.gain[rows.radius, 0, 0, 0]
-        in_row = FLOAT64(0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale)))
-        amounts = [
-            rows.per_lane(weight * electrons[tracks.star[rows.moment], channel]) * in_row for channel in range(channels)
-        ]
+        lights = weight[:, None] * electrons[tracks.star[rows.moment]]
+        few = float(lights.max()) < MOST_IN_32_BITS_E
+        in_row = 0.25 * (dr.erf((rows.dv + 0.5) * scale) - dr.erf((rows.dv - 0.5) * scale))
+        amounts = rows.seen([rows.per_lane(lights[:, channel]) * in_row for channel in range(channels)], pattern)
         before = dr.erf((rows.du - 0.5) * scale)
         for tap in range(rows.taps):
             after = dr.erf((rows.du + (tap + 0.5)) * scale)
-            share, before = FLOAT64(after - before), after
-            rows.add(total, tap, [amount * share for amount in amounts])
+            share, before = after - before, after
+            rows.add(total, tap, [amount * share for amount in amounts[tap % 2]], few)
         dr.eval(total)
 
 
 def splat_atlas(
-    total: Any, camera: NightSkyCamera, tracks: StarTracks, electrons: Floats, atlas: PsfAtlas, light: StampLight
+    total: Any,
+    camera: NightSkyCamera,
+    tracks: StarTracks,
+    electrons: Floats,
+    atlas: PsfAtlas,
+    light: StampLight,
+    pattern: Pattern | None = None,
 ) -> None:
     """Add a tabulated point spread function at each moment.
 
     Parameters
     ----------
     total : UInt64
-        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON.
+        (height x width x channels,): the sum, in units of 1/UNITS_PER_ELECTRON; with a pattern, (height x width,).
     electrons : (n, channels, bands) array
         Of each star on the axis, per wavelength band of the atlas.
     atlas : PsfAtlas
     light : StampLight
         Sizes of the stamps; light beyond a stamp is spread over it.
+    pattern : Pattern, optional
+        Filter array: only the channel that a pixel sees is added.
     """
     channels = electrons.shape[1]
     radius_px = np.minimum(light.radii(electrons.sum(axis=2).max(axis=1)) + atlas.shift_px, atlas.reach_px)
@@ -172,6 +206,7 @@ def splat_atlas(
         amounts = (tracks.weight[moment, None] * gain)[:, None, :] * electrons[tracks.star[moment]]
         outward = (rows.per_lane((tracks.u[moment] - atlas.cx_px) / atlas.corner_px),
                    rows.per_lane((tracks.v[moment] - atlas.cy_px) / atlas.corner_px))  # fmt: skip
+        few = float(amounts.sum(axis=2).max()) < MOST_IN_32_BITS_E
         stamp = dr.gather(mi.UInt32, mi.UInt32(node.astype(np.uint32)), rows.owner)
         bands = []
         for band in range(atlas.bands):
@@ -180,12 +215,13 @@ def splat_atlas(
                 for start, away in zip((rows.du, rows.dv), outward, strict=True)
             )
             shares = atlas.shares(band, stamp, du, dv, rows.taps)
-            bands.append((shares, [rows.per_lane(amounts[:, channel, band]) for channel in range(channels)]))
+            lights = [rows.per_lane(amounts[:, channel, band]) for channel in range(channels)]
+            bands.append((shares, rows.seen(lights, pattern)))
         for tap in range(rows.taps):
-            received = [FLOAT64(0) for _ in range(channels)]
-            for shares, amount in bands:
-                share = FLOAT64(shares[tap])
-                for channel in range(channels):
-                    received[channel] += amount[channel] * share
-            rows.add(total, tap, received)
+            received = [mi.Float(0)] * (channels if pattern is None else 1)
+            for shares, lights in bands:
+                received = [
+                    dr.fma(light, shares[tap], so_far) for light, so_far in zip(lights[tap % 2], received, strict=True)
+                ]
+            rows.add(total, tap, received, few)
         dr.eval(total)

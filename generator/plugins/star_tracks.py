@@ -20,7 +20,16 @@ from generator.plugins.stars import StarEmitter
 Floats = NDArray[np.float64]
 COARSE_CHECKS = 33
 MOST_MOMENTS = 100_000
+FEW_SHARES: Floats = np.array([0.0, 0.5, 1.0])
+PROBES = (32, 24)
+"""Cells across and down the frame, in each of which one star shows how the others move."""
+SAFETY = 1.15
+"""More than the motion differs within a cell."""
+FAR_PX = 200.0
+LANES_AT_ONCE = 1_000_000
 SHARE_STEP = 0.5e-3
+SLOWEST = 1e-3
+"""Least part by which readout must outrun a star for the star to be drawn."""
 MOMENTS_PER_PART = 2
 
 
@@ -90,19 +99,25 @@ def follow_stars(
     u_px, v_px, cosine, good, *_ = _project(camera, emitter, everyone, np.full(count, 0.5))
     middle_light = np.where(good, _relative_light(camera, u_px, v_px, cosine), 0.0)
     checks = max(2, camera.keyframes, emitter.keyframes)
-    coarse = min(checks, COARSE_CHECKS)
-    shares = np.linspace(0, 1, coarse)
-    u, v, *_ = _project(camera, emitter, np.repeat(everyone, coarse), np.tile(shares, count))
-    u, v = u.reshape(count, coarse), v.reshape(count, coarse)
-    steps, touching = _steps_by_the_frame(camera, u, v, reach_px)
+    # Stars move together, so a few of them show how all do; flying objects each have a way of their own.
+    together = emitter.light_curve is None and checks > len(FEW_SHARES)
+    shares = FEW_SHARES if together else np.linspace(0, 1, min(checks, COARSE_CHECKS))
+    u, v = _tracks(camera, emitter, everyone, shares)
+    excursion, longest = np.zeros(count), np.zeros(count)
+    if together:
+        excursion, longest = _probed(camera, emitter, u_px, v_px, checks, reach_px)
+    steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
     near = touching.any(axis=1)
     chosen = everyone[near]
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
-    longest = steps.max(axis=1, initial=0.0)[chosen]
-    if checks > coarse:
+    if together:
+        longest = longest[chosen]
+    elif checks > len(shares):
         longest = _longest_step(camera, emitter, chosen, checks, reach_px)
+    else:
+        longest = steps.max(axis=1, initial=0.0)[chosen]
     moments = np.clip(np.ceil(longest * (checks - 1) / largest_step_px[chosen]), 1, MOST_MOMENTS).astype(np.int64)
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]
@@ -124,7 +139,7 @@ def follow_stars(
         part = np.clip((time * parts).astype(np.int64), 0, parts - 1)
         weight *= emitter.light_curve[star, part]
     if camera.read_out_share:
-        weight *= _dwell(camera, emitter, star, share)
+        weight *= _dwell(camera, emitter, star, time)
     if scene.shapes():
         ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(*(mi.Float(component) for component in direction)))
         free = ~np.array(scene.ray_test(ray))
@@ -147,8 +162,54 @@ def _relative_light(camera: NightSkyCamera, u: Floats, v: Floats, cosine: Floats
     return np.array(camera.relative_light(FLOAT64(np.nan_to_num(u)), FLOAT64(np.nan_to_num(v)), FLOAT64(cosine)))
 
 
+def _tracks(
+    camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], shares: Floats
+) -> tuple[Floats, Floats]:
+    """Positions u and v, (stars, shares) arrays, at shares of the exposure."""
+    u, v, *_ = _project(camera, emitter, np.repeat(star, len(shares)), np.tile(shares, len(star)))
+    return u.reshape(len(star), -1), v.reshape(len(star), -1)
+
+
+def _probed(
+    camera: NightSkyCamera, emitter: StarEmitter, u_px: Floats, v_px: Floats, checks: int, reach_px: float
+) -> tuple[Floats, Floats]:
+    """How all stars move, by that of one star in every cell of the frame.
+
+    Returns
+    -------
+    excursion : (n,) array
+        How far the image leaves the rectangle around its positions at FEW_SHARES, px.
+    longest : (n,) array
+        Longest step, px, between two of `checks` evenly spaced shares of the exposure.
+    """
+    columns, rows = (
+        np.clip(np.nan_to_num(position) * (cells / size), 0, cells - 1).astype(np.intp)
+        for position, size, cells in ((u_px, camera.width, PROBES[0]), (v_px, camera.height, PROBES[1]))
+    )
+    # Images move fastest far out.
+    distance = np.hypot(u_px - camera.width / 2, v_px - camera.height / 2)
+    outermost = np.argsort(-np.nan_to_num(distance, nan=-1.0), kind="stable")
+    _, first, cell = np.unique((rows * PROBES[0] + columns)[outermost], return_index=True, return_inverse=True)
+    probes = outermost[first]
+    u, v = _tracks(camera, emitter, probes, FEW_SHARES)
+    low, high = (np.stack([f.reduce(u, axis=1), f.reduce(v, axis=1)]) for f in (np.fmin, np.fmax))
+    excursion, longest = np.zeros(len(probes)), np.zeros(len(probes))
+    block = max(1, LANES_AT_ONCE // max(len(probes), 1))
+    for lower in range(0, checks - 1, block):
+        shares = np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
+        u, v = _tracks(camera, emitter, probes, shares)
+        steps, _ = _steps_by_the_frame(camera, u, v, reach_px + FAR_PX)
+        longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
+        for axis, position in enumerate((u, v)):
+            beyond = np.fmax(low[axis][:, None] - position, position - high[axis][:, None])
+            excursion = np.fmax(excursion, np.nan_to_num(beyond).max(axis=1, initial=0.0))
+    of_star = np.empty(len(u_px), np.intp)
+    of_star[outermost] = cell.ravel()
+    return SAFETY * excursion[of_star] + 1, SAFETY * longest[of_star]
+
+
 def _steps_by_the_frame(
-    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float
+    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float | Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
 
@@ -167,18 +228,29 @@ def _longest_step(
 ) -> Floats:
     """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
     longest = np.zeros(len(chosen))
-    block = max(1, 1_000_000 // max(len(chosen), 1))
+    block = max(1, LANES_AT_ONCE // max(len(chosen), 1))
     for lower in range(0, checks - 1, block):
         shares = np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
-        u, v, *_ = _project(camera, emitter, np.repeat(chosen, len(shares)), np.tile(shares, len(chosen)))
-        u, v = u.reshape(len(chosen), -1), v.reshape(len(chosen), -1)
-        steps, _ = _steps_by_the_frame(camera, u, v, reach_px)
+        steps, _ = _steps_by_the_frame(camera, *_tracks(camera, emitter, chosen, shares), reach_px)
         longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
     return longest
 
 
-def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], share: Floats) -> Floats:
-    """Time that a star spends per share of its row's exposure, over the exposure: it follows the readout, or flees it."""
-    *_, before, _ = _project(camera, emitter, star, share - SHARE_STEP)
-    *_, after, _ = _project(camera, emitter, star, share + SHARE_STEP)
-    return np.maximum((after - before) / (2 * SHARE_STEP * camera.exposure_share), 0.0)
+def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64], time: Floats) -> Floats:
+    """Time that a star spends per share of its row's exposure, over the exposure: it follows the readout, or flees it.
+
+    Its row v is read out at a time that grows by s per row; as the star itself moves by dv/dt rows, it stays for
+    1 / (1 - s dv/dt) of the exposure.
+    """
+    index = mi.UInt32(star.astype(np.uint32))
+    step = SHARE_STEP * camera.exposure_share
+    rows = []
+    for moment in (time - step, time + step):
+        _, v, _, valid = camera.project(*emitter.direction(index, FLOAT64(moment)), FLOAT64(moment))
+        rows.append(np.where(np.array(valid), np.array(v), np.nan))
+    within = np.clip(time + step, 0, 1) - np.clip(time - step, 0, 1)
+    moved = np.nan_to_num(rows[1] - rows[0])
+    rate = np.divide(moved, within, out=np.zeros_like(moved), where=within > 0)
+    per_row = camera.read_out_share / max(camera.height - 1, 1) * (-1 if camera.reads_up else 1)
+    stays = 1 - per_row * rate
+    return np.divide(1, stays, out=np.zeros_like(stays), where=stays > SLOWEST)

@@ -10,15 +10,21 @@ from generator.sensor_spec import COLOURS, SensorSpec
 LETTERS = {"B": COLOURS.index("blue"), "G": COLOURS.index("green"), "R": COLOURS.index("red")}
 
 
+def filter_tile(pattern: str) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Channel (index into COLOURS) of the first 2 x 2 pixels, which `pattern` names row by row."""
+    first, second, third, fourth = (LETTERS[letter] for letter in pattern)
+    return (first, second), (third, fourth)
+
+
 def filter_array(pattern: str, height: int, width: int) -> NDArray[np.intp]:
     """Channel (index into COLOURS) of every pixel, (height, width); `pattern` names the first 2 x 2 row by row."""
-    tile = np.array([LETTERS[letter] for letter in pattern], dtype=np.intp).reshape(2, 2)
+    tile = np.array(filter_tile(pattern), dtype=np.intp)
     return np.tile(tile, ((height + 1) // 2, (width + 1) // 2))[:height, :width]
 
 
 def mosaic(image: NDArray[np.float32], sensor: SensorSpec) -> NDArray[np.float32]:
-    """What each pixel sees, (height, width), of an image (height, width, channels)."""
-    if sensor.colour is None:
+    """What each pixel sees, (height, width), of an image (height, width, channels); one channel is seen by all."""
+    if sensor.colour is None or image.shape[2] == 1:
         return np.ascontiguousarray(image[:, :, 0])
     chosen = filter_array(sensor.colour.pattern, *image.shape[:2])
     return np.take_along_axis(image, chosen[:, :, None], axis=2)[:, :, 0]

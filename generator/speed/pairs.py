@@ -34,8 +34,8 @@ class PairedTimes:
 
 
 def make_frame(scenario: Scenario, index: int) -> None:
-    """Render a frame with its truth, and encode its image."""
-    encode(render_frame(scenario, index).dn, "png")
+    """Render a frame with its truth, and encode its image, as for a data set."""
+    encode(render_frame(scenario, index, channels=False).dn, "png")
 
 
 def time_pairs(plain: Callable[[int], None], full: Callable[[int], None], pairs: int) -> PairedTimes:

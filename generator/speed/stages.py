@@ -63,7 +63,7 @@ def time_stages(frames: int, size: FrameSize, codec: str) -> tuple[dict[str, flo
             with watch.time("plan"):
                 plan = plan_frame(scenario, index)
             with watch.time("render"):
-                expected = render_expected(plan)
+                expected = render_expected(plan, channels=False)
             with watch.time("of which sky maps"):
                 frame_layers(plan)
             with watch.time("noise"):

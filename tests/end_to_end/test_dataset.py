@@ -30,7 +30,7 @@ from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
 from generator.dataset.verify import problems
-from generator.errors import GeneratorError
+from generator.errors import GeneratorError, ScenarioError
 from generator.object_table import OBJECT_SCHEMA
 from generator.scenario_file import load_scenario, parse_scenario
 
@@ -218,11 +218,11 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     calls: list[int] = []
     render = shard_module.render_frame
 
-    def fragile(scenario, index):
+    def fragile(scenario, index, **options):
         calls.append(index)
         if index == 6 or (index == 2 and calls.count(2) == 1):
             raise RuntimeError("cosmic ray")
-        return render(scenario, index)
+        return render(scenario, index, **options)
 
     monkeypatch.setattr(shard_module, "render_frame", fragile)
     report = generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
@@ -413,6 +413,17 @@ def test_a_begun_dataset_of_a_file_that_changed_is_refused(tmp_path) -> None:
     (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
     with pytest.raises(GeneratorError, match=r"land/ridge\.csv: differs"):
         generate(load_scenario(path), path.read_text(), tmp_path / "set", DatasetSpec())
+
+
+def test_a_file_that_changes_during_the_run_fails_its_frames(tmp_path) -> None:
+    """Frames of the old and of the new file never stand side by side under one hash."""
+    path = walled_scenario(tmp_path)
+    scenario = load_scenario(path)
+    (tmp_path / "land/ridge.csv").write_text("azimuth_deg,elevation_deg\n0,2\n180,3\n")
+    with pytest.raises(ScenarioError, match=r"'land/ridge\.csv' changed since the scenario was read"):
+        scenario.frame(0)
+    with pytest.raises(GeneratorError, match="changed since the scenario was read"):
+        generate(scenario, path.read_text(), tmp_path / "set", DatasetSpec())
 
 
 @pytest.mark.parametrize(

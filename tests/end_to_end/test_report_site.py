@@ -8,7 +8,7 @@ from browser import chromium, console, open_page, requested
 from PIL import Image
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
-from benchmark.site.pages import write_site
+from benchmark.site.pages import make_boards, write_site
 
 PHONE_PX = 390
 
@@ -18,7 +18,7 @@ def site(tmp_path_factory):
     root = write_results(
         tmp_path_factory.mktemp("site") / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared")
     )
-    return write_site(root).parent
+    return write_site(make_boards(root), root).parent
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from generator.camera_presets import PRESETS
 from generator.dataset_writer import png_bytes, render_frame
 from generator.frame_plan import plan_frame
 from generator.scenario_file import Scenario, load_scenario
+from generator.variation import DISTRIBUTION_KEYS
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.yaml"))
@@ -44,6 +46,12 @@ def test_every_feature_has_its_scene() -> None:
         lines = path.read_text().splitlines()
         assert lines[0].startswith("# "), path.name
         assert len(lines) <= 55, path.name
+
+
+def test_documentation_lists_every_feature_way_to_vary_and_preset() -> None:
+    text = (ROOT / "docs/scenarios.md").read_text()
+    for word in (*(f"{name}.yaml" for name in FEATURES), *DISTRIBUTION_KEYS, "sweep", *PRESETS):
+        assert word in text, word
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

@@ -58,6 +58,23 @@ def test_light_is_on_for_its_time(change, share) -> None:
     assert changed / steady == pytest.approx(share, rel=0.01, abs=1e-9)
 
 
+def test_ends_are_where_the_light_is_seen() -> None:
+    """A meteor that shines from a fifth to three fifths of the exposure, and two flashes.
+
+    To the sixty-fourth of the exposure in which light curves are drawn: 2.3 px of the meteor's way.
+    """
+    whole = {"start": {"azimuth_deg": 90.0, "altitude_deg": 70.0}, "end": {"azimuth_deg": 270.0, "altitude_deg": 70.0}}
+    meteor = {"kind": "meteor", "v_mag": -3.0, "start_s": 0.1, "end_s": 0.3} | whole
+    plan, frame = rendered(meteor)
+    distance = plan.spec.camera.f_px * np.tan(np.radians(20.0))
+    assert frame.objects.start_px[0] == pytest.approx([134.5 - distance, 89.5], abs=2.3)
+    assert frame.objects.end_px[0] == pytest.approx([134.5 + distance, 89.5], abs=2.3)
+    plan, frame = rendered(TRAIL | {"kind": "aircraft", "strobe": {"period_s": 0.25, "flash_s": 0.01, "first_s": 0.12}})
+    lit = np.argwhere(frame.electrons > 0.02 * frame.electrons.max())
+    assert lit[:, 1].min() == pytest.approx(frame.objects.start_px[0, 0], abs=3)
+    assert lit[:, 1].max() == pytest.approx(frame.objects.end_px[0, 0], abs=3)
+
+
 def test_element_sets_against_skyfield() -> None:
     """Azimuth and altitude of a satellite within 0.01 deg of Skyfield's over a minute."""
     utc = "2020-01-15T18:00:00Z"

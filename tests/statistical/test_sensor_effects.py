@@ -137,6 +137,10 @@ def test_bayer_mosaic_is_made_of_its_planes() -> None:
     colour = {"pattern": "GRBG"}
     plan = plan_frame(small_scenario(sensor={"colour": colour}, stars={"limiting_magnitude": 4.0}), 0)
     frame = render_expected(plan)
+    alone = render_expected(plan, channels=False)
+    assert not alone.channels
+    np.testing.assert_array_equal(alone.electrons, frame.electrons)
+    np.testing.assert_array_equal(alone.sky_electrons, frame.sky_electrons)
     assert list(frame.channels) == ["blue", "green", "red"]
     for name in frame.channels:
         mono = render_expected(plan_frame(
@@ -172,7 +176,7 @@ def scenario_with_curve(folder, text: str) -> Scenario:
 def test_an_efficiency_curve_may_come_from_a_file(tmp_path) -> None:
     scenario = scenario_with_curve(tmp_path, "wavelength_nm,quantum_efficiency\n400,0.5\n600,0.8\n")
     assert scenario.frame(0).sensor.quantum_efficiency == ((400.0, 0.5), (600.0, 0.8))
-    assert [file.path for file in scenario.input_files()] == ["qe.csv"]
+    assert [file.path for file in scenario.files] == ["qe.csv"]
     for text, fragment in {
         "nm,qe\n400,0.5\n": "expected wavelength_nm, quantum_efficiency",
         "wavelength_nm,quantum_efficiency\n400,x\n600,1\n": "not a number",

@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -23,7 +24,7 @@ FOV_MAX_ERROR_DEG = 5.0
 TIMEOUT_MS = 2000
 
 
-def write_bsc5(path):
+def write_bsc5(path: Path) -> None:
     """Write the catalogue in the byte format of the SAO's BSC5 file, which tetra3 reads (29 bytes of header, 32 a star)."""
     rows = []
     for line in BSC.read_text(encoding="ascii", errors="replace").splitlines():
@@ -40,7 +41,7 @@ def write_bsc5(path):
     path.write_bytes(header.tobytes() + np.array(rows, dtype=layout).tobytes())
 
 
-def load_database(tetra3, fov_deg):
+def load_database(tetra3: Any, fov_deg: float) -> Any:
     """Database of patterns for fields of view up to this; made where it is not yet there."""
     name = CACHE / f"bsc5-{fov_deg:g}-deg-{VERSION.replace('.', '-')}"  # a dot would be taken for a suffix
     if not name.with_suffix(".npz").exists():
@@ -57,7 +58,7 @@ def load_database(tetra3, fov_deg):
     return tetra3.Tetra3(load_database=str(name))
 
 
-def rotation_of(found):
+def rotation_of(found: dict[str, float]) -> Any:
     """Rotation ICRS to camera (x right, y down, z boresight) from tetra3's right ascension, declination and roll."""
     ra, dec, roll = (math.radians(found[key]) for key in ("RA", "Dec", "Roll"))
     boresight = np.array([math.cos(ra) * math.cos(dec), math.sin(ra) * math.cos(dec), math.sin(dec)])
@@ -68,7 +69,7 @@ def rotation_of(found):
     return np.array([-left, -up, boresight])
 
 
-def answer(tetra3, databases, request):
+def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) -> dict[str, Any]:
     """Detect, solve, and put the answer into the protocol's terms."""
     camera = request["camera"]
     started = time.perf_counter()
@@ -82,7 +83,7 @@ def answer(tetra3, databases, request):
     else:
         uv = np.array(request["detections"]["uv"], dtype=float).reshape(-1, 2)
     detected = time.perf_counter()
-    result = {
+    result: dict[str, Any] = {
         "detections": {"uv": uv.tolist(), "flux": None} if own else None,
         "time_ms": {"detect": 1000 * (detected - started)},
     }
@@ -104,7 +105,7 @@ def answer(tetra3, databases, request):
     return result | {"status": "attitude", "R_icrs_to_camera": rotation_of(found).tolist()}
 
 
-def main():
+def main() -> None:
     """Answer requests over standard input and output."""
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

@@ -62,6 +62,19 @@ def test_the_kelvins_score_is_that_of_the_competition():
     assert kelvins_scores(frames).tolist() == [0.55, -1.0, 0.0, 0.0]
 
 
+def test_an_error_at_the_bound_has_the_ratio_of_the_documentation():
+    """Median of a round Gaussian error over its root mean square: sqrt(ln 2) = 0.833; of one in one direction: 0.674."""
+    rng = np.random.default_rng(np.random.SeedSequence(8))
+    n, bound = 20_000, 0.07
+    east, north = rng.normal(0, bound / math.sqrt(2), (2, n))
+    # The density of the ratio at its median gives a standard error of 0.0042 and 0.0056; four of them.
+    for error, expected in ((np.hypot(east, north), math.sqrt(math.log(2))), (np.abs(rng.normal(0, bound, n)), 0.6745)):
+        frames = table(error_km=error, crlb_km=[bound] * n)
+        assert measure(frames, [m for m in METRICS if m.key == "bound_ratio"])["bound_ratio"].value == pytest.approx(
+            expected, abs=0.022
+        )
+
+
 def test_frames_of_their_own_site_are_independent():
     frames = table(error_km=[1.0] * 30 + [100.0] * 10)
     found = measure(frames, METRICS[:3])["success_3km"]

@@ -46,8 +46,8 @@ def boards(root):
 
 
 @pytest.fixture(scope="module")
-def pages(root):
-    folder = write_site(root).parent
+def pages(root, boards):
+    folder = write_site(boards, root).parent
     return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
@@ -290,10 +290,14 @@ def test_numbers_for_script_and_reader():
 
 def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
     copy = shutil.copytree(root, tmp_path / "tree")
-    shutil.rmtree(copy / "site", ignore_errors=True)
+    (copy / "site").mkdir(exist_ok=True)
+    (copy / "site" / "solver-gone.html").write_text("of a solver that is no more", encoding="utf-8")
     result = CliRunner().invoke(app, ["report", "--out", str(copy), "--figure", str(tmp_path / "board.svg")])
     assert result.exit_code == 0, result.output
     assert str(copy / "site" / "index.html") in result.stdout
+    assert "skybench" in result.stdout
+    assert "bortle@1" in result.stdout
+    assert not (copy / "site" / "solver-gone.html").exists()
     assert (tmp_path / "board.svg").is_file()
     result = CliRunner().invoke(app, ["report", "--out", str(tmp_path), "--figure", str(tmp_path / "board.svg")])
     assert result.exit_code == 2

@@ -137,6 +137,7 @@ def test_limits_of_size(file, monkeypatch):
     lines = "\n".join(f"frame-{i},refused,,,,,,," for i in range(4))
     assert problems_of(file, f"{HEADER}\n{lines}\n") == ["line 4: more than 2 rows; the rest is not read"]
     assert len(check_answers(file).answers) == 2
+    assert problems_of(file, HEADER + "\n" * 1100) == ["has more than 1002 lines"]
     monkeypatch.setattr(submission_cells, "LARGEST_FILE_BYTES", 50)
     assert problems_of(file, f"{HEADER}\n{lines}\n")[0].endswith("bytes, more than 50")
 

@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from unit.benchmark.test_solver_programs import PROGRAM
 
+import celnav
 from benchmark.bench_cli import app
 from benchmark.errors import TaskError
 from benchmark.results import read_task_results
+from benchmark.solvers.celnav_solver import answer_of
 from benchmark.solvers.protocol import CameraRecord, Observation
 from benchmark.task_frames import misinformed, wanted_shards
 from benchmark.tasks import definition
@@ -22,7 +24,7 @@ FROZEN = {
     "attitude@1": "31d631a4984a5912b0e6e0c7a7b22b4247a00cdc5411f839c611adc59315484b",
     "bortle@1": "35fe5af978974c6d5c8912a662ecc3a18322561e62c8753ecc15943b68315d63",
     "calibration@1": "c4474588c85751929001f84d00a02efc586a9c04ee2e2cf77ec3285194adbf50",
-    "clutter@1": "a11300de6f7aded8e21cccdd7f235cb780f1a94e8a22cb3c0b404a27fc9149f6",
+    "clutter@1": "a536a6d6c4083a9abb8407757ebf1a77f4c74580c40674614aa944b8a185f865",
     "motion@1": "66f0eac4bf5fd0cc3b482e8b9a3083e69845c76c6677cca8b59f836b19622fa7",
     "optics@1": "d70aec8358a51944f7902c39464a24ae8c49ddd35627958691ce5849a9e6ab86",
     "thesis-mag@1": "0027035fcc031514a5d6a5798306df5e843a3c35ddfc508d5c2505ad248228a3",
@@ -255,6 +257,12 @@ def test_requests_that_cannot_be_met_end_with_status_two(tiny, monkeypatch):
         outcome = bench(tiny, monkeypatch, *arguments)
         assert outcome.exit_code == 2, outcome.output
         assert message in outcome.output
+
+
+def test_celnavs_planets_get_the_datasets_ids():
+    matches = np.array([[0, 11767], [1, -1_000_005], [2, -8000]])
+    answer = answer_of(celnav.Fix(ok=True, reason="ok", lat_deg=0.0, lon_deg=0.0, matches=matches))
+    assert answer.matches.tolist() == [[0, 11767], [1, 900_000_599], [2, -8000]]
 
 
 def test_the_list_shows_all_tasks_and_solvers():

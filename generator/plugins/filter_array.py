@@ -1,0 +1,17 @@
+"""What a pixel under a colour filter array sees of values by channel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+Pattern = tuple[tuple[int, int], tuple[int, int]]
+"""Channel of the pixels of the first 2 x 2, by row and column."""
+
+
+def choose(pattern: Pattern, channels: list[Any], column: Any, row: Any) -> Any:
+    """The value of the channel that pixels (Int32 columns and rows) see."""
+    right, low = (column & 1) == 1, (row & 1) == 1
+    upper, lower = (dr.select(right, channels[there], channels[here]) for here, there in pattern)
+    return dr.select(low, lower, upper)

@@ -1,0 +1,73 @@
+"""Sets packed from a task and from a dataset in shards: the truth of each, submitted, scores perfectly."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from small_scenes import BASE
+from typer.testing import CliRunner
+
+from benchmark.cli import app
+from benchmark.csv_cells import csv_lines
+from benchmark.frame_metrics import measure, read_frames
+from benchmark.results import read_task_results
+from benchmark.submission import FRAME_COLUMNS
+from benchmark.submission_pack import TaskChoice, Truth, opened, withheld_names
+from generator.dataset.generate import generate
+from generator.dataset.layout import DatasetSpec
+from generator.scenario_file import parse_scenario
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, ["bench", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def submit_truth(truth: Truth, path: Path) -> Path:
+    names = withheld_names(truth.frames)
+    rows = [
+        (names[f.frame_id], "fix", f.conditions.latitude_deg, f.conditions.longitude_deg, 1, 0, 1, 1, 1)
+        for f in truth.frames
+    ]
+    path.write_text(csv_lines([FRAME_COLUMNS, *rows]), encoding="utf-8")
+    return path
+
+
+def test_a_task(tmp_path):
+    """One rendered frame, told with the errors of every level of the attitude task."""
+    common = ("--frames", 1, "--data", tmp_path / "data")
+    assert "7 frames in" in run("pack-test", "attitude", "--out", tmp_path / "set", *common)
+    with opened("attitude", TaskChoice("test", 1, tmp_path / "data", 1)) as truth:
+        answers = submit_truth(truth, tmp_path / "answers.csv")
+    run("check", answers, "--set", tmp_path / "set")
+    output = run("score", answers, "--truth", "attitude@1", "--name", "mine", "--out", tmp_path / "out", *common)
+    assert "7 frames, 7 fixes, 100 % within 10 km" in output
+    (path,) = (tmp_path / "out" / "attitude@1" / "test" / "own").glob("mine-*/frames.parquet")
+    frames = read_frames(path)
+    assert measure(frames)["success_1km"].value == 1.0
+    assert frames["condition"].tolist() == sorted(frames["condition"])
+    # The worse the attitude is known, the less can be known of the position.
+    assert frames["crlb_km"].is_monotonic_increasing
+    assert frames["crlb_km"].iloc[-1] > 10 * frames["crlb_km"].iloc[0] > 0
+    (result,) = read_task_results(tmp_path / "out")
+    assert result.provenance.task["frames_per_condition"] == 1
+    # Another submission under the same name stands beside it, under a key of its own.
+    answers.write_text(answers.read_text().replace(",1,1\n", ",0.5,1\n"))
+    run("score", answers, "--truth", "attitude", "--name", "mine", "--out", tmp_path / "out", *common)
+    assert len(read_task_results(tmp_path / "out")) == 2
+
+
+@pytest.mark.parametrize("codec", ["png", "jxl"])
+def test_a_dataset_in_shards(tmp_path, codec):
+    tree = BASE | {"camera": BASE["camera"] | {"width": 120, "height": 80}, "stars": {"limiting_magnitude": 4.0}}
+    text = yaml.safe_dump(tree)
+    folder = tmp_path / "shards"
+    generate(parse_scenario(text, "set.yaml"), text, folder, DatasetSpec(codec=codec))
+    run("pack-test", folder, "--out", tmp_path / "set")
+    with opened(str(folder), TaskChoice("test", None, tmp_path, 1)) as truth:
+        answers = submit_truth(truth, tmp_path / "answers.csv")
+    assert {path.suffix for path in (tmp_path / "set").iterdir()} == {".png", ".json", ".csv"}
+    output = run("score", answers, "--truth", folder, "--name", "mine", "--out", tmp_path / "out")
+    assert "1 frames, 1 fixes, 100 % within 10 km" in output
+    assert CliRunner().invoke(app, ["bench", "pack-test", str(tmp_path / "no"), "--out", "x"]).exit_code == 2

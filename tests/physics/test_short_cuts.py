@@ -1,0 +1,171 @@
+"""What the renderer leaves out to be fast, against the long way: every bound that the code states."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from small_scenes import small_scenario
+
+from generator import mitsuba_runtime
+from generator.atmosphere import Atmosphere, optical_depth
+from generator.frame_plan import field_radius_deg, plan_frame
+from generator.photometry import GRID_NM
+from generator.projection import Projection
+from generator.scene import render_expected, scene_dict
+from generator.sensor.charge import LARGEST_MEAN_BY_INVERSION, poisson_of_one_mean
+from generator.stellar_spectra import colour_row, colour_table
+
+PSF = {
+    "diffraction": {"f_number": 2.0, "coma_waves": 0.2, "astigmatism_waves": 0.2}, "gaussian_sigma_px": 0.5,
+    "support_px": 8,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def mi():
+    return mitsuba_runtime.start()
+
+
+def test_table_of_star_electrons_against_each_star_s_own_integral(mi) -> None:
+    """For every colour and airmass up to the horizon's, by channel and band: within 1e-4 in clear, 5e-4 in hazy air."""
+    from generator.plugins.film_response import FilmResponse
+
+    wavelength = np.linspace(352, 998, 132)
+    curves = np.stack([np.exp(-(((wavelength - centre) / 90) ** 2)) for centre in (460, 540, 640)])
+    response = FilmResponse(wavelength, curves * 650 / 132)
+    row = colour_row(np.repeat(np.linspace(-0.4, 5.9, 40), 50))
+    airmass = np.tile(np.concatenate([[0.0], np.geomspace(1.0, 38.0, 49)]), 40)
+    lower = np.minimum(row.astype(int), len(colour_table()) - 2)
+    part = (row - lower)[:, None]
+    spectra = (1 - part) * colour_table()[lower] + part * colour_table()[lower + 1]
+    place = np.interp(wavelength, GRID_NM, np.arange(len(GRID_NM)))
+    for aerosol, tolerance in ((0.1, 1e-4), (0.6, 5e-4)):
+        depth = optical_depth(GRID_NM, Atmosphere(1013.0, aerosol, 1.3, 300.0))
+        left = np.minimum(place.astype(int), len(GRID_NM) - 2)
+        right = place - left
+        shape, tau = ((1 - right) * x[..., left] + right * x[..., left + 1] for x in (spectra, depth))
+        light = shape * np.exp(-airmass[:, None] * tau)
+        found = response.of_stars(colour_table(), depth, row, airmass, 4)
+        band = ((wavelength - 350) / 162.5).astype(int)
+        for number in range(4):
+            wanted = light[:, band == number] @ response.electrons[:, band == number].T
+            np.testing.assert_allclose(found[:, :, number], wanted, rtol=tolerance)
+
+
+def test_the_sky_as_the_camera_s_channels_see_it_is_the_spectral_sky(mi) -> None:
+    """A colour camera's three channels against Mitsuba's own way over the spectral emitter: within 0.1 %."""
+    plan = plan_frame(small_scenario(sensor={"colour": {"pattern": "RGGB"}}, stars={"limiting_magnitude": -1.9}), 0)
+    frame = render_expected(plan)
+    spectral = np.array(mi.render(mi.load_dict(scene_dict(plan))))
+    for number, name in enumerate(("blue", "green", "red")):
+        np.testing.assert_allclose(frame.channels[name], spectral[:, :, number], rtol=1e-3)
+
+
+@pytest.mark.parametrize("psf", [None, PSF])
+def test_small_stamps_of_faint_stars(mi, psf, monkeypatch) -> None:
+    """Against whole stamps: light is conserved within 0.1 %, and no pixel changes by more than the stated bounds."""
+    from generator.plugins import stamp_light
+
+    optics = {} if psf is None else {"camera__psf": psf, "camera__pixel_pitch_um": 4.0}
+    plan = plan_frame(small_scenario(sky=None, stars={"limiting_magnitude": 7.5}, **optics), 0)
+    small = render_expected(plan).electrons.astype(float)
+    monkeypatch.setattr(stamp_light, "FAINTEST_PIXEL_E", 0.0)
+    whole = render_expected(plan).electrons.astype(float)
+    assert (small != whole).any()
+    assert small.sum() == pytest.approx(whole.sum(), rel=1e-3)
+    # A few stars may overlap in a pixel.
+    bound = 3 * 0.05 + stamp_light.LARGEST_MOVED_SHARE * whole
+    assert (np.abs(small - whole) < bound).all()
+
+
+def test_stamps_keep_their_promises(mi) -> None:
+    """The chosen radius is the smallest of its kind that leaves out no pixel and no share larger than stated."""
+    from generator.plugins.stamp_light import FAINTEST_PIXEL_E, LARGEST_MOVED_SHARE, SIZES_PX, gaussian_light
+
+    light = gaussian_light(1.5, 10)
+    electrons = np.geomspace(0.1, 1e6, 200)
+    radius = light.radii(electrons)
+    assert (np.diff(radius) >= 0).all()
+    assert set(radius) <= {*SIZES_PX, 10}
+    fits = radius < 10
+    assert (electrons[fits] * light.beyond[radius[fits]] <= FAINTEST_PIXEL_E).all()
+    assert (1 - 1 / light.gain[radius, 0, 0, 0] <= LARGEST_MOVED_SHARE)[fits].all()
+
+
+@pytest.mark.parametrize("motion", [
+    {"rate_deg_s": [2.0, -1.0, 4.0], "samples": 32},
+    {"gimbal": {"sigma_deg": 0.3, "correlation_s": 0.1}, "samples": 64},
+])  # fmt: skip
+def test_a_few_stars_show_how_all_move(mi, motion, monkeypatch) -> None:
+    """Against following every star at every attitude: the same stars, light within 0.1 %, centroids within 0.02 px."""
+    from generator.plugins import star_tracks
+
+    plan = plan_frame(
+        small_scenario(
+            motion=motion,
+            sky=None,
+            stars={"limiting_magnitude": 6.0},
+            sensor={"rolling_shutter": {"line_time_us": 100.0}},
+        ),
+        0,
+    )
+    probed = render_expected(plan)
+    monkeypatch.setattr(star_tracks, "FEW_SHARES", np.linspace(0, 1, 10_000))
+    followed = render_expected(plan)
+    inside = followed.fraction_in_frame > 0.01
+    assert inside.sum() > 50
+    np.testing.assert_allclose(probed.star_electrons[inside], followed.star_electrons[inside], rtol=1e-3)
+    np.testing.assert_allclose(probed.centroid_px[inside], followed.centroid_px[inside], atol=0.02)
+    np.testing.assert_allclose(probed.start_px[inside], followed.start_px[inside], atol=1e-6)
+    np.testing.assert_allclose(probed.fraction_in_frame, followed.fraction_in_frame, atol=5e-3)
+    assert np.abs(probed.electrons - followed.electrons).max() < 0.03 * followed.electrons.max()
+
+
+CAMERAS = {
+    "pinhole": Projection("pinhole", 300.0, 310.0, 250.0, 150.0),
+    "brown_conrady": Projection("brown_conrady", 300.0, 300.0, 250.0, 150.0, k=(-0.2, 0.02), p=(0.002, -0.003)),
+    "kannala_brandt": Projection("kannala_brandt", 200.0, 200.0, 250.0, 150.0, k=(0.01, -0.002)),
+    "equidistant": Projection("equidistant", 200.0, 200.0, 250.0, 150.0),
+    "stereographic": Projection("stereographic", 150.0, 150.0, 250.0, 150.0),
+    "orthographic": Projection("orthographic", 200.0, 200.0, 250.0, 150.0),
+}
+
+
+@pytest.mark.parametrize("model", sorted(CAMERAS))
+def test_no_pixel_looks_beyond_the_field_s_radius(mi, model) -> None:
+    """Every pixel of a frame against the angle within which its stars are looked for; and that is not much too large."""
+    import drjit as dr
+
+    from generator.plugins.lens import make_lens
+
+    projection = CAMERAS[model]
+    width, height = 520, 330
+    double = dr.float64_array_t(mi.Float)
+    lens = make_lens(projection, lambda value: dr.opaque(double, value))
+    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, 60), np.linspace(-0.5, height - 0.5, 40))
+    _, _, z, valid = lens.unproject(double(u.ravel()), double(v.ravel()))
+    seen = np.degrees(np.arccos(np.clip(np.array(z)[np.array(valid)], -1, 1)))
+    found = projection.angle_deg(projection.corner_px(width, height))
+    assert seen.max() <= found + 1e-6
+    assert found < seen.max() + 6
+
+
+def test_the_field_s_radius_holds_the_reach_of_the_light() -> None:
+    camera = small_scenario().frame(0).camera
+    wider = camera.model_copy(update={"psf_sigma_px": 6.0})
+    assert field_radius_deg(wider) > field_radius_deg(camera) > 0
+
+
+@pytest.mark.parametrize("mean", [0.003, 0.25, 1.7])
+def test_poisson_by_inversion_is_poisson(mean) -> None:
+    """Pearson's chi-squared over the counts that are expected at least ten times; false alarm 1e-4 each."""
+    assert mean <= LARGEST_MEAN_BY_INVERSION
+    size = 2_000_000
+    counts = np.bincount(poisson_of_one_mean(mean, (size,), np.random.default_rng(5)), minlength=30)
+    expected = size * stats.poisson.pmf(np.arange(len(counts)), mean)
+    often = expected >= 10
+    found = np.append(counts[often], counts[~often].sum())
+    wanted = np.append(expected[often], size - expected[often].sum())
+    enough = wanted > 1
+    assert found[~enough].sum() <= 6
+    statistic = ((found - wanted)[enough] ** 2 / wanted[enough]).sum()
+    assert stats.chi2.sf(statistic, enough.sum() - 1) > 1e-4
