@@ -105,20 +105,18 @@ def _garstang(axis: Any) -> None:
     views = view_directions(90 - zenith, [0.0])
     for distance in (5.0, 20.0):
         once = city_single(BakedAir(), np.array([NM]), 0.1, np.array([[0.0, distance]]), views)
-        (line,) = axis.semilogy(
-            zenith, ((1 - share) * once[0] + share * once[1])[0], label=f"skybench, once, {distance:.0f} km"
-        )
+        (line,) = axis.semilogy(zenith, ((1 - share) * once[0] + share * once[1])[0], label=f"once, {distance:.0f} km")
         reference = [garstang_kernel(distance, z, share) for z in zenith]
-        axis.semilogy(zenith, reference, "o", color=line.get_color(), label=f"Garstang 1986, {distance:.0f} km")
+        axis.semilogy(zenith, reference, "o", color=line.get_color(), label=f"Garstang, {distance:.0f} km")
         rows = [k for k, altitude in enumerate(VIEW_ALTITUDES_DEG) if altitude >= 27]
         all_orders = city_radiance(distance, 0.5, share)[AT_NM, rows, 0] * 1e6
         axis.semilogy(90 - np.array(VIEW_ALTITUDES_DEG)[rows], all_orders, "--", color=line.get_color(),
-                      label=f"skybench, all orders, {distance:.0f} km")  # fmt: skip
+                      label=f"all orders, {distance:.0f} km")  # fmt: skip
     axis.set(
         xlabel="zenith angle towards the lamp, deg",
         ylabel="km⁻² sr⁻¹",
         ylim=(1e-6, 5e-3),
-        title="A lamp's light, 530 nm",
+        title="A lamp's light, 530 nm (Garstang 1986)",
     )
     axis.legend(fontsize=7, ncols=2, loc="upper left")
 
