@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from benchmark.errors import ResultsError
 from benchmark.intervals import CONFIDENCE, Estimate
 from benchmark.metrics import DEFINITIONS, FrameScore, Summary, by_bortle, summarise
-from benchmark.result_tables import DetectionRow, FrameDetails, finite, frame_table, match_table
+from benchmark.result_tables import DetectionRow, FrameDetails, finite, frame_table
 
 RESULT_FORMAT = "skybench-result/1"
 PREVIEW_FOLDER = "previews"
@@ -114,7 +114,7 @@ def write_result(
     solver: str,
     scores: Sequence[FrameScore],
     details: Sequence[FrameDetails],
-    detections: Sequence[DetectionRow],
+    matches: pa.Table,
     provenance: RunProvenance,
 ) -> None:
     """Write the tables of frames and detections and, last, the summary."""
@@ -122,7 +122,7 @@ def write_result(
     stamp = json.dumps({"format": RESULT_FORMAT, "solver": solver, **dataclasses.asdict(provenance)}, allow_nan=False)
     metadata = {b"skybench": stamp.encode()}
     _write_parquet(files.frames, frame_table(scores, details).replace_schema_metadata(metadata))
-    _write_parquet(files.matches, match_table(detections).replace_schema_metadata(metadata))
+    _write_parquet(files.matches, matches.replace_schema_metadata(metadata))
     summary = {
         "format": RESULT_FORMAT,
         "definitions": DEFINITIONS,

@@ -22,7 +22,7 @@ from benchmark.geodesy import east_north_km, geodesic_km
 from benchmark.memory import peak_mib, reset_peak
 from benchmark.metrics import ERROR, FIX, REFUSED, FrameScore, Summary, summarise
 from benchmark.preview import preview_webp
-from benchmark.result_tables import DetectionRow, FrameDetails, finite
+from benchmark.result_tables import DetectionRow, FrameDetails, finite, match_table
 from benchmark.results import (
     PREVIEW_FOLDER,
     ResultFiles,
@@ -117,7 +117,7 @@ def run_benchmark(
             contestant.name,
             scores,
             [outcome.details for outcome in mine],
-            [row for outcome in mine for row in outcome.detections],
+            match_table([row for outcome in mine for row in outcome.detections]),
             _provenance(dataset, contestant, jobs),
         )
         summaries[contestant.name] = summarise(scores)
@@ -143,6 +143,7 @@ def judge_frame(
         judge_frame(frame, image, solvers)
     found: dict[str, tuple[Detections | Exception, float]] = {}
     outcomes = []
+    bound_km = bound_of(frame)
     for solver in solvers:
         known = reset_peak()
         if solver.detector not in found:
@@ -157,7 +158,7 @@ def judge_frame(
             answer, status = _solve(solver, detections, frame, len(uv))
         solve_ms = 1000.0 * (time.perf_counter() - start)
         memory_mib = peak_mib() if known else None
-        outcomes.append(judge_answer(frame, answer, status, uv, flux, detect_ms, solve_ms, memory_mib))
+        outcomes.append(judge_answer(frame, answer, status, uv, flux, detect_ms, solve_ms, memory_mib, bound_km))
     return tuple(outcomes)
 
 
@@ -235,6 +236,7 @@ def judge_answer(
     detect_ms: float,
     solve_ms: float,
     peak_memory_mib: float | None,
+    crlb_km: float | None,
 ) -> SolverOutcome:
     """Hold an answer that `check_answer` has let pass against the frame's truth.
 
@@ -250,6 +252,8 @@ def judge_answer(
         Their brightness, NaN where unknown.
     detect_ms, solve_ms : float
     peak_memory_mib : float or None
+    crlb_km : float or None
+        The frame's bound, see `benchmark.frame_bounds`.
     """
     conditions = frame.conditions
     error_km = math.inf
@@ -300,7 +304,7 @@ def judge_answer(
         site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
         error_east_km=east_km,
         error_north_km=north_km,
-        crlb_km=bound_of(frame),
+        crlb_km=crlb_km,
         peak_memory_mib=peak_memory_mib,
     )
     return SolverOutcome(score, details, rows)

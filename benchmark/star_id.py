@@ -69,15 +69,16 @@ def score_matches(
     """
     seen = truth.snr >= TRACE_SNR
     star_uv, star_id, electrons = truth.uv[seen], truth.star_id[seen], truth.electrons_e[seen]
-    if len(uv) and len(star_uv):
-        nearest_px, _ = cKDTree(star_uv).query(uv)
-        n_detected = int(np.count_nonzero(nearest_px <= radius_px))
-    else:
-        n_detected = 0
-    correct = np.array(
-        [star in _identities(uv[detection], star_uv, star_id, electrons, radius_px) for detection, star in matches],
-        dtype=bool,
-    )
+    correct = np.zeros(len(matches), dtype=bool)
+    if not len(uv) or not len(star_uv):
+        return StarScore(0, len(matches), 0, correct)
+    tree = cKDTree(star_uv)
+    nearest_px, _ = tree.query(uv)
+    n_detected = int(np.count_nonzero(nearest_px <= radius_px))
+    near = tree.query_ball_point(uv[matches[:, 0]], radius_px) if len(matches) else []
+    for row, ((detection, star), found) in enumerate(zip(matches, near, strict=True)):
+        within = np.array(found, dtype=np.intp)
+        correct[row] = int(star) in _identities(uv[detection], star_uv[within], star_id[within], electrons[within])
     return StarScore(n_detected, len(matches), int(np.count_nonzero(correct)), correct)
 
 
@@ -86,12 +87,10 @@ def _identities(
     star_uv: NDArray[np.float64],
     star_id: NDArray[np.int64],
     electrons: NDArray[np.float64],
-    radius_px: float,
 ) -> set[int]:
-    """Star ids that a detection at `place`, shape (2,), may rightly be given."""
-    distance = np.hypot(*(star_uv - place).T)
-    within = np.flatnonzero(distance <= radius_px)
-    if len(within) == 0:
+    """Star ids that a detection at `place`, shape (2,), may rightly be given, of the stars within the radius."""
+    if len(star_id) == 0:
         return set()
-    bright = within[electrons[within] >= BLEND_SHARE * electrons[within].max()]
-    return {int(star) for star in star_id[[within[distance[within].argmin()], *bright]]}
+    distance = np.hypot(*(star_uv - place).T)
+    bright = np.flatnonzero(electrons >= BLEND_SHARE * electrons.max())
+    return {int(star) for star in star_id[[distance.argmin(), *bright]]}

@@ -13,8 +13,10 @@ import numpy as np
 from benchmark import provenance
 from benchmark.dataset import Dataset, Frame, load_image
 from benchmark.errors import ResultsError
+from benchmark.frame_bounds import bound_of
 from benchmark.metrics import FIX, REFUSED
 from benchmark.preview import preview_webp
+from benchmark.result_tables import match_table
 from benchmark.results import (
     PREVIEW_FOLDER,
     ResultFiles,
@@ -79,7 +81,7 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
     check_answer(answer, len(uv))
     # A time that was not given is not known to be finite.
     time_ms = math.inf if given is None or given.time_ms is None else given.time_ms
-    return judge_answer(frame, answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None)
+    return judge_answer(frame, answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None, bound_of(frame))
 
 
 def check_name(name: str) -> None:
@@ -139,7 +141,7 @@ def write_score(truth: Truth, out: Path, name: str, version: str, outcomes: Sequ
         name,
         [outcome.score for outcome in outcomes],
         [outcome.details for outcome in outcomes],
-        [row for outcome in outcomes for row in outcome.detections],
+        match_table([row for outcome in outcomes for row in outcome.detections]),
         found,
     )
     return files.summary

@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 
 from benchmark import provenance
 from benchmark.dataset import Frame
 from benchmark.errors import ResultsError, SolverError
-from benchmark.metrics import ERROR, FIX, REFUSED
+from benchmark.frame_bounds import bound_of
+from benchmark.metrics import ERROR, FIX, REFUSED, FrameScore
+from benchmark.result_tables import FrameDetails, match_table
 from benchmark.results import SUMMARY_NAME, ResultFiles, RunProvenance, write_result
 from benchmark.run import SolverOutcome, check_answer, judge_answer
 from benchmark.shared_detections import shared_detections, shared_detector
@@ -146,7 +149,8 @@ class SolverPool:
             answer, status, time_ms = Answer(ok=False, reason=f"error: {error}"), ERROR, 0.0
         except ValueError as error:
             answer, status = Answer(ok=False, reason=f"error: {error}"), ERROR
-        return judge_answer(frame, answer, status, uv, flux, detect_ms, time_ms - detect_ms, memory_mib)
+        solve_ms = time_ms - detect_ms
+        return judge_answer(frame, answer, status, uv, flux, detect_ms, solve_ms, memory_mib, _bound_km(frame))
 
     def _warm_up(self, session: ProgramSession, request: dict[str, Any]) -> None:
         """Put the first request once without judging it, so that one-off loading of tables does not count as solving."""
@@ -200,23 +204,34 @@ def run_task(run: TaskRun, pool: SolverPool, out: Path, progress: Callable[[int]
         progress(len(run.frames.frames))
         return False
 
-    def solve(frame: Frame) -> SolverOutcome:
+    def solve(frame: Frame) -> tuple[FrameScore, FrameDetails, pa.Table]:
         shared = shared_detections(frame) if run.detections == "shared" else None
         outcome = pool.answer(frame, shared)
         progress(1)
-        return outcome
+        return outcome.score, outcome.details, match_table(outcome.detections)
 
     with ThreadPoolExecutor(pool.jobs) as threads:
         outcomes = list(threads.map(solve, run.frames.frames))
     write_result(
         ResultFiles.within(folder),
         run.solver.name,
-        [outcome.score for outcome in outcomes],
-        [outcome.details for outcome in outcomes],
-        [row for outcome in outcomes for row in outcome.detections],
+        [score for score, _, _ in outcomes],
+        [details for _, details, _ in outcomes],
+        pa.concat_tables([matches for _, _, matches in outcomes]),
         _provenance(run, pool.jobs),
     )
     return True
+
+
+# A frame's bound is the same for all solvers, which come to it one after another.
+_bounds_km: dict[tuple[Path, str], float | None] = {}
+
+
+def _bound_km(frame: Frame) -> float | None:
+    place = frame.image_path, frame.frame_id
+    if place not in _bounds_km:
+        _bounds_km[place] = bound_of(frame)
+    return _bounds_km[place]
 
 
 def _provenance(run: TaskRun, jobs: int) -> RunProvenance:

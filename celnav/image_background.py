@@ -74,17 +74,16 @@ def background_and_noise(pixels: F4, used: Mask, tile_px: int) -> tuple[F4, F4]:
     offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(one)), counted)
     level = middle + offset
     known = np.isfinite(level) & np.isfinite(spread)
-    typical = np.median(spread[known]) if known.any() else np.float32(0)
+    if not known.all():
+        level = np.where(known, level, np.median(pixels[used]))
+        spread = np.where(known, spread, np.median(spread[known]) if known.any() else np.float32(0))
     row_weights, column_weights = _interpolation(row_edges), _interpolation(column_edges)
 
     def spread_out(tiles: F4) -> F4:
         smooth = ndimage.median_filter(tiles.astype(np.float32).reshape(rows, columns), 3, mode="nearest")
         return np.asarray(row_weights @ (smooth @ column_weights.T), dtype=np.float32)
 
-    return (
-        spread_out(np.where(known, level, np.median(pixels[used]))),
-        spread_out(np.where(known, spread, typical)),
-    )
+    return spread_out(level), spread_out(spread)
 
 
 def _sample_places(edges: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -326,7 +326,9 @@ def _seen_planets(
     radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
-    order = order[np.unique(planet[order], return_index=True)[1]]
+    # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
+    order = order[np.sort(np.unique(planet[order], return_index=True)[1])]
+    order = order[np.unique(seen[order], return_index=True)[1]]
     seen, planet = free[seen[order]], visible[planet[order]]
     pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
     return pairs, prepared.uv[seen] - predicted[planet]

@@ -89,9 +89,10 @@ def _terms(uv: F8, size: tuple[int, int]) -> F8:
 
 
 def inverse(covariance: F8) -> F8:
-    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances."""
+    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN of what has no width."""
     uu, uv, vv = covariance.T
-    return np.asarray(np.column_stack((vv, -uv, uu)) / (uu * vv - uv * uv)[:, None])
+    determinant = uu * vv - uv * uv
+    return np.asarray(np.column_stack((vv, -uv, uu)) / np.where(determinant > 1e-9, determinant, np.nan)[:, None])
 
 
 def patches(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F8, NDArray[np.int64], NDArray[np.int64]]:

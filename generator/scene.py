@@ -24,6 +24,7 @@ from generator.psf import psf_table
 from generator.scenario import FrameSpec
 from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
+from generator.sky.clouds import CloudVeil
 from generator.sky.component import SkyTable, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
 from generator.star_truth import StarTruth, between_lit_ends, star_truth
@@ -158,11 +159,7 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
     return {
         "type": "scene",
         "integrator": integrator_dict(plan),
-        "sky": {
-            "type": "skybench_sky",
-            "maps": tensor(sky.maps),
-            "spectra": tensor(sky.spectra),
-        },
+        "sky": sky_dict(sky),
         "stars": {
             "type": "skybench_stars",
             "directions": tensor(points.directions),
@@ -176,6 +173,24 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects)} if len(plan.objects) else {}),
     }
+
+
+def sky_dict(sky: SkyTable) -> dict[str, Any]:
+    """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
+    description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
+    veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
+    if veils:
+        from generator.plugins.clouds import cloud_numbers
+
+        clouds = veils[0].clouds
+        description |= {
+            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in sky.veiled])),
+            "veil_moon_sines": tensor([veil.moon_sine for veil in veils]),
+            "cloud_coarse": tensor(clouds.pattern.coarse),
+            "cloud_fine": tensor(clouds.pattern.fine),
+            "cloud_numbers": tensor(cloud_numbers(clouds)),
+        }
+    return description
 
 
 def objects_dict(objects: FlyingObjects) -> dict[str, Any]:

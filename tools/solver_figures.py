@@ -10,11 +10,13 @@ import altair as alt
 import numpy as np
 import pandas as pd
 import vl_convert
+from scipy.spatial import cKDTree
 
 import celnav
 from benchmark.geodesy import geodesic_km
 from benchmark.solver_bars import attitude_of, camera_of, measure, solve_field
 from benchmark.solver_fields import Condition, make_field
+from benchmark.solver_table import image_of
 from celnav.catalog import load_catalog
 from celnav.identification import identify
 from celnav.track import KM_PER_DEG, Track, moved, offset_km
@@ -27,6 +29,42 @@ def save(chart: alt.Chart | alt.LayerChart, path: Path) -> None:
     chart = chart.configure_view(stroke=None).configure_axis(grid=False, labelFontSize=12, titleFontSize=13)
     path.write_text(vl_convert.vegalite_to_svg(chart.to_json()), encoding="utf-8")
     print(path, path.stat().st_size)
+
+
+def detection(folder: Path) -> None:
+    """Part of the stars found over magnitude, by the matched filter and by flood fill, on the same images."""
+    condition = Condition("detection", v_max=8.0)
+    edges = np.arange(5.0, 8.01, 0.25)
+    configs = {"matched filter": celnav.DetectionConfig(), "flood fill": celnav.FloodFillConfig()}
+    found = {name: np.zeros(len(edges) - 1) for name in configs}
+    total = np.zeros(len(edges) - 1)
+    for number in range(4):
+        field, image = make_field(condition, 13, number), image_of(condition, 13, number)
+        v_mag = -2.5 * np.log10(field.flux)
+        # Stars with a brighter one within four pixels are another matter.
+        near = cKDTree(field.uv).query_pairs(4.0, output_type="ndarray")
+        alone = np.ones(len(field.uv), dtype=bool)
+        alone[near.ravel()] = False
+        total += np.histogram(v_mag[alone], edges)[0]
+        for name, config in configs.items():
+            seen = cKDTree(celnav.detect(image, config=config).uv).query(field.uv)[0] < 1.5
+            found[name] += np.histogram(v_mag[alone & seen], edges)[0]
+    rows = [
+        {"v": (a + b) / 2, "part": hits / n, "what": name}
+        for name, counts in found.items()
+        for a, b, hits, n in zip(edges[:-1], edges[1:], counts, total, strict=True)
+    ]
+    chart = (
+        alt.Chart(pd.DataFrame(rows))
+        .mark_line(point=True)
+        .encode(
+            x=alt.X("v:Q", title="V", scale=alt.Scale(zero=False)),
+            y=alt.Y("part:Q", title="part of single stars that is found"),
+            color=alt.Color("what:N", title=None, scale=alt.Scale(domain=list(configs), range=[BLUE, GREY])),
+        )
+        .properties(width=560, height=260)
+    )
+    save(chart, folder / "solver_detection.svg")
 
 
 def hypotheses(folder: Path, field) -> None:
@@ -46,7 +84,8 @@ def hypotheses(folder: Path, field) -> None:
         fix = solve_field(CONDITION, field)
     finally:
         identify.best_hypotheses = original
-    rotations, scores = seen[-1]
+    # The chunk that held the right one; a look for a rival may have followed.
+    rotations, scores = max(seen, key=lambda chunk: float(chunk[1].max(initial=0.0)))
     turn = np.einsum("hij,ji->h", rotations, fix.R_icrs_to_camera.astype(np.float32))
     angle = np.degrees(np.arccos(np.clip((turn - 1) / 2, -1, 1)))
     table = pd.DataFrame({"angle": np.maximum(angle, 0.02), "score": scores, "true": angle < 1.5})
@@ -179,6 +218,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     field = make_field(CONDITION, 7, 2)
     assert attitude_of(CONDITION, field).kind == "up"
+    detection(folder)
     hypotheses(folder, field)
     verification(folder, field)
     depth(folder)

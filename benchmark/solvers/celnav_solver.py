@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import celnav
 from benchmark.provenance import distribution_version
 from benchmark.solvers.protocol import Answer, Detections, Observation
+from celnav.planets import FIRST_PLANET_ID, planet_ids
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,18 @@ def answer_of(fix: celnav.Fix) -> Answer:
         lon_deg=float(fix.lon_deg) if fix.ok else None,
         cov_km2=None if fix.cov_km2 is None else np.asarray(fix.cov_km2, dtype=np.float64),
         confidence=_finite_or_none(fix.confidence),
-        matches=np.asarray(fix.matches, dtype=np.int64).reshape(-1, 2),
+        matches=_with_dataset_ids(np.asarray(fix.matches, dtype=np.int64).reshape(-1, 2)),
         time_ms={str(stage): float(ms) for stage, ms in fix.time_ms.items()},
     )
+
+
+def _with_dataset_ids(matches: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Name planets as docs/dataset_format.md does: 900,000,000 and the NAIF number, planet k being 100 k + 99."""
+    named = matches.copy()
+
+    rows = np.isin(named[:, 1], planet_ids())
+    named[rows, 1] = 900_000_099 + 100 * (-named[rows, 1] - FIRST_PLANET_ID)
+    return named
 
 
 def _finite_or_none(value: float | None) -> float | None:

@@ -6,6 +6,7 @@ import hashlib
 import os
 import sys
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -103,7 +104,7 @@ class SolverFolder:
             )
         return python
 
-    @property
+    @cached_property
     def configuration_sha256(self) -> str:
         """Of all files of the folder, and of the adapter's and celnav's code where they are run."""
         digest = hashlib.sha256()

@@ -14,7 +14,6 @@ from generator.photometry import GRID_NM
 from generator.scenario_file import parse_scenario
 from generator.scene import frame_layers, point_lights
 from generator.sky.assembly import whole_sky
-from generator.sky.directions import interpolate
 from generator.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
@@ -72,9 +71,8 @@ def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) 
     radius = np.hypot(x, y)
     inside = radius <= 1
     altitude, azimuth = 90 * (1 - radius), np.degrees(np.arctan2(x, y)) % 360
-    maps = interpolate(table.maps, altitude[inside], azimuth[inside])
     xyz = np.zeros((size, size, 3))
-    xyz[inside] = maps.T @ (table.spectra @ weights.T)
+    xyz[inside] = table.signal(weights, altitude[inside], azimuth[inside]).T
     points = point_lights(plan)
     depth = np.zeros((len(points.v_mag), 1))
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)

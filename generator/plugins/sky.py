@@ -7,6 +7,10 @@ parameter               type     meaning
 ======================  =======  ==================================================================================
 ``maps``                tensor   (k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
 ``spectra``             tensor   (k, n): spectra on the generator's wavelength grid
+``veiled_maps``         tensor   (veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
+``veil_moon_sines``     tensor   (veils,): see :class:`generator.sky.clouds.CloudVeil`
+``cloud_coarse``        tensor   tile of the cloud's field; so ``cloud_fine``
+``cloud_numbers``       tensor   of :func:`generator.plugins.clouds.cloud_numbers`
 ======================  =======  ==================================================================================
 
 Map times spectrum is radiance in photons s^-1 m^-2 nm^-1 sr^-1 at the ground. The scene's z axis is up; the sky is black
@@ -21,7 +25,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
+from generator.plugins.clouds import CloudTexture, moon_sines, veil
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
 
@@ -42,10 +48,13 @@ class DiffuseSkyEmitter(mi.Emitter):
         if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
         self.count, self.rows, self.columns = maps.shape
-        # One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that
-        # a look-up reads neighbours in memory.
-        wrapped = np.concatenate([maps, maps[:, :, :1]], axis=2)
-        self.values = mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1)).ravel())
+        self.values = self._texture(maps)
+        self.veiled: list[tuple[Any, Any]] = []
+        if "veiled_maps" in props:
+            behind = np.array(props["veiled_maps"], dtype=np.float32).reshape(-1, *maps.shape)
+            self.clouds = CloudTexture(props["cloud_coarse"], props["cloud_fine"], props["cloud_numbers"])
+            sines = moon_sines(props["veil_moon_sines"])
+            self.veiled = [(sine, self._texture(part)) for sine, part in zip(sines, behind, strict=True)]
 
     def is_environment(self) -> bool:
         """Mitsuba's interface: rays that leave the scene end here."""
@@ -54,6 +63,15 @@ class DiffuseSkyEmitter(mi.Emitter):
     def set_scene(self, scene: Any) -> None:
         """Mitsuba's interface: the sky is infinitely far away, whatever the scene's size."""
         del scene
+
+    def _texture(self, maps: NDArray[np.float32]) -> Any:
+        """Maps (k, ny, nx) as a Float.
+
+        One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that a
+        look-up reads neighbours in memory.
+        """
+        wrapped = np.concatenate([maps, maps[:, :, :1]], axis=2)
+        return mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1)).ravel())
 
     def coefficients(self, direction: Any) -> list[Any]:
         """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon."""
@@ -67,15 +85,19 @@ class DiffuseSkyEmitter(mi.Emitter):
         wr, wc = row - mi.Float(r0), column - mi.Float(c0)
         first = (r0 * (self.columns + 1) + c0) * self.count
         below = first + (self.columns + 1) * self.count
-        result = []
-        for k in range(self.count):
-            corners = [
-                dr.gather(mi.Float, self.values, index + k)
-                for index in (first, first + self.count, below, below + self.count)
-            ]
-            value = dr.lerp(dr.lerp(corners[0], corners[1], wc), dr.lerp(corners[2], corners[3], wc), wr)
-            result.append(dr.select(up, value, 0))
-        return result
+        corners = (first, first + self.count, below, below + self.count)
+
+        def look_up(values: Any, k: int) -> Any:
+            a, b, c, d = (dr.gather(mi.Float, values, corner + k) for corner in corners)
+            return dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr)
+
+        result = [look_up(self.values, k) for k in range(self.count)]
+        if self.veiled:
+            depth = self.clouds.slant_depth(direction)
+            for sine, values in self.veiled:
+                factor = veil(depth, sine)
+                result = [dr.fma(factor, look_up(values, k), value) for k, value in enumerate(result)]
+        return [dr.select(up, value, 0) for value in result]
 
     def radiance(self, direction: Any, wavelengths: Any) -> Any:
         """Radiance (Spectrum) that arrives from unit vectors `direction` (Vector3f, ENU)."""

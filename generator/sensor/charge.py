@@ -103,19 +103,22 @@ class CosmicRays:
         """Add the tracks' charge."""
         random = exposure.frame("cosmic_rays")
         height, width = signal.shape[-2:]
-        signal = signal.copy()
-        for _ in range(random.poisson(self.rate_s * exposure.exposure_s)):
-            u, v, angle = random.uniform(0, width), random.uniform(0, height), random.uniform(0, 2 * np.pi)
-            length, charge = random.exponential(self.length_px), random.exponential(self.charge_e_px)
-            steps = max(1, int(np.ceil(4 * length)))
-            along = (np.arange(steps) + 0.5) / steps * length
-            column = np.floor(u + along * np.cos(angle)).astype(int)
-            row = np.floor(v + along * np.sin(angle)).astype(int)
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            # Several steps may fall into one pixel, so they add up one by one.
-            for here in zip(row[inside], column[inside], strict=True):
-                signal[..., here[0], here[1]] += charge * max(length, 1) / steps
-        return signal
+        count = random.poisson(self.rate_s * exposure.exposure_s)
+        u, v = random.uniform(0, width, count), random.uniform(0, height, count)
+        angle = random.uniform(0, 2 * np.pi, count)
+        length, charge = random.exponential(self.length_px, count), random.exponential(self.charge_e_px, count)
+        steps = np.maximum(1, np.ceil(4 * length)).astype(np.intp)
+        track = np.repeat(np.arange(count), steps)
+        step = np.arange(len(track)) - np.repeat(np.cumsum(steps) - steps, steps)
+        along = (step + 0.5) / steps[track] * length[track]
+        column = np.floor(u[track] + along * np.cos(angle[track])).astype(np.intp)
+        row = np.floor(v[track] + along * np.sin(angle[track])).astype(np.intp)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        left = charge[track] * np.maximum(length, 1)[track] / steps[track]
+        # Several steps may fall into one pixel, where they add up.
+        place = row[inside] * width + column[inside]
+        light = np.bincount(place, weights=left[inside], minlength=height * width).reshape(height, width)
+        return (signal + light).astype(signal.dtype)
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,19 @@ REFERENCE_SOLAR_FLUX_SFU = 130.0
 ARCSEC2_IN_SR = np.radians(1 / 3600) ** 2
 PHOTONS_CM2_SR_PER_RAYLEIGH = 1e6 / (4 * np.pi)
 
-# Airglow at the zenith and 130 solar flux units: continuum as (nm, photons s^-1 cm^-2 A^-1 arcsec^-2) through the
-# broad-band brightness of ESO's sky model (B 23.06, V 22.01, R 21.10, I 19.55 less the lines). Source: Noll et al. 2012,
-# A&A 543, A92. The hydroxyl bands are part of the continuum; their rotational lines are far narrower than the grid.
-_CONTINUUM = [(350, 7.0e-7), (440, 8.3e-7), (550, 1.10e-6), (641, 2.2e-6), (798, 6.85e-6), (1000, 8.5e-6)]
+# Airglow at the zenith and 130 solar flux units without its atomic lines, photons s^-1 cm^-2 A^-1 arcsec^-2. Source: ESO's
+# sky model, Noll et al. 2012, A&A 543, A92; Jones et al. 2013, A&A 560, A91 (public SkyCalc tool).
+_CONTINUUM = [(350, 7.0e-7), (440, 8.3e-7), (550, 1.10e-6), (597.5, 1.25e-6)]
+"""Points (nm, radiance) up to 597.5 nm, through the model's broad-band brightness (B 23.06, V 22.01 less the lines)."""
+_BANDS_FROM_600 = [
+    136, 128, 123, 139, 142, 216, 150, 166, 123, 145, 171, 193, 151, 113, 102, 102, 102, 329, 188, 261,
+    170, 142, 131, 140, 128, 461, 645, 595, 268, 285, 253, 418, 305, 288, 589, 654, 870, 825, 878, 668,
+    695, 582, 288, 252, 236, 239, 1133, 1204, 1074, 1316, 619, 534, 451, 1300, 535, 1286, 1054, 2695, 2282, 1374,
+    1023, 672, 508, 471, 386, 400, 1747, 1209, 3217, 2128, 2172, 1066, 609, 565, 2442, 683, 3252, 2343, 2406, 4074,
+    2522,
+]  # fmt: skip
+"""Hydroxyl's Meinel bands, the oxygen bands at 688 and 865 nm and the continuum from 600 to 1000 nm: means of the model over
+steps of 5 nm, in 1e-8 of the unit. Single rotational lines are far narrower than the grid."""
 LOWER_LINES = [(557.7, 218.0), (589.3, 48.0)]
 UPPER_LINES = [(630.0, 165.0), (636.4, 44.0)]
 """Lines (nm, rayleigh) at the zenith and 130 sfu: [O I] green and red, sodium. Source: Noll et al. 2012."""
@@ -54,7 +63,9 @@ def line_spectrum(lines: list[tuple[float, float]]) -> Floats:
 def lower_spectrum() -> Floats:
     """Zenith radiance above the air of the layer at 87 km, 130 sfu, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM."""
     nodes = np.array(_CONTINUUM)
-    continuum = np.exp(np.interp(GRID_NM, nodes[:, 0], np.log(nodes[:, 1]))) * 1e5 / ARCSEC2_IN_SR
+    continuum = np.exp(np.interp(GRID_NM, nodes[:, 0], np.log(nodes[:, 1])))
+    continuum[GRID_NM >= 600] = 1e-8 * np.array(_BANDS_FROM_600)
+    continuum *= 1e5 / ARCSEC2_IN_SR
     return continuum + line_spectrum(LOWER_LINES)
 
 

@@ -16,7 +16,7 @@ from generator.scenario import SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
 from generator.sky.city_light import City, bortle_city, skyglow
-from generator.sky.clouds import cloud_light, diffuse_transmission
+from generator.sky.clouds import CloudVeil, cloud_light
 from generator.sky.component import SkyTable, black_sky, compressed, total
 from generator.sky.directions import sky_grid
 from generator.sky.moonlight import MOON_BV_MAG, moonlight
@@ -107,9 +107,7 @@ def _under_cloud(
 ) -> dict[str, SkyTable]:
     """Layers as seen through the frame's cloud, and the cloud's own light."""
     assert state.clouds is not None
-    grid = sky_grid()
-    depth = state.clouds.slant_depth(grid.enu)
-    passed = diffuse_transmission(depth).astype(np.float32)
+    passed = CloudVeil(state.clouds)
     moon_sine = max(0.0, float(state.moon_enu[2])) if "moonlight" in layers else 0.0
     moon = np.zeros_like(GRID_NM)
     if moon_sine > 0:
@@ -121,8 +119,8 @@ def _under_cloud(
     above = [layer for name, layer in layers.items() if name != "skyglow"]
     sky_on_ground = sum((np.pi * _hemisphere_mean(layer) for layer in above), np.zeros_like(GRID_NM))
     ground = BakedAir().ground_albedo * (sky_on_ground + moon_on_ground)
-    seen = {name: layer if name == "skyglow" else layer.scaled(passed) for name, layer in layers.items()}
-    glow = cloud_light(depth, state.clouds.altitude_km, cities, ground, moon, moon_sine, atmosphere)
+    seen = {name: layer if name == "skyglow" else layer.behind(passed) for name, layer in layers.items()}
+    glow = cloud_light(state.clouds, cities, ground, moon, moon_sine, atmosphere)
     return seen | {"clouds": glow}
 
 

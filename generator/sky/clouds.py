@@ -24,6 +24,8 @@ COARSE_CELLS, COARSE_CELL_KM = 1024, 0.125
 FINE_CELLS, FINE_CELL_KM = 512, 0.0125
 SPLIT_PER_KM = 3.2
 """Waves longer than 1 / SPLIT_PER_KM are in the coarse tile of 128 km, shorter ones in the fine tile of 6.4 km."""
+LEAST_MOON_SINE = 0.1
+"""Below, the Moon's path through the layer is no longer that through a plane."""
 ASYMMETRY = 0.85
 """Of cloud droplets and ice, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
 
@@ -74,12 +76,37 @@ class CloudField:
     def slant_depth(self, enu: Floats) -> Floats:
         """Optical depth along lines of sight, (...) array for (..., 3) unit vectors above the horizon."""
         ratio = EARTH_RADIUS_KM / (EARTH_RADIUS_KM + self.altitude_km)
-        horizontal = np.hypot(enu[..., 0], enu[..., 1])
-        at_layer = np.arcsin(np.clip(horizontal * ratio, 0, 1))
-        distance = EARTH_RADIUS_KM * (np.arctan2(horizontal, enu[..., 2]) - at_layer)
-        away = distance / np.maximum(horizontal, 1e-12)
+        horizontal = np.maximum(np.hypot(enu[..., 0], enu[..., 1]), 1e-12)
+        cosine = np.sqrt(1 - (horizontal * ratio) ** 2)
+        # Sine of the angle at the Earth's centre between the site and the point on the layer, without a difference of
+        # angles, so that single precision (the emitter's) does too.
+        turned = horizontal * (1 - ratio) * (1 + ratio) / (cosine + ratio * enu[..., 2])
+        away = EARTH_RADIUS_KM * np.arcsin(turned) / horizontal
         north, east = enu[..., 1] * away - self.north_km, enu[..., 0] * away - self.east_km
-        return self.pattern.depth(north, east) / np.cos(at_layer)
+        return self.pattern.depth(north, east) / cosine
+
+
+@dataclass(frozen=True)
+class CloudVeil:
+    """What a cloud does to light, direction by direction: passes it on, or spreads the Moon's.
+
+    Attributes
+    ----------
+    clouds : CloudField
+    moon_sine : float
+        Sine of the Moon's altitude where its light is spread; 0: light from above is passed on.
+    """
+
+    clouds: CloudField
+    moon_sine: float = 0.0
+
+    def at(self, enu: Floats) -> Floats:
+        """Transmission of diffuse light, or diffusely transmitted part of the Moon's, (...) array."""
+        depth = self.clouds.slant_depth(enu)
+        if self.moon_sine == 0:
+            return diffuse_transmission(depth)
+        path = depth / max(self.moon_sine, LEAST_MOON_SINE)
+        return np.maximum(diffuse_transmission(path) - np.exp(-path), 0)
 
 
 def gaussian_tile(
@@ -175,8 +202,7 @@ def coarse_axes() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def cloud_light(
-    depth: Floats,
-    altitude_km: float,
+    clouds: CloudField,
     cities: tuple[City, ...],
     ground_spectrum: Floats,
     moon_irradiance: Floats,
@@ -187,9 +213,7 @@ def cloud_light(
 
     Parameters
     ----------
-    depth : (ny, nx) array
-        Optical depth along each line of sight.
-    altitude_km : float
+    clouds : CloudField
     cities : tuple of City
         With their final output.
     ground_spectrum : (n,) array
@@ -206,21 +230,21 @@ def cloud_light(
     SkyTable
         Cloud is a Lambert reflector and transmitter: brighter over a city, and without corona around the Moon.
     """
-    reflected = (1 - diffuse_transmission(depth)) / np.pi
-    tables = []
+    even = np.full((sky_grid().shape[0], 1), 1 / np.pi)
     rows, columns = coarse_axes()
     zenith_loss = np.ones_like(GRID_NM)
     if atmosphere is not None:
         zenith_loss = np.exp(-DIFFUSE_EXTINCTION_FACTOR * optical_depth(GRID_NM, atmosphere))
+    from_below = [above_the_air(even, ground_spectrum * zenith_loss, atmosphere)]
     if cities:
-        shapes = light_from_cities(cities, altitude_km)
-        for city, shape in zip(cities, shapes, strict=True):
-            fine = upsampled(shape, rows, columns, sky_grid().shape)
+        for city, shape in zip(cities, light_from_cities(cities, clouds.altitude_km), strict=True):
+            fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
             output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps)
-            tables.append(above_the_air(reflected * fine, output * zenith_loss, atmosphere))
-    tables.append(above_the_air(reflected, ground_spectrum * zenith_loss, atmosphere))
+            from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
+    below = total(from_below)
+    # What is not passed on is reflected: 1 less the transmission.
+    parts = [below, below.scaled(-1.0).behind(CloudVeil(clouds))]
     if moon_sine > 0:
-        path = depth / max(moon_sine, 0.1)
-        spread = np.maximum(diffuse_transmission(path) - np.exp(-path), 0) * moon_sine / np.pi
-        tables.append(above_the_air(spread, moon_irradiance, atmosphere))
-    return total(tables)
+        moon = above_the_air(even, moon_sine * moon_irradiance, atmosphere)
+        parts.append(moon.behind(CloudVeil(clouds, moon_sine)))
+    return total(parts)

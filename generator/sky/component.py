@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from generator.atmosphere import Atmosphere, airmass, optical_depth
 from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
-from generator.sky.directions import interpolate, sky_grid
+from generator.sky.directions import interpolate, sky_grid, unit_vectors
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +24,13 @@ for by light scattered in. Source: Kwon et al. 2004, New Astronomy 10, 91; publi
 
 EXTINCTION_RANK = 6
 COMPRESSION_ERROR = 3e-5
+
+
+class Veil(Protocol):
+    """A factor that varies with direction more finely than the grid."""
+
+    def at(self, enu: Floats) -> Floats:
+        """Its values, (...) array for (..., 3) unit vectors above the horizon."""
 
 
 @dataclass(frozen=True)
@@ -37,27 +46,32 @@ class SkyTable:
     pattern : (ny, nx) or (ny, 1) float32 array or None
         What all maps are to be multiplied with; None: 1. A component seen through the air is a pattern times a few
         profiles in altitude, which is much less to compute with than the maps.
+    veiled : tuple of (Veil, SkyTable)
+        Further light, each table to be multiplied with its veil direction by direction.
     """
 
     parts: NDArray[np.float32]
     spectra: Floats
     pattern: NDArray[np.float32] | None = None
+    veiled: tuple[tuple[Veil, SkyTable], ...] = ()
 
     @property
     def maps(self) -> NDArray[np.float32]:
-        """The direction maps, (k, ny, nx) array."""
+        """The direction maps without the veiled light, (k, ny, nx) array."""
         whole = self.parts if self.pattern is None else self.parts * self.pattern
         return np.broadcast_to(whole, (len(whole), *sky_grid().shape))
 
-    def scaled(self, factor: float | NDArray[np.float32]) -> SkyTable:
-        """The same times a number, or times a map (ny, nx)."""
-        if np.ndim(factor) == 0:
-            return SkyTable(self.parts, self.spectra * factor, self.pattern)
-        pattern = np.asarray(factor, np.float32)
-        return SkyTable(self.parts, self.spectra, pattern if self.pattern is None else self.pattern * pattern)
+    def scaled(self, factor: float) -> SkyTable:
+        """The same times a number."""
+        veiled = tuple((veil, table.scaled(factor)) for veil, table in self.veiled)
+        return SkyTable(self.parts, self.spectra * factor, self.pattern, veiled)
+
+    def behind(self, veil: Veil) -> SkyTable:
+        """The same (of which nothing is veiled yet) seen through a veil."""
+        return dataclasses.replace(black_sky(), veiled=((veil, self),))
 
     def weighted(self, weights: Floats) -> NDArray[np.float32]:
-        """Maps of weighted sums over the spectrum.
+        """Maps of weighted sums over the spectrum, without the veiled light.
 
         Parameters
         ----------
@@ -77,26 +91,36 @@ class SkyTable:
             result = result * self.pattern
         return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
+    def signal(self, weights: Floats, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
+        """Weighted sums over the spectrum from m directions, (c, m) array for (c, n) weights; below the horizon: at it."""
+        light = (weights @ self.spectra.T) @ interpolate(self.maps, altitude_deg, azimuth_deg)
+        for veil, table in self.veiled:
+            enu = unit_vectors(np.clip(altitude_deg, 0, 90), azimuth_deg)
+            light = light + table.signal(weights, altitude_deg, azimuth_deg) * veil.at(enu)
+        return light
+
     def radiance(self, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
         """Radiance from m directions, (m, n) array; zero below the horizon."""
-        values = interpolate(self.maps, altitude_deg, azimuth_deg)
-        return np.where(np.asarray(altitude_deg)[:, None] >= 0, values.T @ self.spectra, 0.0)
+        light = self.signal(np.eye(len(GRID_NM)), altitude_deg, azimuth_deg).T
+        return np.where(np.asarray(altitude_deg)[:, None] >= 0, light, 0.0)
 
     def v_mag_arcsec2(self, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
         """Surface brightness of m directions, V mag/arcsec^2, (m,) array."""
-        values = interpolate(self.maps, altitude_deg, azimuth_deg)
-        return surface_brightness_from_radiance(np.maximum(BESSELL_V.mean(GRID_NM, self.spectra) @ values, 1e-30))
+        light = self.signal(v_band()[None], altitude_deg, azimuth_deg)[0]
+        return surface_brightness_from_radiance(np.maximum(light, 1e-30))
 
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
         zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self.pattern[-1, 0])
-        return float(v_weights() @ (zenith @ self.spectra))
+        overhead = np.array([[0.0, 0.0, 1.0]])
+        veiled = sum(float(veil.at(overhead)[0]) * table.zenith_v() for veil, table in self.veiled)
+        return float(v_band() @ self.spectra.T @ zenith) + veiled
 
 
 @functools.cache
-def v_weights() -> Floats:
-    """Weights of GRID_NM in the mean over the V band, (n,) array: the mean of a spectrum is their product."""
-    return BESSELL_V.mean(GRID_NM, np.eye(len(GRID_NM)))
+def v_band() -> Floats:
+    """Weights of the mean over the V band at GRID_NM, (n,) array."""
+    return np.asarray(BESSELL_V.mean(GRID_NM, np.eye(len(GRID_NM))))
 
 
 def black_sky() -> SkyTable:
@@ -111,7 +135,17 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
     parts = [t.parts if t.pattern is None else t.parts * t.pattern for t in tables]
     width = max(part.shape[2] for part in parts)
     wide = [np.broadcast_to(part, (*part.shape[:2], width)) for part in parts]
-    return SkyTable(np.concatenate(wide), np.concatenate([t.spectra for t in tables]))
+    veiled = tuple((veil, total(behind)) for veil, behind in by_veil(tables))
+    return SkyTable(np.concatenate(wide), np.concatenate([t.spectra for t in tables]), veiled=veiled)
+
+
+def by_veil(tables: Sequence[SkyTable]) -> list[tuple[Veil, list[SkyTable]]]:
+    """The veils of some tables, and all that is behind each."""
+    groups: dict[Veil, list[SkyTable]] = {}
+    for table in tables:
+        for veil, behind in table.veiled:
+            groups.setdefault(veil, []).append(behind)
+    return list(groups.items())
 
 
 def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
@@ -131,11 +165,16 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
     """
     if not tables:
         return black_sky()
-    maps = np.zeros((len(response), *sky_grid().shape), np.float32)
-    for table in tables:
-        maps += table.weighted(response)
     spectra: Floats = np.linalg.pinv(response).T.astype(np.float64)
-    return SkyTable(maps, spectra)
+
+    def signals(some: Sequence[SkyTable]) -> SkyTable:
+        maps = np.zeros((len(response), *sky_grid().shape), np.float32)
+        for table in some:
+            maps += table.weighted(response)
+        return SkyTable(maps, spectra)
+
+    veiled = tuple((veil, signals(behind)) for veil, behind in by_veil(tables))
+    return dataclasses.replace(signals(tables), veiled=veiled)
 
 
 @functools.cache
@@ -147,21 +186,27 @@ def blas_threads() -> ThreadpoolController:
 def compressed(table: SkyTable) -> SkyTable:
     """The same sky with as few terms as keep every spectrum to COMPRESSION_ERROR of the brightest one.
 
-    The spectra, each weighted by its map's largest value, are replaced by their leading singular vectors.
+    The spectra, each weighted by its map's largest value, are replaced by their leading singular vectors, the same for the
+    light behind all veils.
     """
-    maps = table.maps
-    weight = np.abs(maps).max(axis=(1, 2)).astype(float)
-    used = weight > 0
-    if not used.any():
+    groups = [table, *(behind for _, behind in table.veiled)]
+    maps = [group.maps for group in groups]
+    weight = np.concatenate([np.abs(part).max(axis=(1, 2)) for part in maps]).astype(float)
+    if not weight.any():
         return black_sky()
-    weighted = table.spectra[used] * weight[used, None]
+    weighted = np.concatenate([group.spectra for group in groups]) * weight[:, None]
     left, size, right = np.linalg.svd(weighted, full_matrices=False)
     keep = max(1, int(np.sum(size > COMPRESSION_ERROR * size[0])))
-    mix = (left[:, :keep] * size[:keep]).T / weight[used]
-    # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
-    with blas_threads().limit(limits=1, user_api="blas"):
-        few = np.tensordot(mix.astype(np.float32), maps[used], axes=1)
-    return SkyTable(few, right[:keep])
+    mix = (left[:, :keep] * size[:keep]).T / np.where(weight > 0, weight, np.inf)
+    few, start = [], 0
+    for part in maps:
+        own = mix[:, start : start + len(part)].astype(np.float32)
+        start += len(part)
+        # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
+        with blas_threads().limit(limits=1, user_api="blas"):
+            few.append(SkyTable(np.tensordot(own, part, axes=1), right[:keep]))
+    veils = [veil for veil, _ in table.veiled]
+    return dataclasses.replace(few[0], veiled=tuple(zip(veils, few[1:], strict=True)))
 
 
 def low_rank(table: Floats, rank: int) -> tuple[Floats, Floats]:

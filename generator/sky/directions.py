@@ -38,11 +38,16 @@ class SkyGrid:
     @functools.cached_property
     def enu(self) -> Floats:
         """Unit vectors, (ny, nx, 3)."""
-        altitude, azimuth = np.radians(self.altitude_deg)[:, None], np.radians(self.azimuth_deg)[None, :]
-        return np.stack(
-            [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude),
-             np.broadcast_to(np.sin(altitude), self.shape)], axis=-1,
-        )  # fmt: skip
+        return unit_vectors(self.altitude_deg[:, None], self.azimuth_deg[None, :])
+
+
+def unit_vectors(altitude_deg: ArrayLike, azimuth_deg: ArrayLike) -> Floats:
+    """ENU unit vectors of directions, (..., 3) array."""
+    altitude, azimuth = np.radians(altitude_deg), np.radians(azimuth_deg)
+    east, north, up = np.broadcast_arrays(
+        np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)
+    )
+    return np.stack([east, north, up], axis=-1)
 
 
 @functools.cache

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
+from generator import mitsuba_runtime
 from generator.frame_plan import plan_frame
 from generator.scene import frame_layers, render_expected
 from generator.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
 from generator.sky.clouds import cloud_pattern, diffuse_transmission
+from generator.sky.directions import unit_vectors
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.vision import naked_eye_limit
 
@@ -74,6 +76,46 @@ def test_cloud_brightens_a_city_and_darkens_the_wild() -> None:
         change[bortle] = light[1] / light[0]
     assert change[8] > 1.3
     assert change[1] < 0.8
+
+
+def test_emitter_s_cloud_is_the_stars_cloud() -> None:
+    """Optical depth ray by ray on the device against the function that dims the stars, carried by a wind: 20,000 directions
+    above 10 deg, each within 1 % of the mean depth, 0.02 % on average. Lower, a direction in single precision is metres wide
+    on the layer."""
+    mitsuba_runtime.start()
+    import mitsuba as mi
+
+    from generator.plugins.clouds import CloudTexture, cloud_numbers
+
+    windy = {"bortle": 4, "clouds": CLOUD | {"wind_m_s": 17.0, "wind_azimuth_deg": 70.0}}
+    clouds = plan_frame(small_scenario(sky=windy), 0).sky.clouds
+    random = np.random.default_rng(1)
+    enu = unit_vectors(random.uniform(10, 90, 20_000), random.uniform(0, 360, 20_000))
+    tiles = [mi.TensorXf(tile) for tile in (clouds.pattern.coarse, clouds.pattern.fine)]
+    texture = CloudTexture(*tiles, mi.TensorXf(np.array(cloud_numbers(clouds), np.float32)))
+    ours = np.array(texture.slant_depth(mi.Vector3f(*enu.T.astype(np.float32))))
+    wanted = clouds.slant_depth(enu)
+    error = np.abs(ours - wanted) / wanted.mean()
+    assert error.mean() < 2e-4
+    assert error.max() < 0.01
+
+
+def test_cloud_has_structure_from_pixel_to_pixel() -> None:
+    """In a frame of 120 deg with 1,080 pixels (0.1 deg each), the sky's power falls as a power law to the pixel: on a line of
+    128 pixels there is more in the finest octave than bilinear interpolation over half a degree leaves (a tenth)."""
+    scenario = small_scenario(
+        camera={"preset": "thesis-720p"},
+        attitude={"azimuth_deg": 0, "altitude_deg": 90},
+        sky={"bortle": 8, "clouds": CLOUD | {"coverage": 1.0}},
+        stars={"limiting_magnitude": -2.0, "planets": False},
+    )
+    sky = render_expected(plan_frame(scenario, 0)).sky_electrons[296:424, 476:604].astype(float)
+    window = np.hanning(128)[:, None] * np.hanning(128)
+    power = np.abs(np.fft.rfft2((sky / sky.mean() - 1) * window)) ** 2
+    k = np.hypot(np.fft.fftfreq(128)[:, None], np.fft.rfftfreq(128)[None, :])
+    octaves = [power[(k >= low) & (k < 2 * low)].mean() for low in (0.0625, 0.125, 0.25)]
+    assert octaves[1] / octaves[0] > 0.05
+    assert octaves[2] / octaves[1] > 0.05
 
 
 def test_wind_carries_the_cloud() -> None:

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import speclite.filters
+from astropy import units
 
 from generator.atmosphere import Atmosphere
 from generator.catalogue import load_catalogue
@@ -75,6 +77,27 @@ def test_airglow_alone_is_v_22() -> None:
     spectrum = lower_spectrum() + upper_spectrum()
     assert float(surface_brightness_from_radiance(BESSELL_V.mean(GRID_NM, spectrum))) == pytest.approx(22.01, abs=0.1)
     assert solar_activity_scale(130.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "zero_point", "published"), [("B", 1393.5e5, 23.06), ("R", 702.5e5, 21.10), ("I", 452.3e5, 19.55)]
+)
+def test_airglow_in_other_bands(name, zero_point, published) -> None:
+    """ESO's sky model at 130 sfu through Bessell's bands as speclite has them, within 0.1 mag; the near infrared is
+    hydroxyl's."""
+    spectrum = lower_spectrum() + upper_spectrum()
+    response = speclite.filters.load_filter(f"bessell-{name}")(GRID_NM * units.nm)
+    mean = np.sum(spectrum * response) / np.sum(response)
+    assert -2.5 * np.log10(mean / ARCSEC2_PER_SR / zero_point) == pytest.approx(published, abs=0.1)
+
+
+def test_hydroxyl_bands_stand_out() -> None:
+    """Meinel bands between the gaps of the night sky (Noll et al. 2012, fig. 2; Rousselot et al. 2000, A&A 354, 1134): 8-3 at
+    730, 5-1 at 790, 6-2 at 840 and 7-3 at 885 nm at least 2.5 times the gaps at 710, 820 and 915 nm."""
+    spectrum = lower_spectrum()
+    at = {nm: spectrum[np.abs(GRID_NM - nm) <= 5].mean() for nm in (710, 730, 790, 820, 840, 885, 915)}
+    for band, gap in ((730, 710), (790, 820), (840, 820), (885, 915)):
+        assert at[band] > 2.5 * at[gap], band
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_expected_calibration_error(kind):
     fine = (np.arange(200_000) + 0.5) / 200_000
     gap = (CHANCES[kind](fine) - fine).reshape(10, -1).mean(axis=1)
     found, mean_gap = [], []
-    for _ in range(600):
+    for _ in range(400):
         frames = confident_frames(rng, 50, 5, CHANCES[kind])
         drawn = Resamples.of(frames["site"], RESAMPLES, int(rng.integers(2**31)))
         found.append(calibration_error(frames, drawn))

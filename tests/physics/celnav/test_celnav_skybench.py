@@ -12,6 +12,9 @@ import celnav
 from benchmark.solver_bars import attitude_of, camera_of
 from benchmark.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from celnav.adjustment import CameraPriors
+from celnav.astrometry import apparent_enu, celestial_to_terrestrial, enu_rotation
+from celnav.catalog import load_catalog
+from celnav.earth_rotation import earth_orientation
 from celnav.planets import planet_directions, planet_ids, planet_name
 from celnav.refraction import bennett_arcmin, refract, refraction_rad, unrefract_rays
 from celnav.utc import parse_utc
@@ -101,6 +104,25 @@ def test_last_known_position(sky, frames):
     assert error_km(sky, frame, solve(frame, UP, near=near)) < 0.05
     far = celnav.LastKnown(-frame.lat_deg, frame.lon_deg + 90, 500.0)
     assert solve(frame, UP, near=far).reason in {"no_hypothesis", "inconsistent"}
+
+
+def test_blends_and_saturated_stars(sky):
+    """Stars within two pixels are one detection between them, and the forty brightest are all as bright."""
+    condition = Condition("blends", v_max=6.5, noise_px=0.3)
+    for number in range(4):
+        field = make_field(condition, 12, number)
+        n = len(field.uv)
+        close = np.linalg.norm(field.uv[:, None] - field.uv[None], axis=2) < 2.0
+        leader = close.argmax(axis=1)  # brightest first: the brightest within two pixels
+        flux = np.bincount(leader, weights=field.flux, minlength=n)
+        uv = np.column_stack([np.bincount(leader, weights=field.flux * x, minlength=n) for x in field.uv.T])
+        kept = flux > 0
+        assert n - kept.sum() > 30
+        uv, flux = uv[kept] / flux[kept, None], np.minimum(flux[kept], np.sort(flux)[-40])
+        fix = celnav.solve(uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=flux)
+        assert fix.ok, fix.message
+        assert sky.distance_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg) < 1.0
+        assert np.mean(field.star_id[kept][fix.matches[:, 0]] == fix.matches[:, 1]) > 0.97
 
 
 @pytest.mark.parametrize("v_max", [4.0, 5.5])
@@ -248,3 +270,27 @@ def test_fields_of_the_benchmark_are_those_of_the_independent_model(sky, conditi
         np.testing.assert_allclose(
             cv2.fisheye.distortPoints(plane, matrix, np.zeros(4))[:, 0], field.uv[front], atol=1e-6
         )
+
+
+def test_planets_in_conjunction_do_not_share_a_detection():
+    # 21 December 2020: Jupiter and Saturn 0.1 deg apart, a third of a pixel of this camera.
+    utc = "2020-12-21T18:20:00Z"
+    instant = parse_utc(utc)
+    earth = celestial_to_terrestrial(instant, earth_orientation(instant))
+    jupiter, saturn = planet_directions(instant)[3:5]
+    assert planet_name(planet_ids()[3]) == "Jupiter"
+    assert np.degrees(np.arccos(jupiter @ saturn)) < 0.12
+    zenith = earth @ jupiter
+    lat, lon = np.degrees(np.arcsin(zenith[2])) + 12.0, np.degrees(np.arctan2(zenith[1], zenith[0])) + 9.0
+    stars = load_catalog()
+    stars = stars.take(np.flatnonzero(stars.v_mag < 4.5))
+    enu = np.vstack((enu_rotation(lat, lon) @ earth @ jupiter, apparent_enu(stars, utc, lat, lon, pressure_hpa=0.0)))
+    uv = CAMERA.project(enu @ celnav.Attitude.zenith_north_up().R_cam.T)
+    inside = (enu[:, 2] > 0.5) & CAMERA.in_frame(np.nan_to_num(uv, nan=-1e6))
+    assert inside[0]
+    flux = 10.0 ** (-0.4 * np.concatenate(([-2.0], stars.v_mag)))
+    fix = celnav.solve(uv[inside], CAMERA, utc, UP, flux=flux[inside], pressure_hpa=0.0)
+    assert fix.ok, fix.message
+    assert (fix.matches[:, 0] == 0).sum() == 1
+    assert fix.matches[fix.matches[:, 0] == 0, 1] == planet_ids()[3]
+    assert len(np.unique(fix.matches[:, 0])) == len(fix.matches)

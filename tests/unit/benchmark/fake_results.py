@@ -10,7 +10,7 @@ import numpy as np
 from benchmark.frame_conditions import FrameConditions
 from benchmark.metrics import FIX, REFUSED, FrameScore
 from benchmark.preview import preview_webp
-from benchmark.result_tables import DetectionRow, FrameDetails
+from benchmark.result_tables import DetectionRow, FrameDetails, match_table
 from benchmark.results import ResultFiles, RunProvenance, write_result
 
 ROOT_SEED = 20260808
@@ -143,7 +143,7 @@ def _write_one(
         ]
     key = hashlib.sha256(f"{solver.name}{task.name}{mode}".encode()).hexdigest()[:12]
     files = ResultFiles.within(split / mode / f"{solver.name}-{key}")
-    write_result(files, solver.name, scores, details, rows, _provenance(task, solver, mode))
+    write_result(files, solver.name, scores, details, match_table(rows), _provenance(task, solver, mode))
 
 
 def _provenance(task: FakeTask, solver: FakeSolver, mode: str) -> RunProvenance:

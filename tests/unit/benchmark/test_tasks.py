@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from unit.benchmark.test_solver_programs import PROGRAM
 
+import celnav
 from benchmark.bench_cli import app
 from benchmark.errors import TaskError
 from benchmark.results import read_task_results
+from benchmark.solvers.celnav_solver import answer_of
 from benchmark.solvers.protocol import CameraRecord, Observation
 from benchmark.task_frames import misinformed, wanted_shards
 from benchmark.tasks import definition
@@ -255,6 +257,12 @@ def test_requests_that_cannot_be_met_end_with_status_two(tiny, monkeypatch):
         outcome = bench(tiny, monkeypatch, *arguments)
         assert outcome.exit_code == 2, outcome.output
         assert message in outcome.output
+
+
+def test_celnavs_planets_get_the_datasets_ids():
+    matches = np.array([[0, 11767], [1, -1_000_005], [2, -8000]])
+    answer = answer_of(celnav.Fix(ok=True, reason="ok", lat_deg=0.0, lon_deg=0.0, matches=matches))
+    assert answer.matches.tolist() == [[0, 11767], [1, 900_000_599], [2, -8000]]
 
 
 def test_the_list_shows_all_tasks_and_solvers():

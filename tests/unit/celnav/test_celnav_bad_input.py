@@ -84,3 +84,54 @@ def test_malformed_questions():
         with pytest.raises(celnav.CelnavError, match=text) as caught:
             call()
         assert "\n" not in str(caught.value)
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    n=st.integers(2, 400),
+    angle=st.floats(0, 6.28),
+    offset=st.floats(-300, 300),
+    seed=st.integers(0, 1000),
+    attitude=st.sampled_from(ATTITUDES),
+)
+def test_stars_on_a_line_are_refused(n, angle, offset, seed, attitude):
+    along = np.random.default_rng(seed).uniform(-500, 500, n)
+    direction, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    uv = [539.5, 359.5] + along[:, None] * direction + offset * across
+    uv = uv[CAMERA.in_frame(uv)]
+    assert timed(uv, attitude).reason in {"too_few_detections", "no_hypothesis"}
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    n=st.integers(1000, 30_000),
+    with_flux=st.booleans(),
+    attitude=st.sampled_from(ATTITUDES),
+    model=st.sampled_from(["pinhole", "equidistant", "stereographic"]),
+)
+def test_thousands_of_false_detections_are_refused(n, with_flux, attitude, model):
+    rng = np.random.default_rng(n)
+    camera = celnav.Camera(model=model, width=1080, height=720, f_px=350.0)
+    start = time.thread_time()
+    flux = rng.random(n) if with_flux else None
+    fix = celnav.solve(rng.uniform([0, 0], [1079, 719], (n, 2)), camera, UTC, attitude, flux=flux)
+    assert time.thread_time() - start < LIMIT_S
+    assert fix.reason == "no_hypothesis"
+
+
+@settings(max_examples=10, deadline=None)
+@given(width=st.integers(16, 700), height=st.integers(16, 500))
+def test_detections_of_a_larger_camera_are_an_error(width, height):
+    uv = np.random.default_rng(1).uniform([0, 0], [1079, 719], (60, 2))
+    with pytest.raises(celnav.errors.CameraError, match="outside"):
+        celnav.solve(uv, celnav.Camera.pinhole(width, height, 60), UTC, None)
+    with pytest.raises(celnav.errors.CameraError, match="image"):
+        celnav.solve(celnav.Detections(uv, None, (720, 1080)), celnav.Camera.pinhole(1081, 720, 60), UTC, None)
+
+
+@settings(max_examples=10, deadline=None)
+@given(year=st.integers(1, 9998).filter(lambda year: not 1973 <= year <= 2027))
+def test_times_without_earth_orientation_are_an_error(year):
+    uv = np.random.default_rng(1).uniform([0, 0], [1079, 719], (60, 2))
+    with pytest.raises(celnav.CelnavError):
+        celnav.solve(uv, CAMERA, f"{year:04d}-06-01T00:00:00Z", None)

@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from star_images import add_star, add_streak, grid, nearest
 
 import celnav
@@ -259,3 +262,32 @@ def test_choices_out_of_range(choice):
         celnav.DetectionConfig(**choice)
     with pytest.raises(ConfigError):
         celnav.FloodFillConfig(min_area_px=0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    image=st.one_of(
+        arrays(np.uint8, st.tuples(st.integers(3, 90), st.integers(3, 90))),
+        arrays(np.uint16, st.tuples(st.integers(3, 40), st.integers(3, 40))),
+        arrays(np.float32, (40, 50), elements=st.floats(-1e6, 1e6, width=32)),
+    ),
+    config=st.sampled_from(
+        [
+            None,
+            celnav.DetectionConfig(streak_px=(7, 3)),
+            celnav.DetectionConfig(psf_sigma_px=3),
+            celnav.FloodFillConfig(),
+        ]
+    ),
+    masked=st.booleans(),
+)
+def test_any_image_gives_finite_detections(image, config, masked):
+    mask = (image > np.median(image)) if masked else None
+    found = celnav.detect(image, mask, config)
+    assert found.uv.shape == (len(found.flux), 2)
+    assert np.isfinite(found.uv).all()
+    assert np.isfinite(found.flux).all()
+    assert (found.flux >= 0).all()
+    assert ((found.uv > -6) & (found.uv < np.array(image.shape[::-1]) + 6)).all()
+    if found.sigma_px is not None:
+        assert (found.sigma_px > 0).all()
