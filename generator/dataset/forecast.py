@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import os
+import tempfile
 import time
 from dataclasses import dataclass
-
-import pyarrow.parquet as pq
+from pathlib import Path
 
 from generator.dataset.images import encode
+from generator.dataset.table_writer import write_table
 from generator.frame_plan import plan_frame
 from generator.frame_record import frame_record, record_bytes
 from generator.scenario_file import Scenario
@@ -93,16 +93,16 @@ def _measured(scenario: Scenario) -> tuple[float, float]:
     last = scenario.frame_count - 1
     seconds, size = 0.0, 0
     for index in (last // 3, last):
-        started = time.perf_counter()
-        frame = render_frame(scenario, index)
-        members = [
-            encode(frame.dn, "png"),
-            record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)),
-        ]
-        for table in (frame.stars, frame.objects):
-            stream = io.BytesIO()
-            pq.write_table(table, stream, compression="zstd")
-            members.append(stream.getvalue())
-        seconds += time.perf_counter() - started
-        size += sum(len(member) for member in members)
+        with tempfile.TemporaryDirectory() as folder:
+            started = time.perf_counter()
+            frame = render_frame(scenario, index)
+            members = [
+                encode(frame.dn, "png"),
+                record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)),
+            ]
+            for name, table in (("stars", frame.stars), ("objects", frame.objects)):
+                write_table(Path(folder) / name, table)
+            seconds += time.perf_counter() - started
+            size += sum(len(member) for member in members)
+            size += sum(file.stat().st_size for file in Path(folder).iterdir())
     return seconds / FRAMES_MEASURED, size / FRAMES_MEASURED

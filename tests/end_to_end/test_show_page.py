@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import yaml
 from small_scenes import BASE, small_scenario
+from typer.testing import CliRunner
 
+from benchmark.cli import app
 from benchmark.show.page import write_page
 from benchmark.show.source import open_source, spread
 from benchmark.show.star_names import PROPER_NAMES, star_name
@@ -258,6 +260,18 @@ def test_a_large_dataset_is_sampled_and_large_frames_are_reduced(dataset, tmp_pa
     assert (frame["width"], frame["height"], frame["block"]) == (120, 80, 2)
     assert spread(1000, 5) == [0, 250, 500, 749, 999]
     assert spread(2, 48) == [0, 1]
+
+
+def test_command_says_what_to_open(dataset, tmp_path) -> None:
+    copied = shutil.copytree(dataset, tmp_path / "set")
+    done = CliRunner().invoke(app, ["show", str(copied), "--frames", "2"])
+    assert done.exit_code == 0, done.output
+    assert "2 of 6 frames" in done.output
+    assert (tmp_path / "set-show/index.html").is_file()
+    assert "open" in done.output
+    refused = CliRunner().invoke(app, ["show", str(tmp_path / "nowhere")])
+    assert refused.exit_code == 2
+    assert "no finished dataset" in refused.output
 
 
 def test_refusals_name_the_folder(dataset, tmp_path) -> None:
