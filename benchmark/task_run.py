@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import threading
+import queue
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -91,7 +91,13 @@ def frames_done(folder: Path) -> int:
 
 
 class SolverPool:
-    """Sessions of one solver, one for each thread that asks."""
+    """Sessions of one solver, as many as are needed at the same time.
+
+    Raises
+    ------
+    SolverError
+        The solver cannot be started here.
+    """
 
     def __init__(self, solver: SolverFolder, jobs: int) -> None:
         missing = missing_packages(solver)
@@ -99,26 +105,18 @@ class SolverPool:
             raise SolverError(missing_message(solver, missing))
         self.solver = solver
         self.jobs = jobs
-        self._command = solver.command
-        self._sessions: list[ProgramSession] = []
-        self._own = threading.local()
-        self._lock = threading.Lock()
+        place = solver.folder if solver.spec.command else Path.cwd()
+        command = solver.command
+        self._sessions = [ProgramSession(command, place, solver.limits) for _ in range(jobs)]
+        self._warm: set[ProgramSession] = set()
+        self._idle: queue.LifoQueue[ProgramSession] = queue.LifoQueue()
+        for session in self._sessions:
+            self._idle.put(session)
         try:
-            self.version = self._start(self._session())
+            self.version = self._start(self._sessions[-1])
         except SolverError:
             self.close()
             raise
-
-    def _session(self) -> ProgramSession:
-        session: ProgramSession | None = getattr(self._own, "session", None)
-        if session is None:
-            session = ProgramSession(
-                self._command, self.solver.folder if self.solver.spec.command else Path.cwd(), self.solver.limits
-            )
-            self._own.session = session
-            with self._lock:
-                self._sessions.append(session)
-        return session
 
     def _start(self, session: ProgramSession) -> str:
         version = str(session.start().get("version", ""))
@@ -129,13 +127,22 @@ class SolverPool:
 
     def answer(self, frame: Frame, shared: Detections | None) -> SolverOutcome:
         """Put a frame to the solver and judge its answer; whatever goes wrong is a refusal of that frame."""
-        session = self._session()
+        session = self._idle.get()
+        try:
+            return self._answer(session, frame, shared)
+        finally:
+            self._idle.put(session)
+
+    def _answer(self, session: ProgramSession, frame: Frame, shared: Detections | None) -> SolverOutcome:
         request = request_of(frame, shared)
         uv, flux = np.empty((0, 2)), np.empty(0)
         detect_ms, memory_mib = 0.0, None
         try:
             if not session.running:
+                self._warm.discard(session)
                 self._start(session)
+            if session not in self._warm:
+                self._warm.add(session)
                 self._warm_up(session, request)
             exchange = session.ask(request)
             time_ms, memory_mib = exchange.time_ms, exchange.peak_memory_mib

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from benchmark.break_point import Discrimination, break_point, discrimination
@@ -31,6 +32,17 @@ from benchmark.metrics import ERROR, FIX, REFUSED
 from benchmark.site.tree import StoredResult, TaskFacts
 
 MOST_LEVELS = 16
+_MOST_GROUPS = 4
+_CIRCUMSTANCES = (
+    ("zenith_mag_arcsec2", "zenith brightness", "mag/arcsec²"),
+    ("moon_altitude_deg", "altitude of the Moon", "°"),
+    ("cloud_optical_depth", "optical depth of cloud", ""),
+    ("limiting_magnitude", "limiting magnitude", "mag"),
+    ("rate_deg_s", "turning rate", "°/s"),
+    ("exposure_s", "exposure", "s"),
+    ("fov_deg", "field of view", "°"),
+    ("true_latitude_deg", "latitude", "°"),
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,24 @@ class Level:
     success: Estimate
     median_error_km: Estimate
     bound_km: float
+
+
+@dataclass(frozen=True)
+class Circumstance:
+    """Something of a frame that its task does not grade, but that varies: its name and the limits of its groups.
+
+    Attributes
+    ----------
+    column, name, unit : str
+        Column of the table of frames, and what people call it.
+    groups : tuple of (float, float)
+        Least and largest value in each group of frames.
+    """
+
+    column: str
+    name: str
+    unit: str
+    groups: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -72,6 +102,8 @@ class Entry:
         In ascending order of the condition.
     bins, curve, nees
         Calibration of confidence and covariance; `nees` over the right fixes only.
+    by_circumstance : tuple of tuple of Estimate
+        Success in each group of each of the board's circumstances.
     statuses, reasons : mapping of str to int
         How many frames ended in each.
     worst : WorstFrame or None
@@ -87,6 +119,7 @@ class Entry:
     bins: tuple[ReliabilityBin, ...]
     curve: RiskCoverage
     nees: Nees
+    by_circumstance: tuple[tuple[Estimate, ...], ...]
     statuses: Mapping[str, int]
     reasons: Mapping[str, int]
     worst: WorstFrame | None
@@ -110,6 +143,7 @@ class Board:
     comparisons: tuple[Comparison, ...]
     detectable: float
     discrimination: Discrimination
+    circumstances: tuple[Circumstance, ...]
 
     @property
     def file_name(self) -> str:
@@ -137,7 +171,8 @@ def make_board(results: Sequence[StoredResult]) -> Board:
     tables = {result.label: result.frames for result in results}
     comparisons = compare(tables, limit_km)
     placed = {rank.solver: rank for rank in ranks(tables, comparisons, limit_km=limit_km)}
-    entries = [_entry(result, placed[result.label]) for result in results]
+    circumstances = _circumstances(first.frames)
+    entries = [_entry(result, placed[result.label], circumstances) for result in results]
     entries.sort(key=lambda entry: (entry.rank.rank, entry.label))
     return Board(
         task=task,
@@ -149,6 +184,7 @@ def make_board(results: Sequence[StoredResult]) -> Board:
         comparisons=comparisons,
         detectable=detectable(comparisons),
         discrimination=discrimination(tables, task.harder, limit_km=limit_km),
+        circumstances=circumstances,
     )
 
 
@@ -166,7 +202,30 @@ def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
     )
 
 
-def _entry(result: StoredResult, rank: Rank) -> Entry:
+def _circumstances(frames: pd.DataFrame) -> tuple[Circumstance, ...]:
+    """What varies from frame to frame besides the graded condition, in a few groups of like size each."""
+    graded = pd.Series(column(frames, "condition"))
+    found = []
+    for name, words, unit in _CIRCUMSTANCES:
+        values = column(frames, name)
+        # What goes with the condition is shown by the condition.
+        if np.isnan(values).any() or pd.Series(values).groupby(graded).nunique().max() < 2:
+            continue
+        groups = groups_of(values, _MOST_GROUPS)
+        limits = tuple((float(values[group].min()), float(values[group].max())) for group in groups)
+        found.append(Circumstance(name, words, unit, limits))
+    return tuple(found)
+
+
+def _successes(frames: pd.DataFrame, task: TaskFacts, circumstance: Circumstance) -> tuple[Estimate, ...]:
+    values = column(frames, circumstance.column)
+    metric = [metric for metric in METRICS if metric.key == task.metric]
+    return tuple(
+        measure(frames[(values >= low) & (values <= high)], metric)[task.metric] for low, high in circumstance.groups
+    )
+
+
+def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstance]) -> Entry:
     frames, task = result.frames, result.task
     curve = risk_coverage(frames)
     others = [metric for metric in CALIBRATION_METRICS if metric.key != "risk_coverage_area"]
@@ -182,6 +241,7 @@ def _entry(result: StoredResult, rank: Rank) -> Entry:
         bins=reliability(frames),
         curve=curve,
         nees=nees(frames, right_only=True),
+        by_circumstance=tuple(_successes(frames, task, one) for one in circumstances),
         statuses={status: statuses[status] for status in (FIX, REFUSED, ERROR)},
         reasons=dict(Counter(reason for reason in frames["reason"] if reason).most_common()),
         worst=_worst(frames, task),

@@ -17,7 +17,7 @@ SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
 _SQUARE_PX = (150, 128)
-_FOREST_PX, _NAMES_PX, _ROW_PX = 372, 140, 24
+_FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,10 @@ def error_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup
         for level in levels:
             error = level.median_error_km
             words = f"{level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
-            panel.whisker((level.condition, error.low), (level.condition, error.high), "whisker")
+            # A bar over the whole axis says only that there are too few frames; it stays in the background.
+            bounded = error.low > 0.0 or math.isfinite(error.high)
+            ends = (level.condition, error.low), (level.condition, error.high)
+            panel.whisker(*ends, "whisker" if bounded else "whisker faint")
             panel.dot((level.condition, error.value), "dot", words, shape=style.shape)
         panels.append(panel.svg())
     return behind.backdrop(identity), panels
@@ -161,8 +164,8 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
     label : str
     """
     x = log_scale([end for _, _, time, _ in points for end in (time.value, time.low, time.high)], "median time, ms")
-    panel = Panel(x, share_scale(""), 190, 210, label)
-    panel.right = 128
+    panel = Panel(x, share_scale(""), 166, 210, label)
+    panel.right = 154
     front = _front([(time.value, success.value) for _, _, time, success in points])
     panel.steps([*front, (x.ticks[-1][0], front[-1][1])] if front else [], "limit")
     for name, style, time, success in points:
@@ -243,5 +246,5 @@ def _apart(places: Sequence[float], gap: float) -> list[float]:
     return moved
 
 
-def _short(name: str, most: int = 20) -> str:
+def _short(name: str, most: int = 22) -> str:
     return name if len(name) <= most else name[: most - 1] + "…"

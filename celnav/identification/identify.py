@@ -114,7 +114,7 @@ class SearchConfig:
     candidates: int = 4
     max_log10_false_alarm: float = -8.0
     max_lookups: int = 7_000_000
-    rival_lookups: int = 400_000
+    rival_lookups: int = 150_000
 
 
 @dataclass(frozen=True, eq=False)

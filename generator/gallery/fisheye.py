@@ -27,7 +27,8 @@ name: gallery
 seed: 5
 site: {{latitude_deg: {latitude}, longitude_deg: {longitude}}}
 time: {{utc_start: {utc}, exposure_s: 1.0}}
-camera: {{width: 500, height: 500, hfov_deg: 90, aperture_mm: 10}}
+camera: {{model: equidistant, width: 500, height: 500, hfov_deg: 180, aperture_mm: 10}}
+attitude: {{azimuth_deg: 0, altitude_deg: 90}}
 sky: {sky}
 stars: {{limiting_magnitude: 6.0}}
 """

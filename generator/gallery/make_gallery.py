@@ -8,8 +8,9 @@ from typing import Any
 
 import matplotlib as mpl
 
-from generator.gallery import comparisons
 from generator.gallery.fisheye import View, all_sky, plan_of
+from generator.gallery.light_plots import artificial_and_moon
+from generator.gallery.natural_plots import natural_sky
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt  # the backend is chosen first, so that no display is needed
@@ -22,7 +23,7 @@ def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: st
     """A sheet of all-sky views, each with its exposure."""
     rows = -(-len(views) // columns)
     figure, axes = plt.subplots(
-        rows, columns, figsize=(3.1 * columns, 3.3 * rows + 0.4), facecolor="#1f1f1f", squeeze=False
+        rows, columns, figsize=(3.1 * columns, 3.6 * rows + 0.5), facecolor="#1f1f1f", squeeze=False
     )
     for axis in axes.flat:
         axis.axis("off")
@@ -35,7 +36,7 @@ def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: st
 
 def save(figure: Any, path: Path) -> Path:
     """Write a figure as JPEG and close it."""
-    figure.tight_layout()
+    figure.tight_layout(h_pad=2.0)
     figure.savefig(path, dpi=100, pil_kwargs=JPEG)
     plt.close(figure)
     return path
@@ -60,8 +61,8 @@ def make_gallery(folder: Path) -> list[Path]:
         white = clear[f"{name.split(',')[0]}, clear"].white_cd_m2
         views.append((name, all_sky(plan_of(sky, AUTUMN_NIGHT), white_cd_m2=white)))
     pictures.append(sheet(views, 2, folder / "clouds.jpg", "The same thin cloud over a city and over a desert"))
-    pictures.append(save(comparisons.natural_sky(plt), folder / "natural_sky.jpg"))
-    pictures.append(save(comparisons.artificial_and_moon(plt), folder / "city_and_moon.jpg"))
+    pictures.append(save(natural_sky(plt), folder / "natural_sky.jpg"))
+    pictures.append(save(artificial_and_moon(plt), folder / "city_and_moon.jpg"))
     return pictures
 
 

@@ -32,7 +32,7 @@ NATURAL = ("airglow", "zodiacal", "milky_way", "starlight")
 
 
 @functools.cache
-def _star_light() -> tuple[float, float]:
+def star_light() -> tuple[float, float]:
     """Factor of the Milky Way's map for the default catalogue, and mean S10(V) of all stars over the sky."""
     v_mag = load_catalogue().v_mag
     factor = mw.gap_factor(v_mag)
@@ -73,9 +73,9 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     if "zodiacal" in active:
         layers["zodiacal"] = zodiacal(state.icrs_from_enu, state.sun_icrs, atmosphere)
     if "milky_way" in active:
-        layers["milky_way"] = mw.milky_way(state.icrs_from_enu, _star_light()[0], atmosphere)
+        layers["milky_way"] = mw.milky_way(state.icrs_from_enu, star_light()[0], atmosphere)
     if "starlight" in active:
-        layers["starlight"] = scattered_starlight(_star_light()[1], atmosphere)
+        layers["starlight"] = scattered_starlight(star_light()[1], atmosphere)
     cities = layout(spec) if "skyglow" in active else ()
     glow = skyglow(cities, atmosphere) if cities else None
     asked_mag = _asked_zenith(spec)

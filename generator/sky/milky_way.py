@@ -23,10 +23,16 @@ S10_MAG_ARCSEC2 = 27.7815
 """One star of V 10 per square degree, V mag/arcsec^2."""
 
 # Luminance of the panorama (linear sRGB) to S10(V): medians of an all-sky star map in bins of luminance; below 0.002, where
-# the panorama fades to black, its medians at galactic latitudes 30 (44 S10) and beyond 60 deg (22 S10). Stars brighter
-# than about V 11 are in neither (docs/physics.md).
+# the panorama fades to black, its median at galactic latitude 30 (44 S10). Stars brighter than about V 11 are in neither
+# (docs/physics.md).
 _LUMINANCE = [0.0, 0.0007, 0.0015, 0.0035, 0.0075, 0.015, 0.03, 0.06, 0.115, 0.22, 1.0]
-_S10_V = [22.0, 42.0, 52.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
+_S10_V = [20.0, 42.0, 52.0, 73.0, 106.0, 137.0, 173.0, 220.0, 278.0, 378.0, 800.0]
+_LATITUDE_DEG = [25.0, 30.0, 45.0, 60.0, 75.0, 90.0]
+_LEAST_S10_V = [20.0, 30.0, 29.0, 23.0, 20.0, 20.0]
+"""Where the panorama is black: the same star map's medians by distance from the galactic equator, mean of both sides. At 30
+deg, where it is black on the fainter longitudes only, what a tenth of them fall below: 0.65 of the median, as at 0 and 5."""
+GALACTIC_POLE: Floats = np.array([-0.8676661490, -0.1980763734, 0.4559837762])
+"""ICRS unit vector of the north galactic pole. Source: ESA 1997, SP-1200, volume 1, eq. 1.5.11."""
 BV_MAG = 0.75
 """Colour of integrated starlight. Source: Mattila 1980, A&AS 39, 53 (Pioneer 10 and galactic models: 0.7 to 0.8)."""
 
@@ -51,7 +57,13 @@ def panorama_luminance() -> Floats:
 @functools.cache
 def s10_map() -> NDArray[np.float32]:
     """S10(V) of stars too faint for the catalogue, and diffuse galactic light; layout as :func:`panorama_luminance`."""
-    return np.interp(panorama_luminance(), _LUMINANCE, _S10_V).astype(np.float32)
+    luminance = panorama_luminance()
+    ny, nx = luminance.shape
+    turn, polar = (np.arange(nx) + 0.5) * 2 * np.pi / nx, ((np.arange(ny) + 0.5) * np.pi / ny)[:, None]
+    across = GALACTIC_POLE[0] * np.sin(turn) + GALACTIC_POLE[1] * np.cos(turn)
+    sine = np.sin(polar) * across + np.cos(polar) * GALACTIC_POLE[2]
+    least = np.interp(np.abs(sine), np.sin(np.radians(_LATITUDE_DEG)), _LEAST_S10_V)
+    return np.maximum(np.interp(luminance, _LUMINANCE, _S10_V), least).astype(np.float32)
 
 
 def s10(icrs: Floats | NDArray[np.float32]) -> NDArray[np.float32]:

@@ -118,6 +118,16 @@ def choose(driver, name, value):
     )
 
 
+def test_links_lead_from_the_leaderboard_to_a_solver_and_on_to_its_worst_frame(driver, site):
+    open_page(driver, site / "index.html")
+    driver.find_element("link text", "thesis-baseline+si+pr").click()
+    assert driver.find_element("css selector", "h1").text == "thesis-baseline+si+pr"
+    driver.find_element("link text", "look at it").click()
+    card = driver.find_element("css selector", ".card:target")
+    assert "thesis-baseline+si+pr" in card.text
+    assert console(driver) == []
+
+
 def test_filters_work_by_keyboard(driver, site):
     open_page(driver, site / "index.html")
     driver.find_element("css selector", ".filters select[name=task]").send_keys("motion")

@@ -46,7 +46,7 @@ SOLVERS = (
     FakeSolver("skybench", 2.2, 45.0, 0.02),
     FakeSolver("tetra3rs", 1.4, 21.0, 0.05),
     FakeSolver("ruststartracker", 1.2, 64.0, 0.08),
-    FakeSolver("thesis-adaptive", -0.2, 420.0, 0.3),
+    FakeSolver("thesis-baseline+si+pr", -0.2, 420.0, 0.3),
     FakeSolver("brightest-n", -1.0, 12.0, 0.4),
     FakeSolver("never", -50.0, 3.0, 0.0),
 )
@@ -120,7 +120,7 @@ def _write_one(
                 solve_ms=0.6 * time_ms,
                 stage_ms={"match": 0.3 * time_ms},
                 utc="2024-01-01T00:00:00Z",
-                conditions=FrameConditions(lat, lon, scores[-1].bortle, 21.0, 0.5, 400),
+                conditions=FrameConditions(lat, lon, scores[-1].bortle, 21.0, 0.5, 400, moon_altitude_deg=float(i % 3)),
                 condition=task.levels[order[i]],
                 site=f"{lat:+.4f} {lon:+.4f} 2024-01-01",
                 error_east_km=float(error[i]) * math.cos(angle) if fix[i] else None,

@@ -139,6 +139,19 @@ def _ranked(board, lows):
         yield dataclasses.replace(entry, rank=Rank(entry.label, low, low, 6))
 
 
+def test_success_is_shown_by_what_varies_besides_the_condition(boards):
+    board = next(board for board in boards if board.task.name == "bortle")
+    assert [one.name for one in board.circumstances] == ["altitude of the Moon", "latitude"]
+    moon, latitude = board.circumstances
+    assert moon.groups == ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))
+    assert len(latitude.groups) == 4
+    for entry in board.entries:
+        by_moon, by_latitude = entry.by_circumstance
+        assert sum(one.n for one in by_moon) == sum(one.n for one in by_latitude) == board.n_frames
+        mean = np.average([one.value for one in by_moon], weights=[one.n for one in by_moon])
+        assert mean == pytest.approx(entry.success.value)
+
+
 def test_the_harmful_frame_is_the_farthest_fix_or_else_the_easiest_refusal(boards):
     board = boards[0]
     for entry in board.entries:

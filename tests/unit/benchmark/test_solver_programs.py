@@ -3,9 +3,11 @@
 import json
 import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from unit.benchmark.fake_night import write_dataset
 
@@ -126,6 +128,22 @@ def test_a_well_behaved_program_is_judged_by_its_answers(frames, tmp_path):
     assert [score.status for score in scores] == ["fix"] * 3
     assert scores[0].error_km == 0.0  # the first of the fake night's sites is where it says it always is
     assert scores[1].error_km > 1000.0
+
+
+def test_a_pool_keeps_as_many_processes_as_jobs(frames, tmp_path):
+    # This program counts its requests in the latitude: the first is the warm-up, which is not judged.
+    pool = SolverPool(folder_of(tmp_path, "count"), 2)
+    try:
+        with ThreadPoolExecutor(5) as threads:
+            scores = [outcome.score for outcome in threads.map(lambda frame: pool.answer(frame, None), frames * 5)]
+        children = [child for child in psutil.Process().children() if "program.py" in " ".join(child.cmdline())]
+        assert len(children) <= 2
+    finally:
+        pool.close()
+    counts = sorted(score.lat_deg for score in scores)
+    assert counts[0] == 2.0
+    assert sum(count == 2.0 for count in counts) == len(children)
+    assert len(counts) == 15
 
 
 def test_an_answer_to_another_frame_is_an_error(frames, tmp_path):

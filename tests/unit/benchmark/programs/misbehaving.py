@@ -58,10 +58,9 @@ def main():
             print(json.dumps(ANSWER | {"frame_id": "another"}), flush=True)
         elif WAY == "chatter":
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}) + "\nand more", flush=True)
-        elif WAY == "every second":
-            if asked % 2:
-                os._exit(3)
-            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
+        elif WAY == "count":
+            time.sleep(0.02)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"], "lat_deg": float(asked)}), flush=True)
         else:
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
 
