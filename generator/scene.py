@@ -177,14 +177,14 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
 
 def sky_dict(sky: SkyTable) -> dict[str, Any]:
     """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
-    description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
+    description = {"type": "skybench_sky", "maps": tensor(sky.maps[None]), "spectra": tensor(sky.spectra[None])}
     veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
     if veils:
         from generator.plugins.clouds import cloud_numbers
 
         clouds = veils[0].clouds
         description |= {
-            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in sky.veiled])),
+            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in sky.veiled])[None]),
             "veil_moon_sines": tensor([veil.moon_sine for veil in veils]),
             "cloud_coarse": tensor(clouds.pattern.coarse),
             "cloud_fine": tensor(clouds.pattern.fine),

@@ -5,9 +5,9 @@ Radiance is a sum of (direction map) x (spectrum). What the maps and spectra mea
 ======================  =======  ==================================================================================
 parameter               type     meaning
 ======================  =======  ==================================================================================
-``maps``                tensor   (k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
-``spectra``             tensor   (k, n): spectra on the generator's wavelength grid
-``veiled_maps``         tensor   (veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
+``maps``                tensor   (1, k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
+``spectra``             tensor   (1, k, n): spectra on the generator's wavelength grid
+``veiled_maps``         tensor   (1, veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
 ``veil_moon_sines``     tensor   (veils,): see :class:`generator.sky.clouds.CloudVeil`
 ``cloud_coarse``        tensor   tile of the cloud's field; so ``cloud_fine``
 ``cloud_numbers``       tensor   of :func:`generator.plugins.clouds.cloud_numbers`
@@ -43,8 +43,10 @@ class DiffuseSkyEmitter(mi.Emitter):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.SpatiallyVarying)
-        self.spectra = SpectralTable(props["spectra"])
-        maps = np.array(props["maps"], dtype=np.float32)
+        spectra, maps = mi.TensorXf(props["spectra"]), np.array(props["maps"], dtype=np.float32)
+        # Mitsuba would try a tensor of three rows as a colour, and complain; a first axis of one keeps it from that.
+        self.spectra = SpectralTable(mi.TensorXf(spectra.array, spectra.shape[-2:]))
+        maps = maps[0] if maps.ndim == 4 and len(maps) == 1 else maps
         if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
         self.count, self.rows, self.columns = maps.shape

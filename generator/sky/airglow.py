@@ -80,6 +80,7 @@ def solar_activity_scale(solar_flux_sfu: float) -> float:
     return (0.2 + 0.00614 * solar_flux_sfu) / (0.2 + 0.00614 * REFERENCE_SOLAR_FLUX_SFU)
 
 
+@functools.lru_cache(maxsize=16)
 def airglow(solar_flux_sfu: float, atmosphere: Atmosphere | None) -> SkyTable:
     """Airglow at the ground."""
     scale = solar_activity_scale(solar_flux_sfu)

@@ -58,12 +58,16 @@ def city_map(part: str = "values") -> Floats:
 
 @functools.cache
 def _log_moon() -> RegularGridInterpolator:
+    """Logarithm of :func:`moon_map` over (view altitude, azimuth), by those of aerosol depth, wavelength, Moon's altitude."""
     grid = MoonGrid()
-    axes = (
-        np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm), np.log(grid.moon_altitude_deg),
-        np.log(grid.view_altitude_deg), np.array(grid.relative_azimuth_deg),
-    )  # fmt: skip
-    return RegularGridInterpolator(axes, np.log(np.swapaxes(moon_map(), 2, 3)))
+    axes = (np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm), np.log(grid.moon_altitude_deg))
+    return RegularGridInterpolator(axes, np.ascontiguousarray(np.log(np.swapaxes(moon_map(), 2, 3))))
+
+
+def _linear(nodes: Floats, at: Floats) -> Floats:
+    """Matrix (m, n) of linear interpolation from n nodes to m places among them."""
+    place = np.interp(at, nodes, np.arange(len(nodes)))
+    return np.maximum(1 - np.abs(place[:, None] - np.arange(len(nodes))), 0)
 
 
 @functools.cache
@@ -101,13 +105,10 @@ def moon_ratio(atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: F
     moon = np.log(np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1]))
     view = np.log(np.clip(altitude_deg, grid.view_altitude_deg[0], 90.0))
     relative = np.abs((azimuth_deg + 180) % 360 - 180)
-    points = np.empty((len(wavelength), len(view), len(relative), 5))
-    points[..., 0] = np.log(tau)[:, None, None]
-    points[..., 1] = np.log(wavelength)[:, None, None]
-    points[..., 2] = moon
-    points[..., 3] = view[:, None]
-    points[..., 4] = relative
-    return np.exp(_log_moon()(points))
+    points = np.stack([np.log(tau), np.log(wavelength), np.full_like(tau, moon)], axis=-1)
+    by_view = _linear(np.log(grid.view_altitude_deg), view)
+    by_azimuth = _linear(np.array(grid.relative_azimuth_deg), relative)
+    return np.exp(by_view @ _log_moon()(points) @ by_azimuth.T)
 
 
 def city_kernel(atmosphere: Atmosphere) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from generator.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
@@ -18,6 +20,7 @@ AEROSOL_FROM_ABOVE = 0.8
 RANK = 4
 
 
+@functools.lru_cache(maxsize=16)
 def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> SkyTable:
     """Starlight scattered once out of a hemisphere of even brightness, at the ground.
 

@@ -74,8 +74,8 @@ MOST_GROWTH_MIB = 12.0
 def test_memory_of_a_worker_is_flat_over_500_frames(tmp_path) -> None:
     """The most memory that frames 300 to 499 saw exceeds that of frames 100 to 299 by at most 12 MiB, 60 KiB a frame.
 
-    The truth of a frame of this set takes about 400 KiB and is written in groups of some 60 frames: keeping that of
-    every frame would exceed the bound six times.
+    The truth of a frame of this set takes about 400 KiB and is written in groups of some 60 frames: keeping that of every
+    frame would exceed the bound six times.
     """
     run = subprocess.run(
         [sys.executable, "-c", WORKER, str(tmp_path)], capture_output=True, text=True, timeout=900, check=True
