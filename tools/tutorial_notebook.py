@@ -14,7 +14,7 @@ import nbformat
 DOCS = Path(__file__).parents[1] / "docs"
 TUTORIAL, NOTEBOOK = DOCS / "tutorial.md", DOCS / "tutorial.ipynb"
 NOT_RUN = "# not run by the tests"
-SHOW_FIGURE = "from IPython.display import SVG\n\nSVG('results/tutorial/leaderboard.svg')"
+SHOW_FIGURE = 'from IPython.display import SVG\n\nSVG("results/tutorial/leaderboard.svg")'
 LONGEST_S = 600
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
