@@ -106,12 +106,9 @@ class SkybenchSolver:
                 confidence=1.0 - chance,
             )
         if found.rival is not None:
-            return Fix.refusal(
-                Reason.AMBIGUOUS,
-                f"two orientations explain the detections about as well: {len(alignment.detection)} and "
-                f"{len(found.rival.detection)} of the bright ones",
-                confidence=0.5,
-            )
+            counts = f"{len(alignment.detection)} and {len(found.rival.detection)} of the bright ones"
+            message = f"two orientations explain the detections about as well: {counts}"
+            return Fix.refusal(Reason.AMBIGUOUS, message, confidence=0.5)
         with clock.stage("fix"):
             return self._fix(problem, prepared, orientation, to_terrestrial, alignment)
 

@@ -45,7 +45,7 @@ def script_number(value: float) -> str:
 
 def signed(value: float) -> str:
     """Print a difference of shares in points, with its sign."""
-    return "—" if math.isnan(value) else f"{100.0 * value:+.1f}".replace("-", "−")
+    return "—" if math.isnan(value) else f"{round(100.0 * value, 1) + 0.0:+.1f}".replace("-", "−")
 
 
 def p_value(value: float) -> str:

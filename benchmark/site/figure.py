@@ -214,7 +214,8 @@ class Panel:
             marks.append(f"M{u:.1f} {base}v4")
             labels.append(f'<text x="{u:.1f}" y="{base + 17}" text-anchor="middle">{escape(words)}</text>')
         if self.x.title:
-            middle = self.left + self.width / 2
+            # A long title moves left rather than out of the drawing; a letter takes about 6.4 px.
+            middle = min(self.left + self.width / 2, right + self.right - 3.2 * len(self.x.title))
             labels.append(f'<text x="{middle:.1f}" y="{base + 34}" text-anchor="middle">{escape(self.x.title)}</text>')
         axis = f"M{self.left} {base}H{right}{''.join(marks)}"
         return (

@@ -185,11 +185,8 @@ def site_verdict(boards: Sequence[Board]) -> str:
     parts = [f"{name} leads {count}" for name, count in leads.most_common()]
     if shared:
         parts.append(f"in {shared} the first place is not decided")
-    return (
-        f"Of {compared} comparison{'s' if compared != 1 else ''} (task and mode of detections) "
-        + ", ".join(parts)
-        + "."
-    )
+    noun = "comparisons" if compared != 1 else "comparison"
+    return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
 
 
 def board_verdict(board: Board) -> str:

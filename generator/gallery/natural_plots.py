@@ -7,12 +7,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.photometry import GRID_NM
+from generator.atmosphere import Atmosphere, airmass, optical_depth
+from generator.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
 from generator.sky import milky_way, zodiacal
-from generator.sky.airglow import LOWER_LINES, UPPER_LAYER_KM, UPPER_LINES, lower_spectrum, upper_spectrum, van_rhijn
+from generator.sky.airglow import (
+    LOWER_LINES,
+    UPPER_LAYER_KM,
+    UPPER_LINES,
+    airglow,
+    lower_spectrum,
+    upper_spectrum,
+    van_rhijn,
+)  # fmt: skip
 from generator.sky.assembly import star_light
+from generator.sky.city_light import LUMEN_PER_V_PHOTON
+from generator.sky.component import total, v_band
+from generator.sky.directions import sky_grid
+from generator.sky.moonlight import MOON_BV_MAG, moon_v_mag, moonlight
+from generator.sky.starlight import scattered_starlight
 from generator.sky.twilight import zenith_magnitude
 from generator.sky.zenith import BORTLE_ZENITH_MAG
+from generator.stellar_spectra import star_spectra
 from generator.vision import naked_eye_limit
 
 Floats = NDArray[np.float64]
@@ -54,7 +69,7 @@ def natural_sky(plt: Any) -> Any:
     _counted_once(axes[1, 2])
     _twilight(axes[2, 0])
     _naked_eye(axes[2, 1])
-    axes[2, 2].axis("off")
+    _single_numbers(axes[2, 2])
     return figure
 
 
@@ -141,7 +156,7 @@ def _twilight(axis: Any) -> None:
     for site, marker in zip(KOOMEN, "os", strict=True):
         axis.plot(KOOMEN_DEPRESSION, KOOMEN[site], marker, mfc="none", label=f"Koomen 1952, {site}")
     axis.set(xlabel="Sun's depression, deg", ylabel="zenith V mag/arcsec²", title="Twilight")
-    axis.invert_yaxis()
+    axis.set_ylim(22.5, 2)
     axis.legend(fontsize=8)
 
 
@@ -149,5 +164,61 @@ def _naked_eye(axis: Any) -> None:
     ours = [naked_eye_limit(mu) for mu in BORTLE_ZENITH_MAG.values()]
     axis.plot(list(BORTLE_ZENITH_MAG), ours, label="skybench (Crumey 2014, F = 2)")
     axis.plot(list(CRUMEY), list(CRUMEY.values()), "o", label="tabulated")
-    axis.set(xlabel="Bortle class", ylabel="naked-eye limit, V", title="Faintest star on the class table")
-    axis.legend(loc="upper right")
+    axis.set(
+        xlabel="Bortle class", ylabel="naked-eye limit, V", ylim=(4.2, 6.4), title="Faintest star on the class table"
+    )
+    axis.legend(loc="lower left")
+
+
+def natural_zenith() -> Floats:
+    """Natural sky at the zenith of a mountain with the ecliptic pole (b = 30 deg) overhead, at solar minimum, (n,) array."""
+    air = Atmosphere(740.0, 0.05, 1.3, 260.0)
+    to_ecliptic = zodiacal.ecliptic_from_icrs()
+    pole, sun = to_ecliptic[2], to_ecliptic[0]
+    east = np.cross([0.0, 0.0, 1.0], pole)
+    east /= np.linalg.norm(east)
+    turned = np.stack([east, np.cross(pole, east), pole], axis=1)
+    factor, mean_s10 = star_light()
+    parts = [
+        airglow(70.0, air),
+        zodiacal.zodiacal(turned, sun, air),
+        milky_way.milky_way(turned, factor, air),
+        scattered_starlight(mean_s10, air),
+    ]
+    return total(parts).radiance(np.array([90.0]), np.array([0.0]))[0]
+
+
+def full_moon_lux() -> float:
+    """Illuminance of the ground by a full Moon 60 deg up, direct and scattered, lx."""
+    air, magnitude = Atmosphere(1013.25, 0.1, 1.3, 300.0), float(moon_v_mag(0.0))
+    moon = np.array([0.0, 0.5, np.sqrt(0.75)])
+    direct = star_spectra([magnitude], [MOON_BV_MAG])[0] * np.exp(-optical_depth(GRID_NM, air) * float(airmass(60.0)))
+    altitude = np.radians(sky_grid().altitude_deg)
+    rows = moonlight(moon, magnitude, air).weighted(v_band()[None])[0].mean(axis=1)
+    diffuse = 2 * np.pi * np.trapezoid(rows * np.sin(altitude) * np.cos(altitude), altitude)
+    return float(v_band() @ direct * moon[2] + diffuse) * LUMEN_PER_V_PHOTON
+
+
+def _magnitude(spectrum: Floats, band: Band) -> float:
+    return float(-2.5 * np.log10(band.mean(GRID_NM, spectrum) / ARCSEC2_PER_SR / band.zero_point))
+
+
+def _single_numbers(axis: Any) -> None:
+    sky, glow = natural_zenith(), lower_spectrum() + upper_spectrum()
+    blue, visual = _magnitude(sky, BESSELL_B), _magnitude(sky, BESSELL_V)
+    numbers = [
+        ("natural zenith, V\n22.0 ± 0.1 (Falchi 2016)", visual, 22.0, 0.1),
+        ("natural zenith, B-V\n1.03 ± 0.2 (Patat 2003)", blue - visual, 1.03, 0.2),
+        ("airglow alone, V\n22.01 ± 0.1 (Noll 2012)", _magnitude(glow, BESSELL_V), 22.01, 0.1),
+        ("airglow alone, B\n23.06 ± 0.1 (Noll 2012)", _magnitude(glow, BESSELL_B), 23.06, 0.1),
+        ("full Moon on the ground, lx\n0.25 ± 15 % (Kyba 2017)", full_moon_lux(), 0.25, 0.0375),
+    ]
+    axis.axvspan(-1, 1, alpha=0.15, color="grey")
+    axis.axvline(0, color="k", lw=1)
+    for row, (_, ours, published, tolerance) in enumerate(numbers):
+        axis.plot((ours - published) / tolerance, row, "o", color="C0")
+        axis.annotate(f"{ours:.3g}" if tolerance < 0.05 else f"{ours:.2f}", ((ours - published) / tolerance, row),
+                      xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+    axis.set_yticks(range(len(numbers)), [name for name, *_ in numbers], fontsize=8)
+    axis.set(xlim=(-1.6, 1.6), ylim=(len(numbers) - 0.4, -0.7), xlabel="(skybench - published) / tolerance",
+             title="Single numbers")  # fmt: skip

@@ -128,7 +128,9 @@ def test_the_best_solver_comes_first_and_the_verdict_admits_doubt(boards):
         assert rates == sorted(rates, reverse=True)
     sure = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 2, 3, 4, 5, 6))))
     doubt = dataclasses.replace(boards[0], entries=tuple(_ranked(boards[0], (1, 1, 3, 4, 5, 6))))
-    assert site_verdict([sure]) == f"Of 1 comparison (task and mode of detections) {sure.entries[0].label} leads 1."
+    assert (
+        site_verdict([sure]) == f"Of 1 comparison (a task in one mode of detections): {sure.entries[0].label} leads 1."
+    )
     assert "in 1 the first place is not decided" in site_verdict([doubt])
     assert "12.3 points of success" in detectable_words(dataclasses.replace(boards[0], detectable=0.123))
     assert "none" in detectable_words(dataclasses.replace(boards[0], detectable=math.nan))
@@ -298,7 +300,13 @@ def test_numbers_for_script_and_reader():
         "-Infinity",
         "0.25",
     ]
-    assert (signed(0.123), signed(-0.05), p_value(0.0004), p_value(0.04)) == ("+12.3", "−5.0", "< 0.001", "0.040")
+    assert (signed(0.123), signed(-0.05), signed(-0.0001), p_value(0.0004), p_value(0.04)) == (
+        "+12.3",
+        "−5.0",
+        "+0.0",
+        "< 0.001",
+        "0.040",
+    )
 
 
 def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
