@@ -62,7 +62,7 @@ def _obstacle(solver: SolverFolder) -> str:
     """Why a solver cannot run here, or nothing."""
     missing = missing_packages(solver)
     if missing:
-        return f"needs the extra {solver.spec.extra}"
+        return f"install with: {solver.spec.install}"
     try:
         solver.command  # noqa: B018 - raises where the environment is missing
     except SolverError as error:

@@ -37,8 +37,8 @@ class SolverSpec(Strict):
     """SPDX identifier."""
     adapter: AdapterName | None = None
     """One of the benchmark's own adapters; or give `command`."""
-    extra: Literal["peers"] | None = None
-    """Extra of the distribution that brings the adapter's package."""
+    install: Annotated[str, Field(max_length=120)] | None = None
+    """Command that brings the adapter's packages."""
     command: Annotated[tuple[str, ...], Field(max_length=50), BeforeValidator(listed)] = ()
     """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is its environment's."""
     version: Annotated[str, Field(max_length=60)] | None = None

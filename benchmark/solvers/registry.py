@@ -57,7 +57,7 @@ def make_solver(name: str) -> SolverUnderTest:
     UnknownSolverError
         Lists the names that exist.
     SolverError
-        It is an external program, or its extra is not installed.
+        It is an external program, or its packages are not installed.
     """
     found = solver_folder(name)
     adapter = found.spec.adapter
@@ -82,9 +82,7 @@ def missing_packages(solver: SolverFolder) -> list[str]:
 
 def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:
     """What to do about missing packages."""
-    return (
-        f"{solver.name}: needs {' and '.join(packages)}; install the extra: pip install 'skybench[{solver.spec.extra}]'"
-    )
+    return f"{solver.name}: needs {' and '.join(packages)}; install with: {solver.spec.install}"
 
 
 def _folders() -> dict[str, SolverFolder]:

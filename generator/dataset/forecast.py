@@ -14,8 +14,8 @@ from generator.frame_plan import plan_frame
 from generator.frame_record import frame_record, record_bytes
 from generator.scenario_file import Scenario
 
-SECONDS_PER_MEGAPIXEL = 0.6
-SECONDS_PER_FRAME = 0.15
+SECONDS_PER_MEGAPIXEL = 0.11
+SECONDS_PER_FRAME = 0.07
 BYTES_PER_PIXEL = 0.75
 BYTES_PER_STAR = 140
 SHARE_IN_FIELD = 0.7

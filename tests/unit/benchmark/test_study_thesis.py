@@ -302,7 +302,4 @@ def test_adaptive_recall_on_rendered_frames_of_magnitude_seven(tmp_path):
     tree = {**scenario.template, "stars": {"limiting_magnitude": 7.0}}
     render_dataset(dataclasses.replace(scenario, template=tree, axes=()), tmp_path / "frames")
     rows = Rows(solve_pictures(tmp_path / "frames", lambda: None).rows)
-    found = rows.of(PART, who.ADAPTIVE)
-    assert found.recall().low > 0.715
-    assert found.median_solve_ms().value < 50.0
-    assert rows.of(PART, who.BASELINE_SI).median_solve_ms().value < 100.0
+    assert rows.of(PART, who.ADAPTIVE).recall().low > 0.715
