@@ -250,9 +250,7 @@ def test_a_missing_environment_says_how_to_make_it(monkeypatch, tmp_path):
 
 def test_a_missing_package_says_what_to_install(monkeypatch):
     monkeypatch.setattr("benchmark.solvers.registry.find_spec", lambda name: None)
-    with pytest.raises(
-        SolverError, match=r"needs sep and tetra3rs; install with: pip install 'skybench\[peers\]'"
-    ):
+    with pytest.raises(SolverError, match=r"needs sep and tetra3rs; install with: pip install 'skybench\[peers\]'"):
         make_solver("tetra3rs")
 
 
