@@ -93,5 +93,5 @@ def _text(u: float, v: float, words: str, css: str, anchor: str = "start") -> Ma
     return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(css, u, v, anchor, words)
 
 
-def _short(words: str, most: int = 19) -> str:
+def _short(words: str, most: int = 17) -> str:
     return words if len(words) <= most else f"{words[: most - 1]}…"

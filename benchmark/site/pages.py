@@ -100,18 +100,21 @@ def leaderboard_table(boards: Sequence[Board]) -> Table:
     """Success of each solver on each task with its interval, for the terminal."""
     view = make_view(boards, make_styles(boards), ".")
     matrix = next(matrix for matrix in view.matrices if matrix.column is columns.SUCCESS)
-    table = Table(title="Share of frames within 10 km of the truth (95 % intervals in brackets)", title_justify="left")
-    for heading in ("solver", "detections", *(task.key for task in view.tasks)):
-        table.add_column(heading, overflow="fold")
+    title = "Percentage of frames within 10 km of the truth, and its 95 % interval"
+    table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
+    table.add_column("solver", overflow="fold")
+    table.add_column("by")
+    for task in view.tasks:
+        table.add_column(task.key, overflow="fold", justify="right", min_width=6)
     for row in matrix.rows:
-        cells = [
-            "not run"
-            if entry is None
-            else f"{columns.SUCCESS.value(entry)} [dim]\\[{columns.SUCCESS.interval(entry)}][/dim]"
-            for _, entry in row.cells
-        ]
+        cells = ["not run" if entry is None else _in_percent(entry.success) for _, entry in row.cells]
         table.add_row(escape(row.label), row.detections, *cells)
     return table
+
+
+def _in_percent(share: Estimate) -> str:
+    low, value, high = (f"{100 * number:.0f}" for number in (share.low, share.value, share.high))
+    return f"{value}\n[dim]{low}–{high}[/dim]"
 
 
 def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> dict[str, str]:
