@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import poisson
 
+from generator.sensor.draws import poisson, standard_normal
 from generator.sensor.effect import Exposure, Floats
-
-LARGEST_MEAN_BY_INVERSION = 2.0
-MOST_BY_INVERSION = 64
 
 
 @dataclass(frozen=True)
@@ -25,9 +20,8 @@ class PhotoResponse:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Scale each pixel's expected electrons."""
         if self.prnu:
-            signal = signal * np.maximum(
-                1 + self.prnu * exposure.unit("prnu").standard_normal(signal.shape, np.float32), 0
-            )
+            spread = standard_normal(signal.shape, exposure.unit("prnu"))
+            signal = signal * np.maximum(1 + self.prnu * spread, 0)
         if self.dead_fraction:
             signal = np.where(exposure.unit("dead").random(signal.shape) < self.dead_fraction, 0, signal)
         return signal
@@ -41,7 +35,7 @@ class PhotonNoise:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Draw electrons from their expectation."""
-        return exposure.frame("shot").poisson(signal).astype(np.float32) if self.noise else signal
+        return poisson(signal, signal.shape, exposure.frame("shot")) if self.noise else signal
 
 
 @dataclass(frozen=True)
@@ -63,28 +57,13 @@ class DarkCurrent:
         if not self.hot_fraction:
             if not self.noise:
                 return signal + np.float32(mean)
-            return signal + poisson_of_one_mean(mean, signal.shape, exposure.frame("dark"))
+            return signal + poisson(mean, signal.shape, exposure.frame("dark"))
         random = exposure.unit("hot")
         hot = random.random(signal.shape) < self.hot_fraction
         excess = random.standard_exponential(signal.shape)
         expected = mean + hot * excess * self.hot_e_s * exposure.exposure_s
-        electrons = exposure.frame("dark").poisson(expected) if self.noise else expected
+        electrons = poisson(expected, signal.shape, exposure.frame("dark")) if self.noise else expected
         return signal + electrons.astype(np.float32)
-
-
-def poisson_of_one_mean(mean: float, shape: tuple[int, ...], random: np.random.Generator) -> NDArray[np.integer[Any]]:
-    """Poisson numbers of one and the same mean.
-
-    Small means by inversion of 32-bit uniform numbers, a few comparisons each: probabilities are exact to 2^-32.
-    """
-    if mean > LARGEST_MEAN_BY_INVERSION:
-        return random.poisson(mean, shape)
-    uniform = random.integers(0, 1 << 32, shape, np.uint32)
-    cumulative = np.rint(poisson.cdf(np.arange(MOST_BY_INVERSION), mean) * (1 << 32))
-    count = np.zeros(shape, np.uint8)
-    for threshold in cumulative[cumulative < 1 << 32].astype(np.uint32):
-        count += uniform >= threshold
-    return count
 
 
 @dataclass(frozen=True)

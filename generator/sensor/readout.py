@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from generator.sensor.draws import standard_normal
 from generator.sensor.effect import Exposure, Floats
 
 
@@ -17,7 +18,7 @@ class FixedOffset:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the offsets."""
-        return signal + self.sigma_e * exposure.unit("dsnu").standard_normal(signal.shape, np.float32)
+        return signal + self.sigma_e * standard_normal(signal.shape, exposure.unit("dsnu"))
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class ReadNoise:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the noise."""
-        return signal + self.sigma_e * exposure.frame("read").standard_normal(signal.shape, np.float32)
+        return signal + self.sigma_e * standard_normal(signal.shape, exposure.frame("read"))
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,9 @@ class LineNoise:
         """Add the offsets."""
         shape = signal.shape
         if self.row_e:
-            signal = signal + self.row_e * exposure.frame("row").standard_normal((*shape[:-1], 1), np.float32)
+            signal = signal + self.row_e * standard_normal((*shape[:-1], 1), exposure.frame("row"))
         if self.column_e:
-            signal = signal + self.column_e * exposure.frame("column").standard_normal(
-                (*shape[:-2], 1, shape[-1]), np.float32
-            )
+            signal = signal + self.column_e * standard_normal((*shape[:-2], 1, shape[-1]), exposure.frame("column"))
         return signal
 
 
@@ -81,6 +80,6 @@ class Converter:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Return DN, whole numbers from 0 to 2^bits - 1."""
         del exposure
-        return np.clip(
-            np.rint(signal * np.float32(1 / self.gain_e_per_dn) + np.float32(self.black_level_dn)), 0, 2**self.bits - 1
-        )
+        dn = signal * np.float32(1 / self.gain_e_per_dn)
+        dn += np.float32(self.black_level_dn)
+        return np.clip(np.rint(dn, out=dn), 0, 2**self.bits - 1, out=dn)

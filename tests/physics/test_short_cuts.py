@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 from small_scenes import small_scenario
 
 from generator import mitsuba_runtime
@@ -11,7 +10,6 @@ from generator.frame_plan import field_radius_deg, plan_frame
 from generator.photometry import GRID_NM
 from generator.projection import Projection
 from generator.scene import render_expected, scene_dict
-from generator.sensor.charge import LARGEST_MEAN_BY_INVERSION, poisson_of_one_mean
 from generator.stellar_spectra import colour_row, colour_table
 
 PSF = {
@@ -153,19 +151,3 @@ def test_the_field_s_radius_holds_the_reach_of_the_light() -> None:
     camera = small_scenario().frame(0).camera
     wider = camera.model_copy(update={"psf_sigma_px": 6.0})
     assert field_radius_deg(wider) > field_radius_deg(camera) > 0
-
-
-@pytest.mark.parametrize("mean", [0.003, 0.25, 1.7])
-def test_poisson_by_inversion_is_poisson(mean) -> None:
-    """Pearson's chi-squared over the counts that are expected at least ten times; false alarm 1e-4 each."""
-    assert mean <= LARGEST_MEAN_BY_INVERSION
-    size = 2_000_000
-    counts = np.bincount(poisson_of_one_mean(mean, (size,), np.random.default_rng(5)), minlength=30)
-    expected = size * stats.poisson.pmf(np.arange(len(counts)), mean)
-    often = expected >= 10
-    found = np.append(counts[often], counts[~often].sum())
-    wanted = np.append(expected[often], size - expected[often].sum())
-    enough = wanted > 1
-    assert found[~enough].sum() <= 6
-    statistic = ((found - wanted)[enough] ** 2 / wanted[enough]).sum()
-    assert stats.chi2.sf(statistic, enough.sum() - 1) > 1e-4

@@ -1,0 +1,182 @@
+"""Normal and Poisson numbers for all pixels at once, drawn by Dr.Jit on whatever device renders.
+
+The numbers come from Philox 4x32 with ten rounds, a counter-based generator: a stream's key and a pixel's index make the
+pixel's number, so it is the same on any number of threads. Source: Salmon et al. 2011, "Parallel random numbers: as easy as
+1, 2, 3", SC11. The key is the first 64-bit number of the stream's NumPy generator.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generator import mitsuba_runtime
+
+Floats = NDArray[np.float32]
+
+ROUNDS = 10
+WORDS = 4
+"""32-bit numbers that Philox makes at once."""
+NORMALS, UNIFORMS = 0, 1
+"""Second word of Philox' counter: normal and uniform numbers of one stream are unrelated."""
+SMALLEST_MEAN_BY_NORMAL = 20.0
+"""Below, Poisson numbers are found by adding up probabilities."""
+
+# Coefficients, constant term first, of the terms in mean^(-k/2) of the series in `poisson_quantile`.
+_SERIES = (
+    (1 / 3, 0, 1 / 6),
+    (0, -1 / 36, 0, -1 / 72),
+    (-8 / 405, 0, 7 / 810, 0, 1 / 270),
+    (0, 671 / 38880, 0, -137 / 38880, 0, -23 / 17280),
+    (-16 / 25515, 0, -5189 / 408240, 0, 5 / 3024, 0, 19 / 34020),
+)
+
+
+def standard_normal(shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
+    """Normal numbers of mean 0 and variance 1.
+
+    By Box and Muller's method (1958, Ann. Math. Statist. 29, 610) from 32-bit numbers: none is beyond 6.8.
+    """
+    size = math.prod(shape)
+    return np.array(_normals(_key(stream), size)).reshape(shape)
+
+
+def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
+    """Poisson numbers.
+
+    Means below SMALLEST_MEAN_BY_NORMAL: by adding up probabilities until they exceed a 32-bit uniform number, in double
+    precision. Larger means: a normal number's quantile (:func:`poisson_quantile`), rounded down.
+
+    Parameters
+    ----------
+    mean : array_like
+        Of each pixel, in single precision; broadcast to `shape`.
+    shape : tuple of int
+    stream : numpy.random.Generator
+
+    Returns
+    -------
+    (shape) float32 array
+        Whole numbers.
+
+    Raises
+    ------
+    ValueError
+        A mean is negative or not a number.
+    """
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
+    means = np.asarray(mean, dtype=np.float32)
+    lowest, highest = float(means.min()), float(means.max())
+    if not lowest >= 0:
+        raise ValueError("the mean of a Poisson number is negative or not a number")
+    size, key = math.prod(shape), _key(stream)
+    expected = mi.Float(np.broadcast_to(means, shape).ravel()) if means.ndim else dr.opaque(mi.Float, lowest)
+    if highest < SMALLEST_MEAN_BY_NORMAL:
+        counts = _added_up(expected, size, key)
+    else:
+        normal = _normals(key, size)
+        whole = dr.floor(expected)
+        # Whole electrons apart: single precision then has room for fractions of one.
+        beyond = expected - whole + poisson_excess(dr.maximum(expected, SMALLEST_MEAN_BY_NORMAL), normal, dr.sqrt)
+        counts = dr.maximum(whole + dr.floor(beyond), 0)
+        if lowest < SMALLEST_MEAN_BY_NORMAL:
+            small = expected < SMALLEST_MEAN_BY_NORMAL
+            counts = dr.select(small, _added_up(dr.select(small, expected, 0), size, key), counts)
+    return np.array(counts).reshape(shape)
+
+
+def poisson_excess(mean: Any, normal: Any, sqrt: Any) -> Any:
+    """How far a Poisson number's quantile lies above its mean, by the quantile of a normal number.
+
+    The Poisson distribution is that of floor(x) for a continuous x with P(x < n) = P(N < n) = Q(n, mean), the regularised
+    incomplete gamma function, for all n > 0, whole or not. Its quantile is a series in the square root of the mean: that of
+    M. Giles 2016, "Algorithm 955: approximation of the inverse Poisson cumulative distribution function", ACM TOMS 42, 7,
+    with two more terms (which follow from the differential equation that Q imposes on x). Summed over all counts, the
+    probabilities differ from Poisson's by less than 4e-6 for means of 20 and more (a total variation of 2e-6), and the less
+    the larger the mean.
+
+    Parameters
+    ----------
+    mean : Float or array
+        SMALLEST_MEAN_BY_NORMAL or more.
+    normal : Float or array
+        Quantile of the standard normal distribution.
+    sqrt : callable
+        Square root of such numbers.
+    """
+    root = sqrt(mean)
+    inverse = 1 / root
+    total = mean * 0
+    for terms in reversed(_SERIES):
+        value = normal * 0
+        for coefficient in reversed(terms):
+            value = value * normal + coefficient
+        total = total * inverse + value
+    return total + root * normal
+
+
+def _key(stream: np.random.Generator) -> int:
+    """Philox' key for a stream."""
+    return int(stream.integers(0, 1 << 64, dtype=np.uint64))
+
+
+def _words(key: int, count: int, purpose: int) -> Any:
+    """32-bit random numbers: four UInt32 of `count` entries each."""
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+    from drjit import cuda, llvm
+
+    device = cuda if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else llvm
+    seed: Any = dr.opaque(mi.UInt64, key)
+    return device.Philox4x32(seed, dr.arange(mi.UInt32, count), purpose, 0, ROUNDS).next_uint32x4()
+
+
+def _normals(key: int, size: int) -> Any:
+    """Normal numbers, a Float."""
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
+    words = _words(key, -(-size // WORDS), NORMALS)
+    numbers = []
+    for first, second in ((words[0], words[1]), (words[2], words[3])):
+        radius = dr.sqrt(-2 * dr.log((mi.Float(first) + 0.5) * 2**-32))
+        sine, cosine = dr.sincos(mi.Float(mi.Int32(second)) * (math.pi * 2**-31))
+        numbers += [radius * cosine, radius * sine]
+    return _first(mi.Vector4f(*numbers), size)
+
+
+def _added_up(mean: Any, size: int, key: int) -> Any:
+    """Poisson numbers of small means (Float): the smallest whose cumulative probability exceeds a uniform number."""
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
+    double: Any = dr.float64_array_t(mi.Float)
+    uniform = (double(_first(mi.Vector4u(*_words(key, -(-size // WORDS), UNIFORMS)), size)) + 0.5) * 2**-32
+    precise = double(mean)
+    probability = dr.exp(-precise)
+
+    def next_count(count: Any, probability: Any, left: Any) -> tuple[Any, Any, Any]:
+        probability = probability * precise / (count + 1)
+        return count + 1, probability, left - probability
+
+    count, *_ = dr.while_loop(
+        (dr.zeros(double, size), probability, uniform - probability),
+        lambda count, probability, left: left >= 0,
+        next_count,
+        ("count", "probability", "left"),
+    )
+    return mi.Float(count)
+
+
+def _first(rows: Any, size: int) -> Any:
+    """The first `size` numbers of vectors, one vector after another."""
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
+    numbers = dr.ravel(rows)
+    return numbers if dr.width(numbers) == size else dr.gather(type(numbers), numbers, dr.arange(mi.UInt32, size))
