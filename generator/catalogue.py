@@ -57,15 +57,18 @@ def propagate(
     -------
     ra_deg, dec_deg : (n,) arrays
     """
+    place, east, north = tangent_frame(ra_deg, dec_deg)
+    x, y, z = place + np.radians(years / 3.6e6) * (pm_ra_mas_yr * east + pm_dec_mas_yr * north)
+    return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def tangent_frame(ra_deg: Floats, dec_deg: Floats) -> tuple[Floats, Floats, Floats]:
+    """Unit vectors of places (n), and those towards east and north there, (3, n) arrays."""
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
-    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra)], axis=-1)
-    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
-    mas = np.radians(years / 3.6e6)
-    moved = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], axis=-1)
-    moved += mas * (pm_ra_mas_yr[:, None] * east + pm_dec_mas_yr[:, None] * north)
-    x, y, z = moved.T
-    return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
+    place = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec])
+    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra)])
+    return place, east, np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec])
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,11 @@ class StarCatalogue:
 
     def __getitem__(self, selection: NDArray[np.bool_] | NDArray[np.intp]) -> StarCatalogue:
         rows = np.flatnonzero(selection) if selection.dtype == bool else selection
-        return StarCatalogue(*(getattr(self, field.name)[rows] for field in fields(self)))
+        chosen = StarCatalogue(*(getattr(self, field.name)[rows] for field in fields(self)))
+        if "_vectors" in self.__dict__:
+            # Their sines take longer to compute than everything else that is done with places.
+            chosen.__dict__["_vectors"] = self._vectors[:, :, rows]
+        return chosen
 
     @property
     def star_id(self) -> NDArray[np.int32]:
@@ -114,16 +121,29 @@ class StarCatalogue:
         return np.where(named == 0, self.other_id, named).astype(np.int32)
 
     @functools.cached_property
+    def _vectors(self) -> Floats:
+        """Unit vectors at J2000.0, and their motion, rad/yr: (2, 3, n) array."""
+        place, east, north = tangent_frame(self.ra_deg, self.dec_deg)
+        motion = np.radians(self.pm_ra_mas_yr / 3.6e6) * east + np.radians(self.pm_dec_mas_yr / 3.6e6) * north
+        return np.stack([place, motion])
+
+    @property
     def icrs(self) -> Floats:
         """Unit vectors at J2000.0, (n, 3) array."""
-        ra, dec = np.radians(self.ra_deg), np.radians(self.dec_deg)
-        return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+        return self._vectors[0].T
+
+    @property
+    def motion_rad_yr(self) -> Floats:
+        """Proper motion: change of `icrs` by the year, (n, 3) array."""
+        return self._vectors[1].T
 
     def joined(self, other: StarCatalogue) -> StarCatalogue:
         """Both catalogues' stars, this one's first."""
-        return StarCatalogue(
+        both = StarCatalogue(
             *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
         )
+        both.__dict__["_vectors"] = np.concatenate([self._vectors, other._vectors], axis=2)
+        return both
 
 
 def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:

@@ -17,7 +17,7 @@ import skyfield_data
 from jplephem.spk import SPK
 from numpy.typing import NDArray
 
-from generator.astrometry import Air, ApparentPlaces, Site, apparent_places
+from generator.astrometry import Air, ApparentPlaces, Site, apparent_places, star_parameters
 from generator.catalogue import StarCatalogue
 from generator.errors import TimeRangeError
 from generator.times import EarthOrientation, Instant
@@ -95,11 +95,7 @@ def _observer(site: Site, instant: Instant, orientation: EarthOrientation) -> tu
     if not start + 1 < tdb1 + tdb2 < end - 1:
         raise TimeRangeError(f"{instant.isoformat()} lies outside DE421 (1899 to 2053); choose a time inside it")
     # TDB - TT is below 2 ms, in which the Moon moves by 2 m.
-    astrom, _ = erfa.apco13(
-        instant.utc1, instant.utc2, orientation.ut1_utc_s, np.radians(site.longitude_deg), np.radians(site.latitude_deg),
-        site.height_m, np.radians(orientation.polar_motion_x_arcsec / 3600),
-        np.radians(orientation.polar_motion_y_arcsec / 3600), 0.0, 0.0, 0.0, 0.55,
-    )  # fmt: skip
+    astrom = star_parameters(site, instant, orientation)
     # ERFA's own Earth is good to some km, too little for the Moon: take the observer's place on the Earth from it alone.
     _, erfa_earth = erfa.epv00(tdb1, tdb2)
     on_earth_km = (np.array(astrom["eb"]) - np.array(erfa_earth["p"])) * AU_KM

@@ -129,7 +129,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
     places = intermediate_places(stars, site, utc_mid, orientation)
     middle = observed_places(places, site, utc_mid, orientation, air)
-    up = middle.enu[:, 2] > 0
+    up = np.flatnonzero(middle.enu[:, 2] > 0)
     stars, places, middle = stars[up], places[up], middle[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
     path = [

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
 LOWEST_ALTITUDE_DEG = -1.0
+NEWTON_STEPS = 2
 
 
 def _saemundsson_arcmin(true_altitude_deg: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -19,10 +20,12 @@ def _saemundsson_arcmin(true_altitude_deg: NDArray[np.float64]) -> NDArray[np.fl
 def _series_deg(true_zenith_distance_rad: NDArray[np.float64], refa_rad: float, refb_rad: float) -> NDArray[np.float64]:
     """Solve z_true = z_obs + A tan z_obs + B tan^3 z_obs for the refraction, deg, by Newton's method."""
     observed = true_zenith_distance_rad.copy()
-    for _ in range(4):
+    # From the true zenith distance, two steps come within 1e-9 arcsec above 15 deg.
+    for _ in range(NEWTON_STEPS):
         tangent = np.tan(observed)
-        excess = observed + refa_rad * tangent + refb_rad * tangent**3 - true_zenith_distance_rad
-        observed -= excess / (1 + (refa_rad + 3 * refb_rad * tangent**2) * (1 + tangent**2))
+        square = tangent * tangent
+        excess = observed + (refa_rad + refb_rad * square) * tangent - true_zenith_distance_rad
+        observed -= excess / (1 + (refa_rad + 3 * refb_rad * square) * (1 + square))
     return np.degrees(true_zenith_distance_rad - observed)
 
 
@@ -59,5 +62,6 @@ def refraction_deg(
     series = _series_deg(np.radians(90 - series_altitude), float(refa), float(refb))
     seam = np.array([LOWEST_ALTITUDE_OF_SERIES_DEG])
     scale = _series_deg(np.radians(90 - seam), float(refa), float(refb)) / _saemundsson_arcmin(seam)
-    low = scale * _saemundsson_arcmin(np.minimum(true_altitude_deg, LOWEST_ALTITUDE_OF_SERIES_DEG))
-    return np.where(true_altitude_deg >= LOWEST_ALTITUDE_OF_SERIES_DEG, series, low)
+    low = np.flatnonzero(true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
+    series[low] = scale * _saemundsson_arcmin(true_altitude_deg[low])
+    return series

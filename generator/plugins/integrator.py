@@ -120,42 +120,40 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
         free = self._uncovered(scene, camera, film_position)
-        image = dr.zeros(mi.Float, width * height * planes)
+        image = [dr.zeros(mi.Float, width * height) for _ in range(planes)]
         seen = None if pattern is None else (pattern, mi.Int32(pixel % width), mi.Int32(pixel // width))
         terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, pixel, seen)
+            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
-                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, pixel, seen)
-        return mi.TensorXf(image, (height, width, planes))
+                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
+        return mi.TensorXf(interleaved(image), (height, width, planes))
 
     def _add_sky(
         self,
-        image: Any,
+        image: list[Any],
         coefficients: list[Any],
         terms: list[Any],
         etendue: Any,
-        pixel: Any,
         seen: tuple[Pattern, Any, Any] | None,
     ) -> None:
-        """Add light of the sky to an image: a sum of terms, each a value by direction times an integrated spectrum."""
+        """Add light of the sky to planes: a sum of terms, each a value by direction times an integrated spectrum."""
         lights = []
         for spectrum in terms:
-            light = dr.zeros(mi.Float, dr.width(pixel))
+            light = mi.Float(0)
             for term, value in enumerate(coefficients):
                 light = dr.fma(value, dr.gather(mi.Float, spectrum, mi.UInt32(term)), light)
             lights.append(dr.maximum(light, 0) * etendue)
         if seen is not None:
             pattern, column, row = seen
             lights = [choose(pattern, lights, column, row)]
-        for plane, light in enumerate(lights):
-            dr.scatter_add(image, light, pixel * len(lights) + plane)
+        image[:] = [so_far + light for so_far, light in zip(image, lights, strict=True)]
         dr.eval(image)
 
     def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
@@ -240,3 +238,13 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         """Return a short description."""
         psf = f"{self.psf_sigma_px} px" if self.stamps is None else f"table of {self.stamps.shape}"
         return f"NightSkyIntegrator[psf {psf}, {4 * self.wavelength_groups} wavelengths]"
+
+
+def interleaved(planes: list[Any]) -> Any:
+    """The planes' values (Floats of equal length), pixel by pixel."""
+    if len(planes) == 1:
+        return planes[0]
+    values = dr.zeros(mi.Float, len(planes) * dr.width(planes[0]))
+    for number, plane in enumerate(planes):
+        dr.scatter(values, plane, dr.arange(mi.UInt32, dr.width(plane)) * len(planes) + number)
+    return values

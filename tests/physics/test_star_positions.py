@@ -193,6 +193,34 @@ def test_places_agree_with_erfa_one_star_at_a_time() -> None:
     assert np.degrees(np.linalg.norm(places.enu - wanted, axis=1)).max() * 3600 < 1e-6
 
 
+def test_intermediate_places_of_the_whole_catalogue_are_erfa_s() -> None:
+    """Against ERFA's atciq from decade to decade, stars beside the Sun among them: within 1e-6 mas."""
+    from generator.astrometry import Site, intermediate_places, star_parameters
+
+    catalogue = load_catalogue()
+    declination = np.radians(catalogue.dec_deg)
+    for utc, site in [
+        ("1980-05-04T20:11:00Z", Site(-70.0, 30.0)),
+        ("2001-12-21T03:00:00Z", Site(0.0, -120.0, 2500.0)),
+        ("2026-08-12T17:45:00Z", Site(89.0, 170.0)),
+    ]:
+        instant = Instant.parse(utc)
+        orientation = earth_orientation(instant)
+        wanted = erfa.s2c(
+            *erfa.atciq(
+                np.radians(catalogue.ra_deg), declination, catalogue.pm_ra_mas_yr * MAS_TO_RAD / np.cos(declination),
+                catalogue.pm_dec_mas_yr * MAS_TO_RAD, np.maximum(catalogue.parallax_mas, 0) / 1000,
+                np.zeros(len(catalogue)), star_parameters(site, instant, orientation),
+            )
+        )  # fmt: skip
+        found = intermediate_places(catalogue, site, instant, orientation).cirs
+        assert np.degrees(np.linalg.norm(found - wanted, axis=1)).max() * 3600e3 < 1e-6
+        # A part of the catalogue has the same places: what is known of the whole goes along.
+        rows = np.arange(7, len(catalogue), 1000)
+        part = intermediate_places(catalogue[rows].joined(catalogue[np.arange(9)]), site, instant, orientation).cirs
+        np.testing.assert_allclose(part, np.concatenate([found[rows], found[:9]]), atol=1e-15)
+
+
 def test_intermediate_places_serve_the_whole_exposure() -> None:
     """An hour later, places from one set of intermediate places differ from those computed afresh by under 0.1 arcsec."""
     from generator.astrometry import Air, Site, apparent_places, intermediate_places, observed_places
