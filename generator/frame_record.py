@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from generator import __version__
 from generator.camera_spec import CameraSpec
@@ -171,19 +172,26 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
             & (expected.v_px < camera.height - 0.5 + reach)
         )
     star_id = plan.stars.star_id
-    rows = np.nonzero(seen)[0]
-    rows = rows[np.lexsort((star_id[rows], plan.stars.v_mag[rows].astype(np.float32)))]
-    column = np.clip(np.rint(expected.u_px[rows]), 0, camera.width - 1).astype(np.intp)
-    row = np.clip(np.rint(expected.v_px[rows]), 0, camera.height - 1).astype(np.intp)
-    sky = expected.sky_electrons[row, column].astype(np.float64)
+    rows = np.flatnonzero(seen)
+    # The catalogue is sorted by magnitude already, which a stable sort makes use of.
+    order = np.argsort(_brightness_order(plan.stars.v_mag[rows], star_id[rows]), kind="stable")
+    rows = rows[order]
+    u_px, v_px = expected.u_px[rows], expected.v_px[rows]
+    column = np.clip(np.rint(u_px), 0, camera.width - 1).astype(np.intp)
+    row = np.clip(np.rint(v_px), 0, camera.height - 1).astype(np.intp)
+    pixel = row * camera.width + column
+    sky = expected.sky_electrons.take(pixel).astype(np.float64)
     electrons = expected.star_electrons[rows]
-    middle = np.stack([expected.u_px[rows], expected.v_px[rows]], axis=1)
     # A star without light at one of these moments (behind something, or outside the lens' range) keeps its middle.
     centroid, start, end = (
-        np.where(np.isfinite(places[rows]), places[rows], middle)
+        [
+            np.where(np.isfinite(place), place, middle)
+            for place, middle in zip(places.T[:, rows], (u_px, v_px), strict=True)
+        ]
         for places in (expected.centroid_px, expected.start_px, expected.end_px)
     )
-    peak = _brightest_pixel_around(expected.electrons, row, column) + sensor.mean_dark_e_s * spec.time.exposure_s
+    saturating_e = saturation_e(sensor) - sensor.mean_dark_e_s * spec.time.exposure_s
+    places = plan.middle[rows]
     columns = {
         "index": np.full(len(rows), plan.index),
         "frame_id": pa.repeat(plan.frame_id, len(rows)),
@@ -195,21 +203,21 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "dec_deg": plan.dec_deg[rows],
         "v_mag": plan.stars.v_mag[rows],
         "bv_mag": plan.stars.bv_mag[rows],
-        "azimuth_deg": plan.middle.azimuth_deg[rows],
-        "altitude_deg": plan.middle.altitude_deg[rows],
+        "azimuth_deg": places.azimuth_deg,
+        "altitude_deg": places.altitude_deg,
         "airmass": plan.airmass[rows],
-        "u_px": expected.u_px[rows],
-        "v_px": expected.v_px[rows],
-        "centroid_u_px": centroid[:, 0],
-        "centroid_v_px": centroid[:, 1],
-        "start_u_px": start[:, 0],
-        "start_v_px": start[:, 1],
-        "end_u_px": end[:, 0],
-        "end_v_px": end[:, 1],
+        "u_px": u_px,
+        "v_px": v_px,
+        "centroid_u_px": centroid[0],
+        "centroid_v_px": centroid[1],
+        "start_u_px": start[0],
+        "start_v_px": start[1],
+        "end_u_px": end[0],
+        "end_v_px": end[1],
         "electrons_e": electrons,
         "fraction_in_frame": expected.fraction_in_frame[rows],
         "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
-        "saturated": peak >= saturation_e(sensor),
+        "saturated": _around(expected.electrons >= saturating_e).take(pixel),
         "occluded": expected.occluded[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],
         "scintillation": plan.scintillation[rows],
@@ -220,15 +228,23 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
 
 def _column(values: Any, kind: pa.DataType) -> pa.Array:
     """A column of the table."""
-    return values if isinstance(values, pa.Array) else pa.array(values, type=kind)
+    return values if isinstance(values, pa.Array) else pa.array(values.astype(kind.to_pandas_dtype(), copy=False))
 
 
-def _brightest_pixel_around(
-    electrons: np.ndarray[Any, np.dtype[np.float32]],
-    row: np.ndarray[Any, np.dtype[np.intp]],
-    column: np.ndarray[Any, np.dtype[np.intp]],
-) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Largest expectation among the 3 x 3 pixels around each position."""
-    padded = np.pad(electrons, 1)
-    around = [padded[row + dy, column + dx] for dy in range(3) for dx in range(3)]
-    return np.max(around, axis=0, initial=0.0).astype(np.float64)
+def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Numbers in the order of the stars' V, in single precision, and of their ids where V is the same."""
+    bits = v_mag.astype(np.float32).view(np.int32).astype(np.int64)
+    # Of negative numbers, the bits rise as the number falls.
+    magnitude = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)
+    return (magnitude << 32) + star_id
+
+
+def _around(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether any of the 3 x 3 pixels around each pixel is marked."""
+    height, width = marked.shape
+    row, column = np.divmod(np.flatnonzero(marked), width)
+    result = np.zeros_like(marked)
+    for down in (-1, 0, 1):
+        for across in (-1, 0, 1):
+            result[np.clip(row + down, 0, height - 1), np.clip(column + across, 0, width - 1)] = True
+    return result

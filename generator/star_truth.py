@@ -15,6 +15,9 @@ from generator.psf import FINE_PER_PX, psf_table
 
 Floats = NDArray[np.float64]
 
+WHOLE_SIGMAS = 9.0
+"""A Gaussian this far inside the frame falls on it wholly, to double precision."""
+
 
 @dataclass(frozen=True)
 class StarTruth:
@@ -115,8 +118,12 @@ def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> Star
 
 def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
     """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
-    scale = math.sqrt(2) * sigma_px
-    return 0.5 * (erf((size - 0.5 - position_px) / scale) - erf((-0.5 - position_px) / scale))
+    share = np.ones_like(position_px)
+    inside = (position_px > WHOLE_SIGMAS * sigma_px) & (position_px < size - 1 - WHOLE_SIGMAS * sigma_px)
+    rest = np.flatnonzero(~inside)
+    ends = np.stack([size - 0.5 - position_px[rest], -0.5 - position_px[rest]]) / (math.sqrt(2) * sigma_px)
+    share[rest] = 0.5 * (erf(ends[0]) - erf(ends[1]))
+    return share
 
 
 def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
