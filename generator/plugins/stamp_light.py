@@ -50,9 +50,13 @@ class StampLight:
         the stars); the largest where no smaller one does.
         """
         moved = 1 - 1 / self.gain.max(axis=(1, 2, 3))
-        too_small = (electrons[:, None] * self.beyond[:-1] > FAINTEST_PIXEL_E) | (moved[:-1] > LARGEST_MOVED_SHARE)
+        # Electrons above which each radius is too small.
+        brightest = np.full(self.radius_px, np.inf)
+        np.divide(FAINTEST_PIXEL_E, self.beyond[:-1], out=brightest, where=self.beyond[:-1] > 0)
+        brightest[moved[:-1] > LARGEST_MOVED_SHARE] = -np.inf
+        too_small = np.searchsorted(np.sort(brightest), electrons)
         sizes = np.array([*(size for size in SIZES_PX if size < self.radius_px), self.radius_px])
-        return sizes[np.searchsorted(sizes, too_small.sum(axis=1))]
+        return sizes[np.searchsorted(sizes, too_small)]
 
 
 def gaussian_light(sigma_px: float, radius_px: int) -> StampLight:

@@ -108,7 +108,8 @@ def follow_stars(
         excursion, longest = _probed(camera, emitter, u_px, v_px, checks, reach_px)
     steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
     near = touching.any(axis=1)
-    chosen = everyone[near]
+    # Indices are taken several times as fast as masks.
+    chosen = np.flatnonzero(near)
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[chosen] = np.stack([u[chosen, 0], v[chosen, 0]], axis=1)
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
@@ -147,11 +148,11 @@ def follow_stars(
         weight = weight * free
         np.divide(np.bincount(star, weight, count), whole, out=visible_share, where=whole > 0)
     light = np.where(near, np.bincount(star, weight, count), middle_light)
-    lit = near & (light > 0)
+    lit = np.flatnonzero(near & (light > 0))
     for axis, position in enumerate((u, v)):
-        total = np.bincount(star, weight * np.nan_to_num(position), count)
+        total = np.bincount(star, weight * np.where(weight > 0, position, 0), count)
         centroid[lit, axis] = total[lit] / light[lit]
-    keep = weight > 0
+    keep = np.flatnonzero(weight > 0)
     return StarTracks(
         u_px, v_px, start, end, centroid, light, visible_share, star[keep], u[keep], v[keep], weight[keep]
     )

@@ -66,24 +66,32 @@ def s10_map() -> NDArray[np.float32]:
     return np.maximum(np.interp(luminance, _LUMINANCE, _S10_V), least).astype(np.float32)
 
 
+@functools.cache
+def _wrapped_map() -> NDArray[np.float32]:
+    """:func:`s10_map` half a turn on, with its last column before the first and its first after the last."""
+    table = s10_map()
+    turned = np.roll(table, table.shape[1] // 2, axis=1)
+    return np.concatenate([turned[:, -1:], turned, turned[:, :1]], axis=1)
+
+
 def s10(icrs: Floats | NDArray[np.float32]) -> NDArray[np.float32]:
     """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light.
 
     The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.
     """
-    table = s10_map()
-    ny, nx = table.shape
+    table = _wrapped_map()
+    ny, nx = table.shape[0], table.shape[1] - 2
     x, y, z = (np.ascontiguousarray(component, np.float32) for component in np.moveaxis(icrs, -1, 0))
-    column = np.arctan2(x, y) * np.float32(nx / (2 * np.pi)) + np.float32(nx - 0.5)
+    # Half a turn on, no column is negative.
+    column = np.arctan2(x, y) * np.float32(nx / (2 * np.pi)) + np.float32((nx + 1) / 2)
     row = np.clip(np.arccos(np.clip(z, -1, 1)) * np.float32(ny / np.pi) - np.float32(0.5), 0, ny - 1.001)
     r0, c0 = row.astype(np.int32), column.astype(np.int32)
     wr, wc = row - r0, column - c0
-    first = r0 * nx
-    near, far = first + c0 % nx, first + (c0 + 1) % nx
+    first = r0 * np.int32(nx + 2) + c0
     upper, lower = (
-        values + wc * (table.take(far + step, mode="clip") - values)
-        for step in (0, nx)
-        for values in (table.take(near + step, mode="clip"),)
+        near + wc * (table.take(first + np.int32(step + 1), mode="clip") - near)
+        for step in (0, nx + 2)
+        for near in (table.take(first + np.int32(step), mode="clip"),)
     )
     return upper + wr * (lower - upper)
 

@@ -77,9 +77,11 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
     )
     maps = np.empty((len(NODES_NM), *grid.shape), np.float32)
     for node in range(len(NODES_NM)):
-        phase = at_node[0][node] * phases[0] + air.aerosol_albedo * at_node[1][node] * phases[1]
+        # Python's numbers keep the maps in single precision.
+        of_air, of_aerosol = float(at_node[0][node]), float(air.aerosol_albedo * at_node[1][node])
+        phase = of_air * phases[0] + of_aerosol * phases[1]
         fine = upsampled(ratio[baked[node]], rows, columns, grid.shape)
-        maps[node] = phase * fine * path[node][:, None]
+        np.multiply(phase, fine * path[node][:, None].astype(np.float32), out=maps[node])
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh + aerosol
     irradiance = star_spectra([v_mag], [MOON_BV_MAG])[0]

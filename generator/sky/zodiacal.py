@@ -97,12 +97,20 @@ def zodiacal(icrs_from_enu: Floats, sun_icrs: Floats, atmosphere: Atmosphere | N
     return above_the_air(upsampled(coarse, rows, columns, grid.shape), spectrum(), atmosphere)
 
 
-def upsampled(coarse: Floats, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]) -> Floats:
+def upsampled(
+    coarse: Floats, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]
+) -> NDArray[np.float32]:
     """Linear interpolation from some of the grid's rows and (periodic) columns to all of them, (ny, nx) array."""
-    row = np.interp(np.arange(shape[0]), rows, np.arange(len(rows)))
-    column = np.interp(np.arange(shape[1]), np.append(columns, shape[1]), np.arange(len(columns) + 1))
-    r0 = np.minimum(row.astype(np.intp), len(rows) - 2)
-    c0 = np.minimum(column.astype(np.intp), len(columns) - 1)
-    wr, wc = (row - r0)[:, None], column - c0
-    along = coarse[:, c0] * (1 - wc) + coarse[:, (c0 + 1) % len(columns)] * wc
-    return along[r0] * (1 - wr) + along[r0 + 1] * wr
+    down = _hats(tuple(rows.tolist()), shape[0], False)
+    across = _hats(tuple(columns.tolist()), shape[1], True)
+    return down @ (coarse.astype(np.float32) @ across.T)
+
+
+@functools.lru_cache(maxsize=32)
+def _hats(nodes: tuple[int, ...], size: int, periodic: bool) -> NDArray[np.float32]:
+    """Weights (size, nodes) of linear interpolation from nodes, of which the first is 0, to all of `size` numbers."""
+    ends = (*nodes, size) if periodic else nodes
+    weights = np.array([np.interp(np.arange(size), ends, row) for row in np.eye(len(ends), dtype=np.float32)]).T
+    if periodic:
+        weights[:, 0] += weights[:, -1]
+    return np.ascontiguousarray(weights[:, : len(nodes)], np.float32)

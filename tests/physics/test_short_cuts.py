@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy import interpolate, ndimage, special
 from small_scenes import small_scenario
 
 from generator import mitsuba_runtime
 from generator.atmosphere import Atmosphere, optical_depth
 from generator.frame_plan import field_radius_deg, plan_frame
+from generator.frame_record import _around, _brightness_order
 from generator.photometry import GRID_NM
 from generator.projection import Projection
 from generator.scene import render_expected, scene_dict
+from generator.sky.directions import sky_grid
+from generator.sky.zodiacal import upsampled
+from generator.star_truth import share_within
 from generator.stellar_spectra import colour_row, colour_table
 
 PSF = {
@@ -151,3 +156,42 @@ def test_the_field_s_radius_holds_the_reach_of_the_light() -> None:
     camera = small_scenario().frame(0).camera
     wider = camera.model_copy(update={"psf_sigma_px": 6.0})
     assert field_radius_deg(wider) > field_radius_deg(camera) > 0
+
+
+def test_stars_are_listed_by_magnitude_and_id() -> None:
+    """One sort of whole numbers, against NumPy's of two keys; magnitudes that single precision cannot tell apart among them."""
+    random = np.random.default_rng(8)
+    v_mag = np.round(random.uniform(-2, 3, 5000), 2) + random.choice([0.0, 1e-9], 5000)
+    v_mag[:7] = [0.0, -0.0, -1.46, -1e-30, 1e-30, -12.7, 15.0]
+    star_id = random.permutation(np.arange(-2500, 2500)).astype(np.int32)
+    star_id[7:11] = [2**31 - 1, -(2**31), 900_000_199, 0]
+    found = np.argsort(_brightness_order(v_mag, star_id), kind="stable")
+    np.testing.assert_array_equal(found, np.lexsort((star_id, v_mag.astype(np.float32))))
+
+
+def test_pixels_around_marked_ones() -> None:
+    marked = np.random.default_rng(9).random((40, 60)) < 0.02
+    marked[0, 0] = marked[-1, 30] = True
+    np.testing.assert_array_equal(_around(marked), ndimage.maximum_filter(marked, 3))
+    assert not _around(np.zeros((4, 5), bool)).any()
+
+
+def test_light_that_falls_wholly_on_the_frame_is_1() -> None:
+    """Where the error function is left out, it would have given 1 to the last bit."""
+    position = np.concatenate([np.linspace(-30, 130, 5001), [9 * 0.8, 99 - 9 * 0.8]])
+    scale = np.sqrt(2) * 0.8
+    wanted = 0.5 * (special.erf((99.5 - position) / scale) - special.erf((-0.5 - position) / scale))
+    np.testing.assert_array_equal(share_within(position, 100, 0.8), wanted)
+
+
+def test_a_coarse_map_is_interpolated_along_both_axes() -> None:
+    """Against SciPy, in single precision; azimuth closes."""
+    grid, random = sky_grid(), np.random.default_rng(10)
+    rows = np.unique(np.append(np.arange(0, grid.shape[0], 7), grid.shape[0] - 1))
+    columns = np.arange(0, grid.shape[1], 6)
+    coarse = random.uniform(1, 2, (len(rows), len(columns)))
+    closed = interpolate.RegularGridInterpolator(
+        (rows, np.append(columns, grid.shape[1])), np.append(coarse, coarse[:, :1], axis=1)
+    )
+    wanted = closed(np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1))
+    np.testing.assert_allclose(upsampled(coarse, rows, columns, grid.shape), wanted, rtol=1e-6)
