@@ -159,7 +159,7 @@ def test_the_field_s_radius_holds_the_reach_of_the_light() -> None:
 
 
 def test_stars_are_listed_by_magnitude_and_id() -> None:
-    """One sort of whole numbers, against NumPy's of two keys; magnitudes that single precision cannot tell apart among them."""
+    """One sort of whole numbers, against NumPy's of two keys, with magnitudes that single precision cannot tell apart."""
     random = np.random.default_rng(8)
     v_mag = np.round(random.uniform(-2, 3, 5000), 2) + random.choice([0.0, 1e-9], 5000)
     v_mag[:7] = [0.0, -0.0, -1.46, -1e-30, 1e-30, -12.7, 15.0]
