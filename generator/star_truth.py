@@ -77,10 +77,8 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         sigma = camera.psf_sigma_px
         share = share_within(tracks.u, camera.width, sigma) * share_within(tracks.v, camera.height, sigma)
     else:
-        share = np.zeros(len(tracks.star))
         by_band = np.divide(on_axis_e, on_axis_e.sum(axis=1, keepdims=True), where=on_axis_e > 0, out=0 * on_axis_e)
-        for band in range(on_axis_e.shape[1]):
-            share += by_band[tracks.star, band] * _table_share(plan, tracks, band)
+        share = np.einsum("mb,mb->m", by_band[tracks.star], _table_shares(plan, tracks))
     count = len(on_axis_e)
     in_frame = np.bincount(tracks.star, tracks.weight * share, count)
     fraction = np.divide(in_frame, tracks.light, out=np.zeros(count), where=tracks.light > 0)
@@ -126,29 +124,36 @@ def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
     return share
 
 
-def _table_share(plan: FramePlan, tracks: Any, band: int) -> Floats:
-    """Part of the tabulated point spread function that falls on the sensor, at each of the tracks' moments.
+def _table_shares(plan: FramePlan, tracks: Any) -> Floats:
+    """Part of the tabulated point spread function that falls on the sensor, at m moments, (m, bands) array.
 
     That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
     """
     camera = plan.spec.camera
     table = psf_table(camera)
-    cumulated = table.cumulated[band]
-    rows, columns, size = table.stamps.shape[1:4]
+    bands, rows, columns, size = table.stamps.shape[:4]
     half = (size - 1) / 2
+    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1)).astype(np.intp)
+    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1)).astype(np.intp)
+    shares = table.cumulated[:, :, :, -1, -1].reshape(bands, -1).T[row * columns + column]
+    reach = half / FINE_PER_PX + 1
+    inside = (tracks.u > reach) & (tracks.u < camera.width - 1 - reach)
+    inside &= (tracks.v > reach) & (tracks.v < camera.height - 1 - reach)
+    rest = np.flatnonzero(~inside)
 
     def edges(position: Floats, extent: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         near = np.clip(np.rint((-0.5 - position) * FINE_PER_PX + half), 0, size)
         far = np.clip(np.rint((extent - 0.5 - position) * FINE_PER_PX + half) + 1, 0, size)
         return near.astype(np.intp), far.astype(np.intp)
 
-    left, right = edges(tracks.u, camera.width)
-    top, bottom = edges(tracks.v, camera.height)
-    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1)).astype(np.intp)
-    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1)).astype(np.intp)
-    return (
-        cumulated[row, column, bottom, right]
-        - cumulated[row, column, top, right]
-        - cumulated[row, column, bottom, left]
-        + cumulated[row, column, top, left]
-    )
+    left, right = edges(tracks.u[rest], camera.width)
+    top, bottom = edges(tracks.v[rest], camera.height)
+    row, column = row[rest], column[rest]
+    for band, cumulated in enumerate(table.cumulated):
+        shares[rest, band] = (
+            cumulated[row, column, bottom, right]
+            - cumulated[row, column, top, right]
+            - cumulated[row, column, bottom, left]
+            + cumulated[row, column, top, left]
+        )
+    return shares

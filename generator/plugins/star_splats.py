@@ -72,6 +72,10 @@ class StampRows:
         """Values (m,) of the moments as a Float of the lanes."""
         return dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values, dtype=np.float32)), self.owner)
 
+    def index_per_lane(self, values: NDArray[np.integer[Any]]) -> Any:
+        """Whole numbers (m,) of the moments as a UInt32 of the lanes."""
+        return dr.gather(mi.UInt32, mi.UInt32(values.astype(np.uint32)), self.owner)
+
     def seen(self, channels: list[Any], pattern: Pattern | None) -> tuple[list[Any], list[Any]]:
         """What even and odd taps see of values by channel: all of them, or under a filter array their own alone."""
         if pattern is None:
@@ -198,16 +202,18 @@ def splat_atlas(
         Filter array: only the channel that a pixel sees is added.
     """
     channels = electrons.shape[1]
-    radius_px = np.minimum(light.radii(electrons.sum(axis=2).max(axis=1)) + atlas.shift_px, atlas.reach_px)
+    brightest = electrons.sum(axis=2).max(axis=1)
+    on_axis = mi.Float(electrons.astype(np.float32).ravel())
+    radius_px = np.minimum(light.radii(brightest) + atlas.shift_px, atlas.reach_px)
     for rows in stamp_rows(camera, tracks, radius_px):
         moment = rows.moment
-        node = atlas.node(tracks.u[moment], tracks.v[moment])
-        gain = light.gain[max(rows.radius - atlas.shift_px, 0)].reshape(atlas.bands, -1).T[node]
-        amounts = (tracks.weight[moment, None] * gain)[:, None, :] * electrons[tracks.star[moment]]
+        gain = light.gain[max(rows.radius - atlas.shift_px, 0)].reshape(atlas.bands, -1)
+        weight = rows.per_lane(tracks.weight[moment])
+        source = rows.index_per_lane(tracks.star[moment]) * (channels * atlas.bands)
         outward = (rows.per_lane((tracks.u[moment] - atlas.cx_px) / atlas.corner_px),
                    rows.per_lane((tracks.v[moment] - atlas.cy_px) / atlas.corner_px))  # fmt: skip
-        few = float(amounts.sum(axis=2).max()) < MOST_IN_32_BITS_E
-        stamp = dr.gather(mi.UInt32, mi.UInt32(node.astype(np.uint32)), rows.owner)
+        few = float((tracks.weight[moment] * brightest[tracks.star[moment]]).max() * gain.max()) < MOST_IN_32_BITS_E
+        stamp = rows.index_per_lane(atlas.node(tracks.u[moment], tracks.v[moment]))
         bands = []
         for band in range(atlas.bands):
             du, dv = (
@@ -215,7 +221,11 @@ def splat_atlas(
                 for start, away in zip((rows.du, rows.dv), outward, strict=True)
             )
             shares = atlas.shares(band, stamp, du, dv, rows.taps)
-            lights = [rows.per_lane(amounts[:, channel, band]) for channel in range(channels)]
+            share = weight * dr.gather(mi.Float, mi.Float(gain[band].astype(np.float32)), stamp)
+            lights = [
+                share * dr.gather(mi.Float, on_axis, source + (channel * atlas.bands + band))
+                for channel in range(channels)
+            ]
             bands.append((shares, rows.seen(lights, pattern)))
         for tap in range(rows.taps):
             received = [mi.Float(0)] * (channels if pattern is None else 1)
