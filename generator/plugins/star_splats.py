@@ -203,7 +203,10 @@ def splat_atlas(
     """
     channels = electrons.shape[1]
     brightest = electrons.sum(axis=2).max(axis=1)
-    on_axis = mi.Float(electrons.astype(np.float32).ravel())
+    single = electrons.astype(np.float32)
+    on_axis = mi.Float(single.ravel())
+    # A sensor may be blind in a band.
+    seen_bands = np.flatnonzero(single.any(axis=(0, 1))).tolist()
     radius_px = np.minimum(light.radii(brightest) + atlas.shift_px, atlas.reach_px)
     for rows in stamp_rows(camera, tracks, radius_px):
         moment = rows.moment
@@ -215,7 +218,7 @@ def splat_atlas(
         few = float((tracks.weight[moment] * brightest[tracks.star[moment]]).max() * gain.max()) < MOST_IN_32_BITS_E
         stamp = rows.index_per_lane(atlas.node(tracks.u[moment], tracks.v[moment]))
         bands = []
-        for band in range(atlas.bands):
+        for band in seen_bands:
             du, dv = (
                 start - mi.Float(float(atlas.shifts[band]) * away)
                 for start, away in zip((rows.du, rows.dv), outward, strict=True)
