@@ -216,7 +216,8 @@ def test_a_good_answer_is_read_whole(frames):
 def test_a_request_holds_the_observation_and_no_truth(frames):
     request = request_of(frames[0], None)
     assert set(request) == {
-        "type", "frame_id", "image", "camera", "utc_mid", "R_cam", "tilt_sigma_deg", "heading_sigma_deg", "detections",
+        "type", "frame_id", "image", "camera", "utc_mid", "R_cam", "tilt_sigma_deg", "heading_sigma_deg",
+        "pressure_hpa", "temperature_c", "detections",
     }  # fmt: skip
     assert request["detections"] is None
     json.dumps(request, allow_nan=False)
