@@ -71,7 +71,7 @@ def render(
 def bake(
     what: Annotated[str, typer.Argument(help="moon, city or all.")] = "all",
 ) -> None:
-    """Make the maps of moonlight and city light again, by radiative transfer (about fifteen minutes on two cores)."""
+    """Make the maps of moonlight and city light again, by radiative transfer (about four minutes on two cores)."""
     from generator.bake import make_maps
     from generator.errors import GeneratorError
 

@@ -187,11 +187,20 @@ def load_image(frame: Frame) -> NDArray[np.uint16]:
 
 
 def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
-    """Camera, time and attitude as a frame record has them, whatever a solver is told; `path` is for messages."""
+    """Camera, time, attitude and air as a frame record has them, whatever a solver is told; `path` is for messages."""
     utc = text(path, record, "time.utc_mid")
     if not utc.endswith("Z"):
         raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
-    return Observation(camera=_camera(path, record), utc=utc, R_cam=_attitude(path, record))
+    refracts = value(path, record, "atmosphere.refraction")
+    if not isinstance(refracts, bool):
+        raise DatasetError(f"{path}: atmosphere.refraction must be true or false, found {refracts!r}")
+    return Observation(
+        camera=_camera(path, record),
+        utc=utc,
+        R_cam=_attitude(path, record),
+        pressure_hpa=number(path, record, "atmosphere.pressure_hpa", 0.0, 1200.0) if refracts else 0.0,
+        temperature_c=number(path, record, "atmosphere.temperature_c", -100.0, 80.0),
+    )
 
 
 def _scenario(path: Path, record: Mapping[str, Any]) -> tuple[str, str]:

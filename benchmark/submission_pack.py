@@ -179,6 +179,7 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
             "tilt_sigma_deg": seen.tilt_sigma_deg,
             "heading_sigma_deg": heading if math.isfinite(heading) else None,
         },
+        "atmosphere": {"pressure_hpa": seen.pressure_hpa, "temperature_c": seen.temperature_c},
     }
 
 

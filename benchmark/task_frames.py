@@ -199,4 +199,10 @@ def misinformed(seen: Observation, told: Told, level: int, seed: int, index: int
     camera = dataclasses.replace(
         seen.camera, f_px=seen.camera.f_px * (1.0 + sign * focal), fy_px=seen.camera.fy_px * (1.0 + sign * focal)
     )
-    return Observation(camera, seen.utc, R_cam, tilt, math.inf if unknown else heading)
+    return dataclasses.replace(
+        seen,
+        camera=camera,
+        R_cam=R_cam,
+        tilt_sigma_deg=tilt,
+        heading_sigma_deg=math.inf if unknown else heading,
+    )

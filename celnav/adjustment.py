@@ -19,6 +19,9 @@ from celnav.identification.verification import rotation_of, turning_derivatives
 
 F8 = NDArray[np.float64]
 
+# Detections looked at together when pairs are formed: bounds the memory where both lists are long.
+_ROWS_AT_ONCE = 4096
+
 PARAMETERS = ("log_f", "cx_px", "cy_px", "q1", "q2")
 
 
@@ -88,10 +91,13 @@ def predict(camera: Camera, dirs: F8, values: F8) -> F8:
 def _changed(camera: Camera, ideal: F8, values: F8) -> F8:
     if not values.any():
         return ideal
-    from_centre = ideal - [camera.cx_px, camera.cy_px]
+    centre, focal = np.array([camera.cx_px, camera.cy_px]), math.exp(values[0])
+    if not values[3:].any():
+        return np.asarray(focal * ideal + ((1 - focal) * centre + values[1:3]))
+    from_centre = ideal - centre
     r2 = np.einsum("ni,ni->n", from_centre, from_centre) / _half_diagonal(camera) ** 2
-    factor = math.exp(values[0]) * (1 + values[3] * r2 + values[4] * r2**2)
-    return np.asarray([camera.cx_px + values[1], camera.cy_px + values[2]] + factor[:, None] * from_centre)
+    factor = focal * (1 + values[3] * r2 + values[4] * r2**2)
+    return np.asarray(centre + values[1:3] + factor[:, None] * from_centre)
 
 
 def _half_diagonal(camera: Camera) -> float:
@@ -122,14 +128,24 @@ def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
 
 
 def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
-    """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,)."""
-    from scipy.spatial import cKDTree
+    """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,).
 
-    if not len(seen) or not len(predicted):
-        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), np.empty(0)
-    trees = [cKDTree(points, balanced_tree=False, compact_nodes=False) for points in (seen, predicted)]
-    pairs = trees[0].sparse_distance_matrix(trees[1], radius_px, output_type="ndarray")
-    return pairs["i"].astype(np.intp), pairs["j"].astype(np.intp), np.asarray(pairs["v"])
+    Sorted by row of `seen`. What lies within the radius along u is looked up in sorted order, then measured.
+    """
+    order = np.argsort(predicted[:, 0])
+    u, v = predicted[order].T.copy()
+    first = np.searchsorted(u, seen[:, 0] - radius_px)
+    last = np.searchsorted(u, seen[:, 0] + radius_px, side="right")
+    found = []
+    for block in range(0, max(len(seen), 1), _ROWS_AT_ONCE):
+        low, count = first[block : block + _ROWS_AT_ONCE], (last - first)[block : block + _ROWS_AT_ONCE]
+        rows = np.repeat(np.arange(block, block + len(low)), count)
+        columns = np.arange(len(rows)) + np.repeat(low - (np.cumsum(count) - count), count)
+        distance = np.hypot(seen[:, 0].take(rows) - u.take(columns), seen[:, 1].take(rows) - v.take(columns))
+        near = np.flatnonzero(distance <= radius_px)
+        found.append((rows[near], order[columns[near]], distance[near]))
+    detection, star, distances = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return detection, star, distances
 
 
 def associate(
@@ -170,9 +186,8 @@ def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp],
     Pairs are sorted by detection; `starts` holds the first of each.
     """
     rows = design.reshape(-1, design.shape[2])
-    weights = np.repeat(weight, 2)
-    complete = rows.T @ (rows * weights[:, None]) / variance
-    scores = np.einsum("nij,ni->nj", design, residual) / variance
+    complete = rows.T @ (rows * np.repeat(weight, 2)[:, None]) / variance
+    scores = (design[:, 0] * residual[:, :1] + design[:, 1] * residual[:, 1:]) / variance
     weighted = scores * weight[:, None]
     of_detection = np.add.reduceat(weighted, starts, axis=0)
     return complete, complete - weighted.T @ scores + of_detection.T @ of_detection, weighted.sum(axis=0)
@@ -242,7 +257,7 @@ def adjust(
     if relative_sigma is not None:
         own = (relative_sigma / np.median(relative_sigma))[detection]
     dirs, observed = stars[star], uv[detection]
-    design = _design(camera, dirs @ rotation.T, values, free)
+    design = _design(camera, dirs @ rotation.T, values, free) / own[:, None, None]
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))
@@ -261,7 +276,7 @@ def adjust(
         settled = abs(variance / sigma_px**2 - 1) < 0.01
         sigma_px = math.sqrt(variance)
         complete, observed_information, gradient = _information(
-            design / own[:, None, None], residual / own[:, None], weight, starts, variance
+            design, residual / own[:, None], weight, starts, variance
         )
         complete += np.diag(prior)
         observed_information += np.diag(prior)

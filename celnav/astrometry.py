@@ -10,6 +10,7 @@ Earth's ephemeris and precession-nutation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import erfa
 import numpy as np
@@ -76,19 +77,38 @@ def terrestrial_stars(
     """
     tt1, tt2 = utc.tt
     years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
-    table = {
-        "ra_rad": stars.ra_rad,
-        "dec_rad": stars.dec_rad,
-        "pm_ra_mas_yr": stars.pm_ra_mas_yr,
-        "pm_dec_mas_yr": stars.pm_dec_mas_yr,
-    }
-    barycentric = propagate(table, years)
-    _, earth = erfa.epv00(tt1, tt2)  # TT for TDB: they differ by 2 ms, in which the Earth moves 60 m
-    seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth["p"]
+    barycentric = propagate(stars.vectors, stars.motion, years)
+    earth = earth_at(utc)
+    seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth.barycentric
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    seen = aberrate(seen, np.asarray(earth["v"]) * AU_PER_DAY_IN_C)
+    seen = aberrate(seen, earth.beta)
     rotation = celestial_to_terrestrial(utc, orientation) if to_terrestrial is None else to_terrestrial
     return TerrestrialStars(seen @ rotation.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Earth:
+    """Where the middle of the Earth is, and how it moves.
+
+    Attributes
+    ----------
+    heliocentric, barycentric : ndarray, shape (3,)
+        Position, astronomical units, ICRS axes.
+    beta : ndarray, shape (3,)
+        Barycentric velocity in units of the speed of light.
+    """
+
+    heliocentric: F8
+    barycentric: F8
+    beta: F8
+
+
+@lru_cache(maxsize=4)
+def earth_at(utc: Utc) -> Earth:
+    """Return the Earth at an instant (ERFA's ``epv00``, 11 km; TT for TDB, 2 ms, in which it moves 60 m)."""
+    heliocentric, barycentric = erfa.epv00(*utc.tt)
+    beta = np.asarray(barycentric["v"]) * AU_PER_DAY_IN_C
+    return Earth(np.asarray(heliocentric["p"]), np.asarray(barycentric["p"]), beta)
 
 
 def celestial_to_terrestrial(utc: Utc, orientation: EarthOrientation) -> F8:

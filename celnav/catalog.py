@@ -27,6 +27,8 @@ CROSS_MATCH_ARCSEC = 10.0
 # in the one and two in the other; beyond this difference a neighbour is taken for another star.
 CROSS_MATCH_MAG = 1.5
 VARIABLE_STAR_ARCSEC = 5.0
+# Properties of a catalogue that are computed when first asked for, and that its parts then have too.
+_VECTORS = ("vectors", "motion")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +66,11 @@ class StarCatalog:
     def __len__(self) -> int:
         return len(self.star_id)
 
-    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> StarCatalog:
-        """Return the catalogue of the chosen rows (indices or mask), in that order."""
-        return StarCatalog(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> StarCatalog:
+        """Return the catalogue of the chosen rows (indices, mask or slice), in that order; vectors at hand go along."""
+        taken = StarCatalog(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        taken.__dict__.update({name: self.__dict__[name][rows] for name in _VECTORS if name in self.__dict__})
+        return taken
 
     @cached_property
     def _order_by_id(self) -> NDArray[np.intp]:
@@ -90,11 +94,26 @@ class StarCatalog:
         """ICRS unit vectors at the catalogue epoch, shape (n, 3)."""
         return unit_vectors(self.ra_rad, self.dec_rad)
 
+    @cached_property
+    def motion(self) -> F8:
+        """Proper motion as vectors, radians a year, shape (n, 3)."""
+        return motion_vectors(self.ra_rad, self.dec_rad, self.pm_ra_mas_yr, self.pm_dec_mas_yr)
+
 
 def unit_vectors(ra_rad: F8, dec_rad: F8) -> F8:
     """Return unit vectors, shape (n, 3), of right ascensions and declinations in radians."""
     cos_dec = np.cos(dec_rad)
     return np.column_stack((cos_dec * np.cos(ra_rad), cos_dec * np.sin(ra_rad), np.sin(dec_rad)))
+
+
+def motion_vectors(ra_rad: F8, dec_rad: F8, pm_ra_mas_yr: F8, pm_dec_mas_yr: F8) -> F8:
+    """Return proper motions as vectors, radians a year, shape (n, 3), of their components (cos(dec) in the first)."""
+    cos_ra, sin_ra, sin_dec = np.cos(ra_rad), np.sin(ra_rad), np.sin(dec_rad)
+    mas = np.radians(1.0 / 3.6e6)
+    east, north = pm_ra_mas_yr * mas, pm_dec_mas_yr * mas
+    return np.column_stack(
+        (-sin_ra * east - sin_dec * cos_ra * north, cos_ra * east - sin_dec * sin_ra * north, np.cos(dec_rad) * north)
+    )
 
 
 def v_from_hp(hp_mag: F8, vi_mag: F8, bv_mag: F8) -> F8:
@@ -178,7 +197,11 @@ def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArr
     """
     from scipy.spatial import cKDTree
 
-    hip_2000 = propagate(hip, np.full(len(hip["hip"]), 2000.0 - HIPPARCOS_EPOCH_JYEAR))
+    ra, dec, pm_ra, pm_dec = (
+        hip[name].astype(np.float64) for name in ("ra_rad", "dec_rad", "pm_ra_mas_yr", "pm_dec_mas_yr")
+    )
+    years = np.full(len(ra), 2000.0 - HIPPARCOS_EPOCH_JYEAR)
+    hip_2000 = propagate(unit_vectors(ra, dec), motion_vectors(ra, dec, pm_ra, pm_dec), years)
     ybsc_2000 = unit_vectors(ybsc["ra_rad"].astype(np.float64), ybsc["dec_rad"].astype(np.float64))
     pairs = cKDTree(ybsc_2000).sparse_distance_matrix(
         cKDTree(hip_2000), np.radians(CROSS_MATCH_ARCSEC / 3600), output_type="ndarray"
@@ -200,15 +223,10 @@ def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArr
     return matched
 
 
-def propagate(table: Mapping[str, NDArray[np.generic]], years: F8) -> F8:
+def propagate(vectors: F8, motion: F8, years: F8) -> F8:
     """Return unit vectors, shape (n, 3), moved by proper motion (uniform motion in space) over `years`, shape (n,)."""
-    ra, dec = table["ra_rad"].astype(np.float64), table["dec_rad"].astype(np.float64)
-    east = np.column_stack((-np.sin(ra), np.cos(ra), np.zeros_like(ra)))
-    north = np.column_stack((-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)))
-    mas = np.radians(1.0 / 3.6e6)
-    motion = table["pm_ra_mas_yr"][:, None] * east + table["pm_dec_mas_yr"][:, None] * north
-    moved = unit_vectors(ra, dec) + motion * mas * years[:, None]
-    return np.asarray(moved / np.linalg.norm(moved, axis=1, keepdims=True))
+    moved = vectors + motion * years[:, None]
+    return np.asarray(moved / np.sqrt(np.einsum("ni,ni->n", moved, moved))[:, None])
 
 
 def _join(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.generic]]) -> StarCatalog:
@@ -262,4 +280,7 @@ def load_catalog() -> StarCatalog:
         return {field.name: getattr(joined, field.name) for field in fields(joined)}
 
     columns = cached("catalog", digest(code, ybsc, hip), build)
-    return StarCatalog(**columns)  # type: ignore[arg-type]  # the cached columns are those of the class
+    catalog = StarCatalog(**columns)  # type: ignore[arg-type]  # the cached columns are those of the class
+    for name in _VECTORS:
+        getattr(catalog, name)  # computed once for all parts that are taken of it
+    return catalog

@@ -49,18 +49,18 @@ class Place:
 def horizontal_frame(attitude: Attitude) -> F8:
     """Return R_cam, shape (3, 3); for an attitude of unknown heading any that has the zenith where it belongs.
 
-    The array is shared: it cannot be written to.
+    That frame is the one of Duff et al. 2017, J. Comput. Graph. Tech. 6(1) 1. The array is shared: it cannot be written
+    to.
     """
     if attitude.kind == "rotation":
         frame = attitude.R_cam
         frame.setflags(write=False)
         return frame
-    up = np.array(attitude.rows[0])
-    least = np.zeros(3)
-    least[int(np.argmin(np.abs(up)))] = 1.0
-    east = np.cross(least, up)
-    east /= np.linalg.norm(east)
-    frame = np.column_stack((east, np.cross(up, east), up))
+    x, y, z = attitude.rows[0]
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    frame = np.array([[1.0 + sign * x * x * a, b, x], [sign * b, sign + y * y * a, y], [-sign * x, -y, z]])
     frame.setflags(write=False)
     return frame
 

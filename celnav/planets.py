@@ -10,7 +10,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.astrometry import AU_PER_DAY_IN_C, aberrate
+from celnav.astrometry import AU_PER_DAY_IN_C, aberrate, earth_at
 from celnav.utc import Utc
 
 F8 = NDArray[np.float64]
@@ -35,12 +35,11 @@ def planet_ids() -> NDArray[np.int64]:
 def planet_directions(utc: Utc) -> F8:
     """Apparent directions of the planets seen from the middle of the Earth, GCRS with aberration, shape (5, 3)."""
     tt1, tt2 = utc.tt
-    heliocentric, barycentric = erfa.epv00(tt1, tt2)
-    earth = np.asarray(heliocentric["p"])
+    earth = earth_at(utc)
     numbers = np.array(list(PLANETS), dtype=np.int32)
     seen, late_days = np.zeros((len(numbers), 3)), np.zeros(len(numbers))
     for _ in range(2):
-        seen = np.asarray(erfa.plan94(tt1, tt2 - late_days, numbers)["p"]) - earth
+        seen = np.asarray(erfa.plan94(tt1, tt2 - late_days, numbers)["p"]) - earth.heliocentric
         late_days = np.linalg.norm(seen, axis=1) * AU_PER_DAY_IN_C
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    return aberrate(seen, np.asarray(barycentric["v"]) * AU_PER_DAY_IN_C)
+    return aberrate(seen, earth.beta)

@@ -300,7 +300,7 @@ def _visible_stars(
     chance = 1 - math.exp(-n * math.pi * near_radius**2 / prepared.question.area_px)
     n_kept, limit = _depth(seen, stars.v_mag, chance)
     kept = star < n_kept
-    return stars.take(np.arange(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
+    return stars.take(slice(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
 
 
 def _pairing_radius(sigma_px: float) -> float:
@@ -311,10 +311,15 @@ def _pairing_radius(sigma_px: float) -> float:
 def _seen_planets(
     problem: Problem, prepared: _Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
 ) -> tuple[NDArray[np.int64], F8]:
-    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals."""
+    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals.
+
+    `taken` are the rows of `prepared` that are stars.
+    """
     camera = problem.observation.camera
     n_bright = max(30, len(prepared.uv) // 10) if prepared.question.ranked else len(prepared.uv)
-    free = np.flatnonzero(~np.isin(prepared.rows[:n_bright], taken))
+    is_free = np.ones(len(prepared.uv), dtype=bool)
+    is_free[taken] = False
+    free = np.flatnonzero(is_free[:n_bright])
     predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
     visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
     if not len(free) or not len(visible):
@@ -373,9 +378,7 @@ def _describe(
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial
-    planets, planet_residuals = _seen_planets(
-        problem, prepared, adjusted, inertial, prepared.rows[adjusted.detection[sure]]
-    )
+    planets, planet_residuals = _seen_planets(problem, prepared, adjusted, inertial, adjusted.detection[sure])
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),

@@ -129,7 +129,9 @@ class Track:
         Parameters
         ----------
         fix : Fix
-            A refusal is passed over.
+            A refusal is passed over. Of the vertical alone, or with a standard deviation of the heading: a tilt of the
+            mount also turns the heading that the stars imply, and would pull the fix of a heading called exact. The
+            tilt's standard deviation is this filter's business and not the fix's.
         utc : str, datetime or Utc
             Its instant, not before the last one.
         heading_deg : float

@@ -52,6 +52,8 @@ class CelnavSolver:
             attitude=self._attitude(observation),
             solver=self.name,
             history=None,
+            pressure_hpa=observation.pressure_hpa,
+            temperature_c=observation.temperature_c,
         )
         return answer_of(fix)
 

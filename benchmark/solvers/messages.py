@@ -63,6 +63,8 @@ def request_of(frame: Frame, shared: Detections | None) -> dict[str, Any]:
         "R_cam": np.asarray(seen.R_cam).tolist(),
         "tilt_sigma_deg": seen.tilt_sigma_deg,
         "heading_sigma_deg": _number_or_none(seen.heading_sigma_deg),
+        "pressure_hpa": seen.pressure_hpa,
+        "temperature_c": seen.temperature_c,
         "detections": found,
     }
 

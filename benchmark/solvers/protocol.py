@@ -43,6 +43,8 @@ class Observation:
         Standard deviation of its vertical about each horizontal axis.
     heading_sigma_deg : float
         Standard deviation of its heading; infinite where the heading is not known.
+    pressure_hpa, temperature_c : float
+        Air at the observer, as a barometer and a thermometer on board tell; pressure 0 where nothing is refracted.
     """
 
     camera: CameraRecord
@@ -50,6 +52,8 @@ class Observation:
     R_cam: NDArray[np.float64]
     tilt_sigma_deg: float = 0.0
     heading_sigma_deg: float = 0.0
+    pressure_hpa: float = 1010.0
+    temperature_c: float = 10.0
 
 
 class Detections(Protocol):

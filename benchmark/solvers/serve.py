@@ -49,6 +49,8 @@ def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[
         R_cam=np.array(request["R_cam"], dtype=np.float64),
         tilt_sigma_deg=request["tilt_sigma_deg"],
         heading_sigma_deg=np.inf if heading is None else heading,
+        pressure_hpa=request["pressure_hpa"],
+        temperature_c=request["temperature_c"],
     )
     started = time.perf_counter()
     found = _given(request) if request["detections"] is not None else solver.detect(_read(request["image"]))

@@ -190,7 +190,10 @@ def identify(question: Question, index: SkyIndex, config: SearchConfig) -> Ident
     found, looked_at = _search(question, index, config, effort)
     if found is None:
         return Identified(None, None, effort)
-    rival = _rival(question, index, config, found, np.setdiff1d(looked_at, found.detection), effort)
+    unexplained = np.zeros(len(question.uv), dtype=bool)
+    unexplained[looked_at] = True
+    unexplained[found.detection] = False
+    rival = _rival(question, index, config, found, np.flatnonzero(unexplained), effort)
     if rival is not None and len(rival.detection) > 2 * len(found.detection):
         found, rival = rival, None
     return Identified(found, rival, effort)

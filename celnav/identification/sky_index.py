@@ -119,8 +119,7 @@ def _build() -> dict[str, NDArray[np.generic]]:
 
     catalog = load_catalog()
     brightest = catalog.take(np.arange(min(len(catalog), 2 * LEVELS[-1])))
-    table = {name: getattr(brightest, name) for name in ("ra_rad", "dec_rad", "pm_ra_mas_yr", "pm_dec_mas_yr")}
-    xyz = propagate(table, EPOCH_JYEAR - brightest.epoch_jyear)
+    xyz = propagate(brightest.vectors, brightest.motion, EPOCH_JYEAR - brightest.epoch_jyear)
     close = cKDTree(xyz).query_pairs(np.radians(BLEND_ARCSEC / 3600), output_type="ndarray")
     alone = np.ones(len(xyz), dtype=bool)
     alone[close.max(axis=1)] = False  # sorted by magnitude, so the larger row is the fainter star

@@ -49,7 +49,7 @@ class Alignment:
 
 def rotation_of(vector: F8) -> F8:
     """Return the rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
+    angle = math.sqrt(float(vector @ vector))
     cross = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]])
     if angle < 1e-12:
         return np.asarray(np.eye(3) + cross)
@@ -142,7 +142,7 @@ def verify(
     residual = np.empty((0, 2))
     for round_ in range(rounds):
         dirs = sky @ rotation.T
-        ideal, by_direction = camera.project_with_derivatives(dirs)
+        ideal = camera.project(dirs)
         factor = math.exp(log_f)
         predicted = centre + factor * (ideal - centre)
         inside = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), radius)
@@ -152,18 +152,19 @@ def verify(
         if len(detection) < max(3, free_stars):
             return Alignment(rotation, log_f, detection, rows[star], sigma, 0.0)
         residual = uv[detection] - predicted[star]
-        sigma = 1.4826 * float(np.median(np.abs(residual)))
+        size = np.abs(residual).ravel()
+        sigma = 1.4826 * float(np.partition(size, len(size) // 2)[len(size) // 2])
         if round_ == rounds - 1:
             break
         design = np.empty((len(star), 2, 4))
-        design[:, :, :3] = factor * turning_derivatives(dirs[star], by_direction[star])
+        design[:, :, :3] = factor * turning_derivatives(dirs[star], camera.project_with_derivatives(dirs[star])[1])
         design[:, :, 3] = factor * (ideal[star] - centre)
         scale = max(sigma, 0.1)
         weight = 1.0 / (1.0 + np.einsum("ni,ni->n", residual, residual) / (3 * scale) ** 2)
-        weighted = design * weight[:, None, None]
-        normal = np.einsum("nik,nil->kl", weighted, design)
+        weighted = (design * weight[:, None, None]).reshape(-1, 4)
+        normal = weighted.T @ design.reshape(-1, 4)
         normal[3, 3] += (scale / FOCAL_PRIOR) ** 2
-        gradient = np.einsum("nik,ni->k", weighted, residual)
+        gradient = weighted.T @ residual.ravel()
         gradient[3] -= (scale / FOCAL_PRIOR) ** 2 * log_f
         try:
             step = np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(4), gradient)

@@ -32,6 +32,7 @@ BOX_HALF_WIDTH_SIGMAS = 3.0
 PUBLIC_KEYS = ("format", "time", "camera", "attitude", "optics", "sensor")
 """Parts of the frame record that a solver may know."""
 PUBLIC_TIME_KEYS = ("utc_start", "utc_mid", "exposure_s")
+PUBLIC_AIR_KEYS = ("pressure_hpa", "temperature_c", "refraction")
 
 Progress = Callable[[str], None]
 
@@ -165,6 +166,7 @@ def export_withheld(dataset: Dataset, out: Path, progress: Progress) -> None:
         name = withheld_name(dataset.manifest.scenario_sha256, record["index"])
         public = {key: record[key] for key in PUBLIC_KEYS} | {"frame_id": name}
         public["time"] = {key: record["time"][key] for key in PUBLIC_TIME_KEYS}
+        public["atmosphere"] = {key: record["atmosphere"][key] for key in PUBLIC_AIR_KEYS}
         image = png_bytes(decode(frame.members[dataset.manifest.codec], dataset.manifest.codec))
         write_bytes(out / f"{name}.png", image)
         write_bytes(out / f"{name}.json", (json.dumps(public, indent=1) + "\n").encode())

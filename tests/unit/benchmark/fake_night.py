@@ -103,6 +103,7 @@ def frame_record(
             "p": [],
         },
         "attitude": {"R_cam": R_ZENITH},
+        "atmosphere": {"pressure_hpa": 1010.0, "temperature_c": 10.0, "refraction": True},
         "sky": {"bortle": bortle, "zenith_mag_arcsec2": None if bortle is None else 22.0 - 0.5 * bortle},
         "stars": {"n_in_field": n_stars, "limiting_magnitude": 6.0},
         "provenance": {"skybench": "0.0", "mitsuba": "0.0"},

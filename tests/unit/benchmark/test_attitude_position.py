@@ -69,8 +69,7 @@ def test_against_celnav_on_exact_positions_of_stars(place):
     uv, flux = uv[seen], 10.0 ** (-0.4 * stars.v_mag[seen])
     fix = celnav.solve(uv, camera, UTC, celnav.Attitude.up(R_cam[:, 2]), flux=flux, pressure_hpa=0.0)
     assert fix.ok
-    motion = ("ra_rad", "dec_rad", "pm_ra_mas_yr", "pm_dec_mas_yr")
-    catalogue = propagate({name: getattr(stars, name) for name in motion}, 2021.215 - stars.epoch_jyear)
+    catalogue = propagate(stars.vectors, stars.motion, 2021.215 - stars.epoch_jyear)
     catalogue /= np.linalg.norm(catalogue, axis=1, keepdims=True)
     found = position_of_attitude(best_rotation(catalogue[seen], camera.to_rays(uv)), R_cam[:, 2], UTC)
     # Stars are not spread evenly over the field, so that what they take in of aberration is not quite the boresight's.

@@ -37,8 +37,22 @@ def test_reads_frames_truth_and_pixels(folder):
 
 def test_an_observation_holds_no_truth(folder):
     observation = open_dataset(folder).frames[0].observation
-    assert set(vars(observation)) == {"camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg"}
+    assert set(vars(observation)) == {
+        "camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg", "pressure_hpa", "temperature_c",
+    }  # fmt: skip
     assert set(vars(observation.camera)) == {"model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p"}
+
+
+def test_the_air_is_what_the_frame_was_rendered_with(folder):
+    path = folder / "frame-00000.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    record["atmosphere"] = {"pressure_hpa": 720.0, "temperature_c": -3.0, "refraction": True}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    observation = open_dataset(folder).frames[0].observation
+    assert (observation.pressure_hpa, observation.temperature_c) == (720.0, -3.0)
+    record["atmosphere"]["refraction"] = False
+    path.write_text(json.dumps(record), encoding="utf-8")
+    assert open_dataset(folder).frames[0].observation.pressure_hpa == 0.0
 
 
 def test_a_frame_without_stars_is_a_frame(folder):
@@ -65,6 +79,8 @@ def put(section, key, value):
         (put("attitude", "R_cam", [[1, 0], [0, 1]]), "rotation"),
         (put("attitude", "R_cam", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation"),
         (put("attitude", "R_cam", [[1, 0, 0], [0, 1]]), "3 rows"),
+        (put("atmosphere", "pressure_hpa", 2000.0), "within 0 to 1200"),
+        (put("atmosphere", "refraction", 1), "true or false"),
         (put("camera", "width", 0), "at least 1"),
         (put("camera", "k", "none"), "list of finite"),
         (put("sky", "bortle", 2.5), "integer"),

@@ -132,7 +132,8 @@ def test_the_set_holds_no_truth(packed, folder, frames):
     }  # fmt: skip
     for frame in frames:
         record = json.loads((packed / f"{names[frame.frame_id]}.json").read_text())
-        assert set(record) == {"format", "frame_id", "time", "camera", "attitude"}
+        assert set(record) == {"format", "frame_id", "time", "camera", "attitude", "atmosphere"}
+        assert set(record["atmosphere"]) == {"pressure_hpa", "temperature_c"}
         assert set(record["time"]) == {"utc_mid"}
         assert set(record["attitude"]) == {"R_cam", "tilt_sigma_deg", "heading_sigma_deg"}
         with Image.open(packed / f"{names[frame.frame_id]}.png") as image, Image.open(frame.image_path) as original:
