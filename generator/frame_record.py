@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from importlib.metadata import version
 from typing import Any
@@ -116,12 +117,16 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) 
         },
         "provenance": {
             "skybench": __version__,
-            "mitsuba": version("mitsuba"),
-            "drjit": version("drjit"),
-            "numpy": version("numpy"),
+            **_versions(),
             "variant": choose_variant(),
         },
     }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Versions of the packages that a frame's bytes depend on (looking them up takes some milliseconds)."""
+    return {name: version(name) for name in ("mitsuba", "drjit", "numpy")}
 
 
 def camera_object(camera: CameraSpec) -> dict[str, Any]:
@@ -241,10 +246,10 @@ def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) ->
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether any of the 3 x 3 pixels around each pixel is marked."""
-    height, width = marked.shape
-    row, column = np.divmod(np.flatnonzero(marked), width)
-    result = np.zeros_like(marked)
-    for down in (-1, 0, 1):
-        for across in (-1, 0, 1):
-            result[np.clip(row + down, 0, height - 1), np.clip(column + across, 0, width - 1)] = True
+    tall = marked.copy()
+    tall[1:] |= marked[:-1]
+    tall[:-1] |= marked[1:]
+    result = tall.copy()
+    result[:, 1:] |= tall[:, :-1]
+    result[:, :-1] |= tall[:, 1:]
     return result
