@@ -191,7 +191,7 @@ def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: S
     """Tell which peaks, brightest first, stand out of the light of brighter neighbours and cores; shape (n,)."""
     from scipy.spatial import cKDTree
 
-    if len(uv) < 2 and not len(cores.uv):
+    if not len(uv) or len(uv) + len(cores.uv) < 2:
         return np.ones(len(uv), dtype=bool)
     own = shape.at(uv)
     reach = 4.5 * float(np.sqrt(np.median(np.maximum(own[:, 0], own[:, 2])))) + 1

@@ -9,6 +9,8 @@ from star_images import add_star, add_streak, grid, nearest
 
 import celnav
 from celnav.errors import ConfigError
+from celnav.star_candidates import Cores, without_flanks
+from celnav.star_shape import StarShape
 
 SIZE = (360, 480)
 
@@ -291,3 +293,11 @@ def test_any_image_gives_finite_detections(image, config, masked):
     assert ((found.uv > -6) & (found.uv < np.array(image.shape[::-1]) + 6)).all()
     if found.sigma_px is not None:
         assert (found.sigma_px > 0).all()
+
+
+def test_a_saturated_star_may_stand_without_any_peak():
+    """Where trails take all peaks and one flat top is left, nothing stands in its flanks."""
+    shape = StarShape.constant(1.0, 0.0, 1.0, (64, 48))
+    cores = Cores(np.array([[20.0, 20.0]]), np.array([3.0]), 60_000.0)
+    nothing = np.empty(0)
+    assert without_flanks(np.empty((0, 2)), nothing, nothing, 5.0, shape, cores).shape == (0,)
