@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 
@@ -72,9 +73,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"celnav: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     if arguments.json:
-        print(json.dumps(fix.to_dict() | {"n_detections": len(detections)}, indent=2, allow_nan=False))
+        text = json.dumps(fix.to_dict() | {"n_detections": len(detections)}, indent=2, allow_nan=False)
     else:
-        print(_describe(fix, detections))
+        text = _describe(fix, detections)
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        # Whoever reads has seen enough. What is left must not be written again when the interpreter ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_FIX if fix.ok else EXIT_REFUSAL
 
 

@@ -14,6 +14,7 @@ from celnav.cli import main
 from celnav.earth_rotation import earth_orientation
 from celnav.utc import parse_utc
 
+ROOT = Path(__file__).parents[2]
 SITE = ("2021-08-05T22:40:00Z", 46.5, 7.9)
 
 
@@ -66,6 +67,14 @@ def test_frame_record_serves_as_camera_and_attitude(files, capsys):
     text = capsys.readouterr().out
     assert "latitude    46." in text
     assert "longitude   7." in text
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(files):
+    command = [sys.executable, "-m", "celnav", *arguments(files, "blank.png")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 1
 
 
 def test_refusal(files, capsys):
