@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,14 @@ from generator.bake.make_maps import run_worker
 from generator.bake.single_scattering import aerosol_phase, city_single, rayleigh_phase
 from generator.photometry import BESSELL_B, BESSELL_V, GRID_NM
 from generator.sky.baked_maps import city_map, moon_map
-from generator.sky.city_light import City, bortle_city, city_radiance, city_table, mixed_lamps
+from generator.sky.city_light import (
+    WORLD_ATLAS_HORIZON_SHARE,
+    City,
+    bortle_city,
+    city_radiance,
+    city_table,
+    mixed_lamps,
+)
 from generator.sky.moonlight import moon_v_mag, moonlight
 
 Floats = NDArray[np.float64]
@@ -50,7 +58,10 @@ def artificial_and_moon(plt: Any) -> Any:
 def _gradient(axis: Any) -> None:
     z = np.arange(0, 86, 2.5)
     for name, city, style in (
-        ("inside (class 9)", bortle_city(9), "-"), ("20 km, towards", City(20, 0, 10), "--"),
+        ("inside (class 9)", bortle_city(9), "-"),
+        ("inside, upward light of the world atlas", replace(bortle_city(9), horizon_share=WORLD_ATLAS_HORIZON_SHARE), "-."),
+        ("inside, Lambert", replace(bortle_city(9), horizon_share=0.0), (0, (1, 1))),
+        ("20 km, towards", City(20, 0, 10), "--"),
         ("20 km, away", City(20, 180, 10), ":"),
     ):  # fmt: skip
         light = 10 ** (-0.4 * city_table(city).v_mag_arcsec2(90 - z, np.zeros_like(z)))

@@ -14,7 +14,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
 from generator.bake.directions import view_directions
-from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
+from generator.bake.disk_scattering import disk_nodes, disk_single
+from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
 from generator.bake.single_scattering import EARTH_RADIUS_KM, city_single, disk_points
 from generator.errors import DataFileError
 from generator.photometry import BESSELL_V, GRID_NM
@@ -32,6 +33,9 @@ LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
 GARSTANG_HORIZON_SHARE = 0.15 / (0.15 + 0.15 * (1 - 0.15))
 """Part of the upward light that leaves in Garstang's pattern near the horizon: F / (F + G (1 - F)) for his F = G = 0.15.
 Source: Garstang 1986, PASP 98, 364."""
+WORLD_ATLAS_HORIZON_SHARE = 5.2e-4 / (1.9e-3 + 5.2e-4)
+"""The same of the upward light that fits 20,865 zenith brightnesses of the world atlas, without its 3 % between the two.
+Source: Falchi et al. 2016, Science Advances 2, e1600377."""
 LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
 """Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
 LARGEST_DISTANCE_KM = 150.0
@@ -107,34 +111,27 @@ def city_radiance(
     """Transfer from a city to the sky: radiance per unit output, m^-2 sr^-1, (wavelength, altitude, azimuth) array.
 
     Axes: WAVELENGTHS_NM, the bake's view altitudes, and azimuths relative to the city's. Single scattering is integrated
-    here for the disk, over a curved Earth for cities that are not near; the rest is the baked kernel of flat ground summed
-    over the disk, times what curvature does to single scattering at the zenith.
+    here over the disk, the rest is the baked kernel of a lamp over the disk, both above flat ground. What the Earth's
+    curvature does to single scattering multiplies it in each direction; the rest is multiplied by its value at the zenith.
     """
-    near = distance_km < 2 * radius_km
-    spots = disk_points(radius_km, *((12, 16) if near else (4, 8))) + np.array([0.0, distance_km])
-    wavelength = np.array(WAVELENGTHS_NM)
-    views = view_directions(_VIEW_DEG, _RELATIVE_DEG)
+    wavelength, views = np.array(WAVELENGTHS_NM), view_directions(_VIEW_DEG, _RELATIVE_DEG)
+    shape = (2, len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
+    tau = atmosphere.aerosol_tau_550
     air = dataclasses.replace(
         BakedAir(), pressure_hpa=atmosphere.pressure_hpa, angstrom_exponent=atmosphere.angstrom_exponent
     )
+    spots = disk_points(radius_km, 2, 8) + np.array([0.0, distance_km])
     patch = radius_km / float(np.sqrt(len(spots)))
-
-    def single(directions: Floats, earth_radius_km: float) -> Floats:
-        return city_single(
-            air, wavelength, atmosphere.aerosol_tau_550, spots, directions,
-            spot_radius_km=patch, earth_radius_km=earth_radius_km,
-        )  # fmt: skip
-
-    kernel = single(views, np.inf if near else EARTH_RADIUS_KM)
-    kernel = kernel.reshape(2, len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
-    bearing = np.degrees(np.arctan2(spots[:, 0], spots[:, 1]))
-    turned = (_RELATIVE_DEG[:, None] - bearing).ravel()
-    distance = np.broadcast_to(np.hypot(*spots.T), (len(_RELATIVE_DEG), len(spots))).ravel()
-    multiple = city_multiple(city_kernel(atmosphere), distance, turned)
-    multiple = multiple.reshape(*kernel.shape, len(spots)).mean(axis=-1)
-    if not near:
-        multiple *= (single(views[-1:], EARTH_RADIUS_KM) / single(views[-1:], np.inf))[..., None]
-    kernel = kernel + multiple
+    curved, flat = (
+        city_single(air, wavelength, tau, spots, views, spot_radius_km=patch, earth_radius_km=earth_radius_km)
+        for earth_radius_km in (EARTH_RADIUS_KM, np.inf)
+    )
+    curvature = (curved / flat).reshape(shape)
+    once = disk_single(air, wavelength, tau, distance_km, radius_km, views).reshape(shape)
+    nodes = [disk_nodes(distance_km, radius_km, azimuth, CityGrid().core_km) for azimuth in _RELATIVE_DEG]
+    distance, relative, weight = (np.concatenate(each) for each in zip(*nodes, strict=True))
+    multiple = city_multiple(city_kernel(atmosphere), distance, relative) * weight
+    kernel = once * curvature + multiple.reshape(*shape, -1).sum(axis=-1) * curvature[:, :, -1:, :1]
     mixed = (1 - horizon_share) * kernel[0] + horizon_share * kernel[1]
     return mixed * 1e-6
 
