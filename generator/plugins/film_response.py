@@ -6,6 +6,7 @@ is then a weighted sum. For stars the sums are tabulated over colour and airmass
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,35 +76,30 @@ class FilmResponse:
         -------
         (n, channels, bands) array
         """
-        nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE), AIRMASS_NODES))
-        shapes = self._at_wavelengths(colour_table)
-        passed = np.exp(-nodes[:, None] * self._at_wavelengths(optical_depth[None])[0])
-        band = np.minimum(((self.wavelength_nm - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)).astype(int), bands - 1)
-        table = np.empty((len(shapes), AIRMASS_NODES, self.channels, bands))
-        for channel, response in enumerate(self.electrons):
-            for number in range(bands):
-                chosen = band == number
-                table[:, :, channel, number] = (shapes[:, chosen] * response[chosen]) @ passed[:, chosen].T
-        # Filters leave a channel blind in most bands.
-        table = table.reshape(-1, self.channels * bands)
-        seen = np.flatnonzero(table.any(axis=0))
-        logarithm = np.log(np.maximum(table[:, seen], DARK))
+        table = _star_table(
+            self.wavelength_nm.tobytes(),
+            self.electrons.tobytes(),
+            colour_table.tobytes(),
+            optical_depth.tobytes(),
+            bands,
+        )
+        nodes = table.airmass
         place = np.log1p(airmass / AIRMASS_SCALE) * ((AIRMASS_NODES - 1) / np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE))
         node = np.clip(place.astype(np.intp), 0, AIRMASS_NODES - 2)
-        along = ((airmass - nodes[node]) / (nodes[node + 1] - nodes[node]))[:, None]
-        row = np.minimum(colour_row.astype(np.intp), len(shapes) - 2)
-        across = (colour_row - row)[:, None]
+        along = (airmass - nodes[node]) / (nodes[node + 1] - nodes[node])
+        row = np.minimum(colour_row.astype(np.intp), len(colour_table) - 2)
+        across = colour_row - row
         lower = row * AIRMASS_NODES + node
         result = np.zeros((len(colour_row), self.channels * bands))
         for start in range(0, len(colour_row), STARS_AT_ONCE):
             some = slice(start, start + STARS_AT_ONCE)
-            low, high = (
-                np.exp(
-                    logarithm.take(first, axis=0) * (1 - along[some]) + logarithm.take(first + 1, axis=0) * along[some]
-                )
-                for first in (lower[some], lower[some] + AIRMASS_NODES)
-            )
-            result[some, seen] = low * (1 - across[some]) + high * across[some]
+            corners = [lower[some] + step for step in (0, 1, AIRMASS_NODES, AIRMASS_NODES + 1)]
+            weights = 1 - along[some], along[some]
+            for column, logarithm in zip(table.columns, table.logarithms, strict=True):
+                first, second, third, fourth = (logarithm.take(corner) for corner in corners)
+                low = np.exp(first * weights[0] + second * weights[1])
+                high = np.exp(third * weights[0] + fourth * weights[1])
+                result[some, column] = low * (1 - across[some]) + high * across[some]
         return result.reshape(-1, self.channels, bands)
 
     @property
@@ -112,11 +108,53 @@ class FilmResponse:
         return self.of(np.eye(len(GRID_NM)))
 
     def _at_wavelengths(self, spectra: Floats) -> Floats:
-        """Spectra (k, n) on GRID_NM at the response's wavelengths, (k, m) array."""
-        position = np.interp(self.wavelength_nm, GRID_NM, np.arange(len(GRID_NM)))
-        lower = np.minimum(position.astype(np.intp), len(GRID_NM) - 2)
-        weight = position - lower
-        return spectra[:, lower] * (1 - weight) + spectra[:, lower + 1] * weight
+        return _at_wavelengths(self.wavelength_nm, spectra)
+
+
+def _at_wavelengths(wavelength_nm: Floats, spectra: Floats) -> Floats:
+    """Spectra (k, n) on GRID_NM at m wavelengths, (k, m) array."""
+    position = np.interp(wavelength_nm, GRID_NM, np.arange(len(GRID_NM)))
+    lower = np.minimum(position.astype(np.intp), len(GRID_NM) - 2)
+    weight = position - lower
+    return spectra[:, lower] * (1 - weight) + spectra[:, lower + 1] * weight
+
+
+@dataclass(frozen=True)
+class _StarTable:
+    """Electrons of stars by colour and airmass.
+
+    Attributes
+    ----------
+    airmass : (AIRMASS_NODES,) array
+    columns : list of int
+        Channel and band (channel x bands + band) in which the film sees anything.
+    logarithms : list of (rows x AIRMASS_NODES,) arrays
+        Of the electrons in each of these.
+    """
+
+    airmass: Floats
+    columns: list[int]
+    logarithms: list[Floats]
+
+
+@functools.lru_cache(maxsize=4)
+def _star_table(wavelength_nm: bytes, electrons: bytes, colours: bytes, optical_depth: bytes, bands: int) -> _StarTable:
+    """The arrays of :meth:`FilmResponse.of_stars` as bytes: frames of one camera under one air share their table."""
+    wavelengths = np.frombuffer(wavelength_nm)
+    nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE), AIRMASS_NODES))
+    shapes = _at_wavelengths(wavelengths, np.frombuffer(colours).reshape(-1, len(GRID_NM)))
+    passed = np.exp(-nodes[:, None] * _at_wavelengths(wavelengths, np.frombuffer(optical_depth)[None])[0])
+    band = np.minimum(((wavelengths - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)).astype(int), bands - 1)
+    columns, logarithms = [], []
+    for channel, response in enumerate(np.frombuffer(electrons).reshape(-1, len(wavelengths))):
+        for number in range(bands):
+            chosen = band == number
+            # Filters leave a channel blind in some bands.
+            if (response[chosen] > 0).any():
+                light = (shapes[:, chosen] * response[chosen]) @ passed[:, chosen].T
+                columns.append(channel * bands + number)
+                logarithms.append(np.log(np.maximum(light, DARK)).ravel())
+    return _StarTable(nodes, columns, logarithms)
 
 
 def film_response(camera: Any, groups: int = WAVELENGTH_GROUPS) -> FilmResponse:
