@@ -245,10 +245,12 @@ def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: NDArray[np.int64]
     """
     index = mi.UInt32(star.astype(np.uint32))
     step = SHARE_STEP * camera.exposure_share
-    rows = []
-    for moment in (time - step, time + step):
-        _, v, _, valid = camera.project(*emitter.direction(index, FLOAT64(moment)), FLOAT64(moment))
-        rows.append(np.where(np.array(valid), np.array(v), np.nan))
+    placed = []
+    for moment in (FLOAT64(time - step), FLOAT64(time + step)):
+        _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
+        placed.append((v, valid))
+    dr.eval(placed)
+    rows = [np.where(np.array(valid), np.array(v), np.nan) for v, valid in placed]
     within = np.clip(time + step, 0, 1) - np.clip(time - step, 0, 1)
     moved = np.nan_to_num(rows[1] - rows[0])
     rate = np.divide(moved, within, out=np.zeros_like(moved), where=within > 0)
