@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from generator import mitsuba_runtime
@@ -22,6 +22,7 @@ from generator.moon_disk import moon_points
 from generator.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.psf import psf_table
 from generator.scenario import FrameSpec
+from generator.scene_tensors import tensor
 from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.clouds import CloudVeil
@@ -134,11 +135,6 @@ def point_lights(plan: FramePlan) -> PointLights:
     )
 
 
-def tensor(values: ArrayLike) -> Any:
-    """Mitsuba tensor of an array, in single precision."""
-    return mitsuba_runtime.start().TensorXf(np.ascontiguousarray(values, dtype=np.float32))
-
-
 def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None) -> dict[str, Any]:
     """Mitsuba scene dictionary of a frame; needs a running Mitsuba (:func:`generator.mitsuba_runtime.start`).
 
@@ -177,7 +173,7 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
 
 def sky_dict(sky: SkyTable) -> dict[str, Any]:
     """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
-    description = {"type": "skybench_sky", "maps": tensor(sky.maps[None]), "spectra": tensor(sky.spectra[None])}
+    description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
     veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
     if veils:
         from generator.plugins.clouds import cloud_numbers

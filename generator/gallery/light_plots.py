@@ -65,7 +65,7 @@ def _gradient(axis: Any) -> None:
         ("20 km, away", City(20, 180, 10), ":"),
     ):  # fmt: skip
         light = 10 ** (-0.4 * city_table(city).v_mag_arcsec2(90 - z, np.zeros_like(z)))
-        axis.plot(z, light / light[0], style, label=name)
+        axis.plot(z, light / light[0], linestyle=style, label=name)
     axis.axhspan(2, 6, alpha=0.15, color="grey", label="2 to 6: rule of thumb inside a city")
     axis.set(xlabel="zenith angle, deg", yscale="log", title="City light over its zenith")
     axis.legend(fontsize=8)

@@ -37,12 +37,12 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from generator.plugins.lens import Lens, make_lens
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 from generator.projection import COEFFICIENTS, MODELS, Projection
+from generator.scene_tensors import array
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 ROW_ITERATIONS = 4
@@ -81,14 +81,14 @@ class NightSkyCamera(mi.Sensor):
         self.pupil_law = props.get("pupil", "cosine")
         if self.pupil_law not in ("cosine", "constant"):
             raise ValueError(f"skybench_camera: pupil '{self.pupil_law}' is not one of: cosine, constant")
-        self.vignetting = [float(a) for a in np.array(props["vignetting"])] if "vignetting" in props else []
+        self.vignetting = array(props["vignetting"], 1).tolist() if "vignetting" in props else []
         self.corner_px = float(props.get("corner_px", 1.0))
         exposure_s, read_out_s = float(props["exposure_s"]), float(props.get("read_out_s", 0.0))
         self.exposure_share = exposure_s / (exposure_s + read_out_s)
         self.read_out_share = read_out_s / (exposure_s + read_out_s)
         self.reads_up = bool(props.get("reads_up", False))
         self.collected = dr.opaque(mi.Float, float(props["aperture_area_m2"]) * exposure_s)
-        matrices = np.array(props["attitude"], dtype=np.float64)
+        matrices = array(props["attitude"], 3)
         if matrices.ndim != 3 or matrices.shape[1:] != (3, 3):
             raise ValueError(f"skybench_camera: attitude must have shape (k, 3, 3), not {matrices.shape}")
         quaternions = Rotation.from_matrix(matrices).as_quat()

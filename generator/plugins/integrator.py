@@ -41,6 +41,7 @@ from generator.plugins.stamp_light import StampLight, gaussian_light
 from generator.plugins.star_splats import UINT64, UNITS_PER_ELECTRON, splat_atlas, splat_gaussian
 from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
+from generator.scene_tensors import array
 
 PSF_RADIUS_SIGMAS = 6.0
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
@@ -53,7 +54,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.stamps = mi.TensorXf(props["psf_stamps"]) if "psf_stamps" in props else None
-        self.band_shift = np.array(props["psf_shift"], dtype=np.float64) if "psf_shift" in props else np.zeros(1)
+        self.band_shift = array(props["psf_shift"], 1) if "psf_shift" in props else np.zeros(1)
         self.psf_sigma_px = float(props.get("psf_sigma_px", 0.0))
         if self.stamps is None and self.psf_sigma_px <= 0:
             raise ValueError("skybench_integrator: give psf_sigma_px or psf_stamps")
@@ -70,7 +71,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         if self.stamps is None:
             self.stamp_light = gaussian_light(self.psf_sigma_px, self.radius_px)
         else:
-            self.stamp_light = StampLight(np.array(props["psf_inside"], float), np.array(props["psf_beyond"], float))
+            self.stamp_light = StampLight(array(props["psf_inside"], 4), array(props["psf_beyond"], 1))
             self.radius_px = self.stamp_light.radius_px
 
     @property

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from generator.plugins.clouds import CloudTexture, moon_sines, veil
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
+from generator.scene_tensors import array
 from generator.sky.directions import ALTITUDE_POWER
 
 DISTANCE = 1e6
@@ -43,10 +44,8 @@ class DiffuseSkyEmitter(mi.Emitter):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.SpatiallyVarying)
-        spectra, maps = mi.TensorXf(props["spectra"]), np.array(props["maps"], dtype=np.float32)
-        # Mitsuba would try a tensor of three rows as a colour, and complain; a first axis of one keeps it from that.
+        spectra, maps = mi.TensorXf(props["spectra"]), array(props["maps"], 3).astype(np.float32)
         self.spectra = SpectralTable(mi.TensorXf(spectra.array, spectra.shape[-2:]))
-        maps = maps[0] if maps.ndim == 4 and len(maps) == 1 else maps
         if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
         self.count, self.rows, self.columns = maps.shape
@@ -55,7 +54,7 @@ class DiffuseSkyEmitter(mi.Emitter):
         if "veiled_maps" in props:
             behind = np.array(props["veiled_maps"], dtype=np.float32).reshape(-1, *maps.shape)
             self.clouds = CloudTexture(props["cloud_coarse"], props["cloud_fine"], props["cloud_numbers"])
-            sines = moon_sines(props["veil_moon_sines"])
+            sines = moon_sines(array(props["veil_moon_sines"], 1))
             self.veiled = [(sine, self._texture(part)) for sine, part in zip(sines, behind, strict=True)]
 
     def is_environment(self) -> bool:

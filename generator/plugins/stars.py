@@ -25,6 +25,7 @@ import mitsuba as mi
 import numpy as np
 
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
+from generator.scene_tensors import array
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6
@@ -37,18 +38,18 @@ class StarEmitter(mi.Emitter):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.DeltaDirection)
-        directions = np.array(props["directions"], dtype=np.float64)
+        directions = array(props["directions"], 3)
         if directions.ndim != 3 or directions.shape[1] < 2 or directions.shape[2] != 3:
             raise ValueError(f"skybench_stars: directions must have shape (n, k >= 2, 3), not {directions.shape}")
         self.count, self.keyframes = directions.shape[:2]
         self.components = [FLOAT64(np.ascontiguousarray(directions[:, :, axis]).ravel()) for axis in range(3)]
-        v_mag = np.array(props["v_mag"], dtype=np.float64)
+        v_mag = array(props["v_mag"], 1)
         self.brightness = mi.Float(10 ** (-0.4 * v_mag))
         self.colour_row = mi.Float(props["colour_row"].array)
         self.airmass = mi.Float(props["airmass"].array)
         self.colour_table = SpectralTable(props["colour_table"])
         self.optical_depth = SpectralTable(props["optical_depth"])
-        self.light_curve = np.array(props["light_curve"], dtype=np.float64) if "light_curve" in props else None
+        self.light_curve = array(props["light_curve"], 2) if "light_curve" in props else None
         if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
             raise ValueError(f"skybench_stars: light_curve must have shape (n, m), not {self.light_curve.shape}")
         self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None

@@ -8,6 +8,7 @@ from small_scenes import small_scenario
 from generator import mitsuba_runtime
 from generator.frame_plan import plan_frame
 from generator.scene import render_expected, scene_dict
+from generator.scene_tensors import array, tensor
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +114,16 @@ def test_bad_parameters_are_refused(mi) -> None:
     description["sky"]["spectra"] = mi.TensorXf(np.ones((1, 5), np.float32))
     with pytest.raises(RuntimeError, match="spectral table"):
         mi.load_dict(description)
+
+
+def test_three_stars_and_three_attitudes_leave_the_terminal_in_peace(mi, capfd) -> None:
+    """Mitsuba tries tensors of three rows as colours, and would complain."""
+    plan = plan_frame(small_scenario(sky=None, motion={"rate_deg_s": [0.0, 0.0, 1.0], "samples": 3}), 0)
+    description = scene_dict(plan)
+    stars = description["stars"]
+    brightest = np.argsort(array(stars["v_mag"], 1))[:3]
+    for name in ("directions", "v_mag", "colour_row", "airmass"):
+        stars[name] = tensor(array(stars[name], 3 if name == "directions" else 1)[brightest])
+    light = np.array(mi.render(mi.load_dict(description)))
+    assert light.sum() > 0
+    assert capfd.readouterr().err == ""

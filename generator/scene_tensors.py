@@ -1,0 +1,28 @@
+"""Tensors in a scene's description.
+
+Mitsuba tries a tensor whose first axis has three entries as a colour, and complains on the terminal when that fails: such
+tensors travel with one more axis, of one entry, in front.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generator import mitsuba_runtime
+
+LOOKS_LIKE_A_COLOUR = 3
+
+
+def tensor(values: ArrayLike) -> Any:
+    """Mitsuba tensor of an array, in single precision, as :func:`array` reads it; needs a running Mitsuba."""
+    single = np.ascontiguousarray(values, dtype=np.float32)
+    return mitsuba_runtime.start().TensorXf(single[None] if len(single) == LOOKS_LIKE_A_COLOUR else single)
+
+
+def array(value: Any, axes: int) -> NDArray[np.float64]:
+    """A parameter of so many axes as an array; anything of other shapes as it is."""
+    result = np.array(value, dtype=np.float64)
+    return result[0] if result.ndim == axes + 1 and len(result) == 1 else result
