@@ -39,7 +39,8 @@ PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 # A streak shorter than this share of the point spread function's width costs less than 0.1 % of the information.
 _SHORTEST_STREAK = 0.1
 _REACH_SIGMAS = 6.0
-_NODES = 48
+_NODES = 24
+"""Of a streak's quadrature, in each of two directions: exact to 2e-5 for streaks to 60 standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def place_information(light: StarLight) -> F8:
     found = np.asarray(still[:, None, None] * np.eye(2))
     if moving.any():
         rows = np.flatnonzero(moving)
-        # A quadrature of one star takes 4 * 48^2 numbers.
+        # A quadrature of one star takes some 4 * _NODES^2 numbers.
         for part in np.array_split(rows, math.ceil(len(rows) / 200)):
             along, across = streak_information(
                 light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
