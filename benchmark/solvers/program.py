@@ -26,8 +26,12 @@ _KEPT_STDERR_BYTES = 4_000
 _CHUNK = 65_536
 # One core each: programs are compared by what they do with one, and the benchmark runs several frames at a time.
 _ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
-)
+    (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "OPENCV_FOR_THREADS_NUM",
+        "RAYON_NUM_THREADS",
+    ),
+    "1",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -101,11 +101,13 @@ def follow_stars(
     checks = max(2, camera.keyframes, emitter.keyframes)
     # Stars move together, so a few of them show how all do; flying objects each have a way of their own.
     together = emitter.light_curve is None and checks > len(FEW_SHARES)
-    shares = FEW_SHARES if together else np.linspace(0, 1, min(checks, COARSE_CHECKS))
-    u, v = _tracks(camera, emitter, everyone, shares)
     excursion, longest = np.zeros(count), np.zeros(count)
     if together:
+        u, v = _tracks(camera, emitter, everyone, FEW_SHARES[::2])
+        u, v = (np.insert(ends, 1, middle, axis=1) for ends, middle in ((u, u_px), (v, v_px)))
         excursion, longest = _probed(camera, emitter, u_px, v_px, checks, reach_px)
+    else:
+        u, v = _tracks(camera, emitter, everyone, np.linspace(0, 1, min(checks, COARSE_CHECKS)))
     steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
     near = touching.any(axis=1)
     # Indices are taken several times as fast as masks.
@@ -115,7 +117,7 @@ def follow_stars(
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
     if together:
         longest = longest[chosen]
-    elif checks > len(shares):
+    elif checks > u.shape[1]:
         longest = _longest_step(camera, emitter, chosen, checks, reach_px)
     else:
         longest = steps.max(axis=1, initial=0.0)[chosen]
