@@ -17,7 +17,7 @@ from generator.bake.single_scattering import aerosol_phase, lamp_patterns, rayle
 Floats = NDArray[np.float64]
 
 _CROWDING = 0.3
-"""Bearings stand closer by this towards the line of sight, where light that aerosol scatters forward comes from."""
+"""Bearings stand closer by this factor along the line of sight, where light that aerosol scatters forward comes from."""
 
 
 def disk_single(
@@ -66,7 +66,7 @@ def disk_single(
     for m, (east, north, up) in enumerate(directions):
         along = height / up
         foot = np.stack([east * along, north * along - distance_km], axis=-1)
-        bearing, nearest, farthest, arc = _chords(foot, radius_km, float(np.arctan2(east, north)), bearings)
+        bearing, nearest, farthest, arc = _chords(foot, radius_km, bearings, float(np.arctan2(east, north)), _CROWDING)
         inner, outer = (0.5 * np.log1p(np.square(d / height[:, None])) for d in (nearest, farthest))
         u = 0.5 * ((outer + inner)[..., None] + (outer - inner)[..., None] * node)
         solid = 0.5 * (arc * (outer - inner))[..., None] * weight
@@ -85,6 +85,33 @@ def disk_single(
             scattered = dimmed * (depths[0][w] * phase[0] + depths[1][w] * phase[1])
             result[:, w, m] = np.einsum("ksbu,sbu,s->k", source, scattered, step)
     return result / (np.pi * radius_km**2)
+
+
+def disk_irradiance(
+    place_km: Floats, height_km: float, radius_km: float, bearings: int = 24, distances: int = 8
+) -> Floats:
+    """Light of a disk of lamps on a level plane above it, without air between.
+
+    Parameters
+    ----------
+    place_km : (n, 2) array
+        Points of the plane, from above the disk's middle.
+    height_km, radius_km : float
+        Of the plane above the lamps, and of the disk.
+    bearings, distances : int
+        Nodes around each point's foot and outwards from it.
+
+    Returns
+    -------
+    (2, n) array
+        Per unit photon output above the horizon in each pattern, km^-2.
+    """
+    _, nearest, farthest, arc = _chords(place_km, radius_km, bearings)
+    inner, outer = (0.5 * np.log1p(np.square(d / height_km)) for d in (nearest, farthest))
+    node, weight = np.polynomial.legendre.leggauss(distances)
+    cosine = np.exp(-0.5 * ((outer + inner)[..., None] + (outer - inner)[..., None] * node))
+    solid = 0.5 * (arc * (outer - inner))[..., None] * weight
+    return np.einsum("knbu,nbu->kn", lamp_patterns(cosine), cosine * solid) / (np.pi * radius_km**2)
 
 
 def disk_nodes(
@@ -114,7 +141,7 @@ def disk_nodes(
         The weights add up to 1.
     """
     line_of_sight = float(np.radians(line_of_sight_deg))
-    chords = _chords(np.array([[0.0, -distance_km]]), radius_km, line_of_sight, bearings)
+    chords = _chords(np.array([[0.0, -distance_km]]), radius_km, bearings, line_of_sight, _CROWDING)
     bearing, nearest, farthest, arc = (each[0][:, None] for each in chords)
     node, weight = np.polynomial.legendre.leggauss(distances)
     inner, outer = np.log1p(nearest / core_km), np.log1p(farthest / core_km)
@@ -126,17 +153,18 @@ def disk_nodes(
 
 
 def _chords(
-    foot: Floats, radius_km: float, line_of_sight: float, bearings: int
+    foot: Floats, radius_km: float, bearings: int, middle_bearing: float = 0.0, crowding: float = 1.0
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Directions from feet over a disk around the origin: bearing, distances where the disk begins and ends, arc.
 
     Parameters
     ----------
     foot : (s, 2) array
-    line_of_sight : float
-        Bearing that a node keeps for feet inside, so that all lines of sight meet the same nodes.
+    radius_km : float
     bearings : int
         Nodes for each foot.
+    middle_bearing, crowding : float
+        For feet inside: a bearing that is a node, rad, and how much closer nodes stand there.
 
     Returns
     -------
@@ -147,8 +175,8 @@ def _chords(
     inside = away < radius_km
     towards = np.arctan2(-foot[:, 0], -foot[:, 1])[:, None]
     turn = (np.arange(bearings) / bearings - 0.5) * 2 * np.pi
-    around = line_of_sight + 2 * np.arctan(_CROWDING * np.tan(turn / 2)) - towards
-    around_arc = 2 * np.pi / bearings * _CROWDING / (np.cos(turn / 2) ** 2 + (_CROWDING * np.sin(turn / 2)) ** 2)
+    around = middle_bearing + 2 * np.arctan(crowding * np.tan(turn / 2)) - towards
+    around_arc = 2 * np.pi / bearings * crowding / (np.cos(turn / 2) ** 2 + (crowding * np.sin(turn / 2)) ** 2)
     # Outside, the disk fills a cone; the sine of the bearing runs over it as that of an angle, which chords are smooth in.
     angle = (np.arange(bearings) + 0.5) * np.pi / bearings - np.pi / 2
     ratio = radius_km / np.maximum(away, radius_km)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.ndimage import map_coordinates
 from scipy.stats import norm
 
 from generator.atmosphere import Atmosphere, optical_depth
-from generator.bake.single_scattering import disk_points, lamp_patterns
+from generator.bake.disk_scattering import disk_irradiance
 from generator.photometry import GRID_NM
 from generator.sky.airglow import EARTH_RADIUS_KM
 from generator.sky.city_light import LUMEN_PER_V_PHOTON, City, mixed_lamps
@@ -165,12 +166,13 @@ def diffuse_transmission(depth: ArrayLike) -> Floats:
     return 1 / (1 + 0.75 * (1 - ASYMMETRY) * np.asarray(depth, float))
 
 
-def light_from_cities(cities: tuple[City, ...], altitude_km: float) -> Floats:
-    """Upward irradiance at the layer over each direction of a coarse grid, per unit V-band photon output, m^-2.
+@functools.lru_cache(maxsize=64)
+def light_from_city(
+    distance_km: float, azimuth_deg: float, radius_km: float, horizon_share: float, altitude_km: float
+) -> Floats:
+    """Upward irradiance of a :class:`City` at the layer over each direction of a coarse grid, (rows, columns) array.
 
-    Returns
-    -------
-    (len(cities), rows, columns) array
+    Per unit V-band photon output, m^-2.
     """
     grid = sky_grid()
     rows, columns = coarse_axes()
@@ -179,20 +181,10 @@ def light_from_cities(cities: tuple[City, ...], altitude_km: float) -> Floats:
     horizontal = np.hypot(enu[..., 0], enu[..., 1])
     distance = EARTH_RADIUS_KM * (np.arctan2(horizontal, enu[..., 2]) - np.arcsin(np.clip(horizontal * ratio, 0, 1)))
     place = enu[..., :2] * (distance / np.maximum(horizontal, 1e-12))[..., None]
-    result = []
-    for city in cities:
-        turn = np.radians(city.azimuth_deg)
-        middle = city.distance_km * np.array([np.sin(turn), np.cos(turn)])
-        light = np.zeros(enu.shape[:2])
-        spots = disk_points(city.radius_km) + middle
-        for spot in spots:
-            square = np.sum((place - spot) ** 2, axis=-1) + altitude_km**2
-            cosine = altitude_km / np.sqrt(square)
-            lambert, horizon = lamp_patterns(cosine)
-            intensity = (1 - city.horizon_share) * lambert + city.horizon_share * horizon
-            light += intensity * cosine / square / len(spots)
-        result.append(light * 1e-6)
-    return np.array(result)
+    turn = np.radians(azimuth_deg)
+    middle = distance_km * np.array([np.sin(turn), np.cos(turn)])
+    lambert, horizon = disk_irradiance((place - middle).reshape(-1, 2), altitude_km, radius_km)
+    return 1e-6 * ((1 - horizon_share) * lambert + horizon_share * horizon).reshape(enu.shape[:2])
 
 
 def coarse_axes() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -236,11 +228,13 @@ def cloud_light(
     if atmosphere is not None:
         zenith_loss = np.exp(-DIFFUSE_EXTINCTION_FACTOR * optical_depth(GRID_NM, atmosphere))
     from_below = [above_the_air(even, ground_spectrum * zenith_loss, atmosphere)]
-    if cities:
-        for city, shape in zip(cities, light_from_cities(cities, clouds.altitude_km), strict=True):
-            fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
-            output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps)
-            from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
+    for city in cities:
+        shape = light_from_city(
+            city.distance_km, city.azimuth_deg, city.radius_km, city.horizon_share, clouds.altitude_km
+        )
+        fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
+        output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps)
+        from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
     below = total(from_below)
     # What is not passed on is reflected: 1 less the transmission.
     parts = [below, below.scaled(-1.0).behind(CloudVeil(clouds))]

@@ -7,13 +7,14 @@ import pytest
 from small_scenes import small_scenario
 
 from generator import mitsuba_runtime
+from generator.bake.disk_scattering import disk_irradiance
 from generator.frame_plan import plan_frame
 from generator.scene import frame_layers, render_expected
 from generator.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
-from generator.sky.clouds import cloud_pattern, diffuse_transmission
-from generator.sky.directions import unit_vectors
+from generator.sky.clouds import cloud_pattern, coarse_axes, diffuse_transmission, light_from_city
+from generator.sky.directions import sky_grid, unit_vectors
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.vision import naked_eye_limit
 
@@ -167,3 +168,26 @@ def test_crumey_naked_eye_limit_of_the_bortle_table() -> None:
     assert naked_eye_limit(21.83) == pytest.approx(6.18, abs=0.02)
     for bortle, limit in published.items():
         assert naked_eye_limit(BORTLE_ZENITH_MAG[bortle]) == pytest.approx(limit, abs=0.02), bortle
+
+
+@pytest.mark.parametrize("altitude_km", [0.5, 2.0, 8.0])
+def test_a_city_lights_cloud_as_a_lambert_disk_does(altitude_km) -> None:
+    """The view factor from a plane element to a disk parallel to it, at any distance from its axis, is known in closed form:
+    (1 + (r^2 - a^2 - h^2) / sqrt((r^2 + a^2 + h^2)^2 - 4 r^2 a^2)) / 2 (Howell, "A Catalog of Radiation Heat Transfer
+    Configuration Factors", B-13)."""
+    radius = 10.0
+    away = np.array([0.0, 1.0, 5.0, 9.0, 11.0, 15.0, 30.0, 60.0])
+    place = away[:, None] * [np.sin(0.7), np.cos(0.7)]
+    square = radius**2 + away**2 + altitude_km**2
+    factor = 0.5 * (1 + (square - 2 * away**2 - 2 * altitude_km**2) / np.sqrt(square**2 - 4 * radius**2 * away**2))
+    light = disk_irradiance(place, altitude_km, radius)[0]
+    np.testing.assert_allclose(light * np.pi * radius**2, factor, rtol=2e-3)
+
+
+def test_low_cloud_over_a_city_is_lit_evenly() -> None:
+    """A kilometre above the middle of a disk of 10 km, light falls off smoothly to its rim."""
+    light = light_from_city(0.0, 0.0, 10.0, 0.5, 1.0)
+    altitude = sky_grid().altitude_deg[coarse_axes()[0]]
+    high = light[(altitude > 15)]
+    assert (np.ptp(high, axis=1) < 1e-3 * high.mean(axis=1)).all()
+    assert (np.diff(high.mean(axis=1)) > 0).all()
