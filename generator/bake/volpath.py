@@ -171,6 +171,10 @@ DISK_RINGS = 22
 """Rings of lamps of CityGrid, out to 29.5 km."""
 
 
+BESIDE_KM = (8.0, 10.0)
+"""Distance and radius of a city of which the observer is inside, but not in the middle."""
+
+
 def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
     """Light of a disk of Lambert lamps around the observer, without light scattered once, at the altitudes of VIEWS_DEG.
 
@@ -181,16 +185,26 @@ def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
     mean, error : (3,) arrays
         Radiance per photon output of the disk, km^-2 sr^-1.
     """
+    return _lamps_scattered_on(0.0, float(CityGrid().edges[0][DISK_RINGS]), VIEWS_DEG[1][:1], paths)
+
+
+def disk_beside(paths: int = 100_000) -> tuple[Floats, Floats]:
+    """The same for the disk of BESIDE_KM, in all directions of VIEWS_DEG, azimuths from its middle's: (9,) arrays."""
+    return _lamps_scattered_on(*BESIDE_KM, VIEWS_DEG[1], paths)
+
+
+def _lamps_scattered_on(
+    distance_km: float, radius_km: float, azimuths_deg: tuple[float, ...], paths: int
+) -> tuple[Floats, Floats]:
     air = BakedAir()
-    radius_km = float(CityGrid().edges[0][DISK_RINGS])
     light = {
         "type": "disk",
-        "to_world": mi.ScalarTransform4f().translate([0, 0, 1e-4]).scale(radius_km),
+        "to_world": mi.ScalarTransform4f().translate([0, distance_km, 1e-4]).scale(radius_km),
         "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": air.ground_albedo}},
         "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 1 / (math.pi * radius_km) ** 2}},
     }
     scene = mi.load_dict(air_scene(air, JUDGED_NM, JUDGED_TAU, light))
-    views = view_directions(VIEWS_DEG[0], VIEWS_DEG[1][:1])
+    views = view_directions(VIEWS_DEG[0], azimuths_deg)
     mean, error = multiply_scattered(scene, air, JUDGED_NM, JUDGED_TAU, views, paths, 5)
     return mean[:, 0], error[:, 0]
 

@@ -19,7 +19,7 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path
 
 Floats = NDArray[np.float64]
-JUDGED = ("furnace", "disk_of_lamps", "moonlit")
+JUDGED = ("furnace", "disk_of_lamps", "disk_beside", "moonlit")
 """Tasks of :mod:`generator.bake.volpath`."""
 GRIDS: dict[str, MoonGrid | CityGrid] = {"moon": MoonGrid(), "city": CityGrid()}
 
