@@ -38,7 +38,13 @@ from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.stamp_light import StampLight, gaussian_light
-from generator.plugins.star_splats import UINT64, UNITS_PER_ELECTRON, splat_atlas, splat_gaussian
+from generator.plugins.star_splats import (
+    UINT64,
+    UNITS_PER_ELECTRON,
+    brightest_channel,
+    splat_atlas,
+    splat_gaussian,
+)
 from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
 from generator.scene_tensors import array
@@ -196,7 +202,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         """Where each star's light falls, and when."""
         reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
         # The steps of a faint star drown in its own photon noise long before they show.
-        electrons = self.electrons_by_band(camera, emitter, self.bands).sum(axis=2).max(axis=1)
+        electrons = brightest_channel(self.electrons_by_band(camera, emitter, self.bands))
         step = np.full(len(electrons), self.largest_step_px)
         for faint_e, factor in FAINT_STEPS:
             step[electrons < faint_e] = factor * self.largest_step_px
