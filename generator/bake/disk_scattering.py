@@ -1,8 +1,8 @@
-"""Light of a whole disk of lamps scattered once, for observers in the disk or close to it.
+"""Integrals over a disk of lamps: light that air scatters once, light on a layer of cloud, any function of the place.
 
-There the lamps under the line of sight matter most, and points that stand for areas miss them. Seen from a scattering point
-at height h, ground at distance d contributes dA / d^2 = du dphi with u = ln(d / h): in these coordinates about the point's
-foot the kernel of Garstang 1986 (PASP 98, 364) is smooth, and a few nodes integrate it over the disk.
+Lamps close to the foot of a point matter most, and spots that stand for areas miss them. Seen from height h, ground at
+distance d contributes dA / d^2 = du dphi with u = ln(d / h): in these coordinates about the foot the kernel of Garstang 1986
+(PASP 98, 364) is smooth, and a few nodes integrate it over the disk.
 """
 
 from __future__ import annotations
