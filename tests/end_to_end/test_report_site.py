@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import chromium, console, open_page, requested
 from PIL import Image
+from selenium.webdriver.support.ui import WebDriverWait
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
 from benchmark.site.pages import make_boards, write_site
@@ -150,9 +151,13 @@ def test_the_page_turns_dark_and_stays_so(driver, site):
     assert button.text == "Dark page"
     button.click()
     assert button.text == "Light page"
-    assert driver.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    WebDriverWait(driver, 10).until(
+        lambda page: page.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    )
     open_page(driver, site / "bortle@1-dev-own.html")
-    assert driver.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    WebDriverWait(driver, 10).until(
+        lambda page: page.execute_script("return getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    )
     driver.find_element("css selector", "#theme").click()
     driver.execute_script("localStorage.clear()")
 
