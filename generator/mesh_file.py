@@ -57,16 +57,7 @@ def read_mesh(file: InputFile) -> MeshFacts:
     description = mesh_description(file)
     if description["type"] == "ply":
         _check_ply_header(file)
-    mi = mitsuba_runtime.start()
-    try:
-        # With normals of faces alone Mitsuba does not follow the faces' indices, which are checked only below.
-        mesh = mi.load_dict(description | {"face_normals": True})
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].rsplit('": ', 1)[-1].strip()
-        raise MeshError(f"'{file.path}' cannot be read as a mesh ({reason[:120]})") from error
-    parameters = mi.traverse(mesh)
-    vertices = np.array(parameters["vertex_positions"]).reshape(-1, 3)
-    faces = np.array(parameters["faces"]).reshape(-1, 3)
+    vertices, faces = _vertices_and_faces(file, description)
     if not 1 <= len(faces) <= MOST_FACES:
         raise MeshError(f"'{file.path}' has {len(faces)} faces, expected 1 to {MOST_FACES}")
     if not np.isfinite(vertices).all():
@@ -74,6 +65,23 @@ def read_mesh(file: InputFile) -> MeshFacts:
     if faces.max() >= len(vertices):
         raise MeshError(f"'{file.path}' has faces of vertex {faces.max()}, but only {len(vertices)} vertices")
     return MeshFacts(len(faces), count_open_edges(vertices, faces))
+
+
+def _vertices_and_faces(file: InputFile, description: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Copies of a mesh's arrays, (n, 3) each; Mitsuba's own mesh does not outlive the call.
+
+    An error that holds on to a mesh without faces would end every rendering: Dr.Jit traces each call to a shape over
+    all shapes of the process, and cannot gather from an empty array.
+    """
+    mi = mitsuba_runtime.start()
+    try:
+        # With normals of faces alone Mitsuba does not follow the faces' indices, which are not checked yet.
+        parameters = mi.traverse(mi.load_dict(description | {"face_normals": True}))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].rsplit('": ', 1)[-1].strip()
+        raise MeshError(f"'{file.path}' cannot be read as a mesh ({reason[:120]})") from error
+    vertices, faces = parameters["vertex_positions"], parameters["faces"]
+    return np.array(vertices).reshape(-1, 3), np.array(faces).reshape(-1, 3)
 
 
 def _check_ply_header(file: InputFile) -> None:

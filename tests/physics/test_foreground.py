@@ -1,5 +1,6 @@
 """Horizons and meshes in front of the sky: what they hide, and the light that they send back."""
 
+import gc
 import math
 import struct
 
@@ -176,3 +177,18 @@ def test_bad_foregrounds_are_refused(tmp_path) -> None:
             scenario_in(tmp_path, foreground=foreground)
         for fragment in fragments:
             assert fragment in str(caught.value)
+
+
+def test_a_refused_mesh_does_not_end_later_renderings(tmp_path) -> None:
+    """Even while its error is kept: Mitsuba cannot trace rays in a process that still holds a mesh without faces."""
+    (tmp_path / "points.obj").write_text("v 0 0 0\n")
+    (tmp_path / "cube.ply").write_text(cube_ply(2, (0, 0, 5)))
+    gc.disable()
+    try:
+        with pytest.raises(ScenarioError) as kept:
+            scenario_in(tmp_path, foreground={"shapes": [{"file": "points.obj"}]})
+        frame = render_expected(plan_frame(scenario_in(tmp_path, foreground={"shapes": [{"file": "cube.ply"}]}), 0))
+    finally:
+        gc.enable()
+    assert "0 faces" in str(kept.value)
+    assert frame.sky_electrons.max() > 0
