@@ -12,7 +12,7 @@ from celnav.flood_fill import FloodFillConfig, flood_fill
 from celnav.image_background import background_and_noise, grey, remove_line_offsets, repair_defects, used_pixels
 from celnav.star_candidates import Components, Cores, components, peaks, saturated_cores, trails, without_flanks
 from celnav.star_centroids import Measured, measure_stars
-from celnav.star_shape import Filtered, StarShape, adaptive_moments, fit_shape, matched_filter
+from celnav.star_shape import Filtered, StarShape, adaptive_moments, axes, fit_shape, matched_filter
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -22,6 +22,9 @@ Mask = NDArray[np.bool_]
 _FLOAT_ROUNDING = 4e-6
 _FIRST_SIGMA_PX = 1.0
 _SHAPE_STARS, _SHAPE_ROUNDS = 100, 2
+# Light of another form than a star's, over the star's, from which on a compact image is no star's.
+_UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
+_COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
 # Filtered noise beyond this is no noise but unresolved stars.
 _MOST_EXCESS = 1.5
 
@@ -152,7 +155,7 @@ def detect(
     cores = saturated_cores(pixels if mask is None else np.where(used, pixels, background), light, config.saturation_dn)
     light = repair_defects(remove_line_offsets(light, noise), noise, used)
 
-    shape = _given_shape(config, pixels.shape)
+    shape = first_guess = _given_shape(config, pixels.shape)
     found = _search(light, noise, used, shape, config)
     if config.psf_sigma_px is None and config.streak_px is None:
         # Streaks fall apart under a filter for points: what is found with the measured shape is measured once more.
@@ -174,8 +177,10 @@ def detect(
     gain = config.gain_e_per_dn
     if gain is None:
         gain = max(float(np.median(background[::16, ::16])), 1e-6) / float(np.median(noise[::16, ::16])) ** 2
-    stars = measure_stars(light, noise, uv, shape.at(uv), gain)
-    like_stars = _like_stars(stars)
+    covariance = shape.at(uv)
+    stars = measure_stars(light, noise, uv, covariance, gain)
+    guessed = shape is first_guess and config.psf_sigma_px is None and config.streak_px is None
+    like_stars = _like_stars(stars, covariance, guessed)
     bright = _saturated_stars(light, cores, shape, config)
     uv, flux, sigma_px = (
         np.concatenate((core, star[like_stars]))
@@ -244,10 +249,18 @@ def _measured_shape(light: F4, noise: F4, found: _Found, cores: Cores, config: D
     return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
 
 
-def _like_stars(stars: Measured) -> Mask:
-    """Tell what is neither sharper nor wider than stars by more than noise explains."""
+def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:
+    """Tell what is neither sharper nor wider than stars, nor of another form, by more than noise explains.
+
+    The tracks of particles have another form than compact images; streaks and large disks have one of their own. What is
+    wider than a guessed shape has the form of a wider star.
+    """
     leeway = 5 / np.maximum(stars.snr, 1e-9)
-    return np.asarray((stars.narrow > 0.5 - leeway) & (stars.wide < 1.7 + leeway) & (stars.flux > 0))
+    formed = (stars.unlike < _UNLIKE) | (stars.significance < _UNLIKE_SIGNIFICANCE)
+    formed |= axes(covariance)[0] > _COMPACT_VARIANCE
+    if guessed:
+        formed |= stars.narrow > _WIDER_THAN_GUESSED
+    return np.asarray((stars.narrow > 0.5 - leeway) & (stars.wide < 1.7 + leeway) & (stars.flux > 0) & formed)
 
 
 def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: DetectionConfig) -> tuple[F8, F8, F8]:

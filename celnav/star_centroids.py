@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.star_shape import inverse, patches
+from celnav.star_shape import inverse, patches, unlikeness
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -42,6 +42,8 @@ class Measured:
         sharper, 2 for what is flat.
     snr : ndarray, shape (n,)
         Light under the window over its noise.
+    unlike, significance : ndarray, shape (n,)
+        Light that is not that of a star, as of `celnav.star_shape.unlikeness`.
     """
 
     uv: F8
@@ -50,6 +52,8 @@ class Measured:
     narrow: F8
     wide: F8
     snr: F8
+    unlike: F8
+    significance: F8
 
 
 def measure_stars(light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit: float) -> Measured:
@@ -70,7 +74,7 @@ def measure_stars(light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit:
     """
     if not len(uv):
         empty = np.empty(0)
-        return Measured(np.empty((0, 2)), empty, empty, empty, empty, empty)
+        return Measured(np.empty((0, 2)), empty, empty, empty, empty, empty, empty, empty)
     reach = tuple(int(np.ceil(3 * np.sqrt(covariance[:, k].max()))) for k in (2, 0))
     at_once = max(1, _PATCH_PIXELS // ((2 * reach[0] + 1) * (2 * reach[1] + 1)))
     neighbours = _neighbours(uv, covariance)
@@ -135,7 +139,8 @@ def _measure(
     wandered = np.any(np.abs(at - first) > 0.75 * limit, axis=1)
     at = np.where(wandered[:, None], first, at)
     light_under = window.sum(axis=(1, 2))
-    narrow, wide = _relative_axes(window, columns - at[:, :1], rows - at[:, 1:], p, q, r)
+    du, dv = columns - at[:, :1], rows - at[:, 1:]
+    narrow, wide = _relative_axes(window, du, dv, p, q, r)
     flux = np.maximum(2 * light_under, 0.0)
     pixel = _values_at(noise, at)
     spread = np.sqrt((shape[:, 0] + shape[:, 2]) / 2)
@@ -144,7 +149,10 @@ def _measure(
     sigma = np.hypot(np.minimum(sigma, 1.0 + np.sqrt(shape[:, [0, 2]].max(axis=1))), CENTROID_FLOOR_PX)
     # The variance of sum(w I): sum(w^2) is half of the star's area.
     snr = light_under / np.maximum(np.sqrt(pixel**2 * area / 2 + flux / (3 * gain)), 1e-30)
-    return Measured(at, flux, sigma, narrow, wide, snr)
+    star = _window(p, q, r, du[:, None, :], dv[:, :, None])
+    photons = star * (flux / area / gain)[:, None, None]
+    unlike, significance = unlikeness(cut, star, np.square(pixel)[:, None, None] + photons)
+    return Measured(at, flux, sigma, narrow, wide, snr, unlike, significance)
 
 
 def _values_at(image: F4, uv: F8) -> F8:

@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 400.0  # px^2: half a pixel, and streaks of 70 px
 # A star's image is round where its axes differ by less than this factor.
 _ROUND = 1.2
 _ZONE_PX = 180
+# px^2: the track of a particle is narrower than the image of a star.
+_TRACK_VARIANCE = 0.2
+# Shapes that differ by less than this part of their variance agree; so many must, and this part of all.
+_AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,7 @@ class StarShape:
         uu, uv, vv = self.coefficients[0]
         if self.varies:
             return None
-        large, small = _axes(np.array([[uu, uv, vv]]))
+        large, small = axes(np.array([[uu, uv, vv]]))
         return float((large[0] * small[0]) ** 0.25) if large[0] < _ROUND**2 * small[0] else None
 
     def at(self, uv: F8) -> F8:
@@ -65,7 +70,7 @@ class StarShape:
         covariance = _terms(uv, self.size) @ self.coefficients
         if not self.varies:
             return np.asarray(covariance)
-        large, small = _axes(covariance)
+        large, small = axes(covariance)
         mean = (large + small) / 2
         clipped_large = np.clip(large, LEAST_VARIANCE, LARGEST_VARIANCE)
         clipped_small = np.clip(small, LEAST_VARIANCE, LARGEST_VARIANCE)
@@ -75,7 +80,7 @@ class StarShape:
         return np.column_stack((centre + half, covariance[:, 1] * stretch, centre - half))
 
 
-def _axes(covariance: F8) -> tuple[F8, F8]:
+def axes(covariance: F8) -> tuple[F8, F8]:
     """Eigenvalues, large and small, of covariances (uu, uv, vv), shape (n, 3)."""
     uu, uv, vv = covariance.T
     root = np.hypot((uu - vv) / 2, uv)
@@ -133,23 +138,59 @@ def adaptive_moments(light: F4, uv: F8, start: F8, rounds: int = 8) -> F8:
         difference = inverse(seen) - inverse(covariance)
         good = (difference[:, 0] > 0) & (difference[:, 0] * difference[:, 2] > difference[:, 1] ** 2)
         covariance = np.where(good[:, None], inverse(np.where(good[:, None], difference, [[1.0, 0.0, 1.0]])), np.nan)
-        large, small = _axes(covariance)
+        large, small = axes(covariance)
         covariance[~((small > 0.05) & (large < LARGEST_VARIANCE))] = np.nan
     return covariance
 
 
+def unlikeness(cut: F8, star: F8, noise_power: F8) -> tuple[F8, F8]:
+    """How much of the light in windows is not that of a star.
+
+    Parameters
+    ----------
+    cut : ndarray, shape (n, rows, columns)
+        Light; beyond 2.5 standard deviations of the star it does not count.
+    star : ndarray, shape (n, rows, columns)
+        The star's image, with a peak of 1.
+    noise_power : ndarray, shape (n, rows, columns)
+        Variance of the light without stars.
+
+    Returns
+    -------
+    unlike : ndarray, shape (n,)
+        Root of the power that the star that fits best leaves over beyond noise, over the root of the star's own: 0 for a
+        star, 0.5 and more for the track of a particle, infinity where the star has no light.
+    significance : ndarray, shape (n,)
+        That power in standard deviations of the noise's.
+    """
+    inner = star > np.exp(-0.5 * 2.5**2)
+    star = star * inner
+    own: F8 = np.sum(star * star, axis=(1, 2))
+    peak = np.maximum(np.sum(cut * star, axis=(1, 2)) / np.maximum(own, 1e-30), 0.0)
+    left: F8 = np.sum(np.square((cut - peak[:, None, None] * star) * inner), axis=(1, 2))
+    by_noise: F8 = np.sum(noise_power * inner, axis=(1, 2))
+    spread = np.sqrt(2 * np.sum(np.square(noise_power * inner), axis=(1, 2)))
+    excess = np.maximum(left - by_noise, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.sqrt(np.where(peak > 0, excess / (peak**2 * own), np.inf))), np.asarray(
+            excess / np.maximum(spread, 1e-30)
+        )
+
+
 def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
-    """Fit the shape to the covariances of single stars, shape (n, 3); None where there are too few.
+    """Fit the shape to the covariances of single stars, shape (n, 3); None where too few are known, or agree.
 
     It varies over the frame only where that halves the scatter.
     """
     known = np.isfinite(covariance).all(axis=1)
+    if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= 8:
+        known = stars
     covariance, uv = covariance[known], uv[known]
     if len(uv) < 8:
         return None
-    middle = np.median(covariance, axis=0)
-    rest: F8 = np.abs(covariance - middle).sum(axis=1)
-    fixed = StarShape.constant(*_at_least(middle), size)
+    agreeing = _largest_agreement(covariance)
+    middle = np.median(covariance[agreeing], axis=0)
+    fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
     if len(uv) < 20:
         return fixed
     terms = _terms(uv, size)
@@ -159,7 +200,24 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
         coefficients = np.asarray(np.linalg.lstsq(terms[kept], covariance[kept], rcond=None)[0], dtype=np.float64)
         residual: F8 = np.abs(covariance - terms @ coefficients).sum(axis=1)
         kept = residual <= 3.5 * np.median(residual)
-    return StarShape(coefficients, size) if 2 * np.median(residual) < np.median(rest) else fixed
+    rest: F8 = np.abs(covariance - middle).sum(axis=1)
+    varies = 2 * np.median(residual) < np.median(rest) and _enough(residual < _AGREEMENT * _trace(covariance))
+    return StarShape(coefficients, size) if varies else fixed
+
+
+def _trace(covariance: F8) -> F8:
+    return np.asarray(covariance[:, 0] + covariance[:, 2])
+
+
+def _largest_agreement(covariance: F8) -> Mask:
+    """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
+    apart = np.abs(covariance[:, None] - covariance).sum(axis=2)
+    near = apart < _AGREEMENT * _trace(covariance)[:, None]
+    return np.asarray(near[np.argmax(near.sum(axis=1))])
+
+
+def _enough(agreeing: Mask) -> bool:
+    return bool(agreeing.sum() >= max(_LEAST_AGREEING, _LEAST_SHARE * len(agreeing)))
 
 
 def _at_least(covariance: F8) -> tuple[float, float, float]:

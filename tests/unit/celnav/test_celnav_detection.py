@@ -10,7 +10,7 @@ from star_images import add_star, add_streak, grid, nearest
 import celnav
 from celnav.errors import ConfigError
 from celnav.star_candidates import Cores, without_flanks
-from celnav.star_shape import StarShape
+from celnav.star_shape import StarShape, fit_shape
 
 SIZE = (360, 480)
 
@@ -107,6 +107,43 @@ def test_hot_and_dead_pixels_and_cosmic_rays_are_no_stars():
     distance, _ = nearest(found, truth)
     assert np.mean(distance < 0.7) > 0.97
     assert len(found) <= len(clean) + 4
+
+
+def tracks(rng, count, mean_length_px=5.0, charge=1200.0):
+    """Light of particles that cross the sensor: straight, one pixel wide, in any direction."""
+    length = rng.exponential(mean_length_px, count)
+    angle = rng.uniform(0, 2 * np.pi, count)
+    start = rng.uniform(0, [[SIZE[1]], [SIZE[0]]], (2, count))
+    along = np.arange(0, 40, 0.25)
+    u, v = (s[:, None] + np.outer(f(angle), along) for s, f in zip(start, (np.cos, np.sin), strict=True))
+    column, row = np.floor(u).astype(int), np.floor(v).astype(int)
+    hit = (along <= length[:, None]) & (column >= 0) & (column < SIZE[1]) & (row >= 0) & (row < SIZE[0])
+    image = np.zeros(SIZE)
+    np.add.at(image, (row[hit], column[hit]), charge / 4)
+    return image
+
+
+@pytest.mark.parametrize("sigma_px", [0.8, 1.2])
+def test_a_storm_of_particles(sigma_px):
+    """Tracks outnumber stars ten times and are as bright: shape and stars are found, and little else."""
+    image, truth, _ = star_field(lights=(8000, 40_000), sigma_px=sigma_px, step=36)
+    found = celnav.detect(noisy(image + tracks(np.random.default_rng(8), 10 * len(truth))))
+    distance, _ = nearest(found, truth)
+    assert np.mean(distance < 0.7) > 0.8
+    assert len(found) < 1.15 * len(truth)
+
+
+def test_the_shape_is_that_which_stars_agree_on():
+    """Forty of two hundred covariances are of stars; without them nothing agrees, and there is no shape."""
+    rng = np.random.default_rng(2)
+    long, short, angle = rng.uniform(1, 16, 160), rng.uniform(0.25, 2, 160), rng.uniform(0, np.pi, 160)
+    c, s = np.cos(angle), np.sin(angle)
+    others = np.column_stack((long * c * c + short * s * s, (long - short) * c * s, long * s * s + short * c * c))
+    stars = np.array([0.9, 0.1, 0.7]) + rng.normal(0, 0.03, (40, 3))
+    uv = rng.uniform(0, 360, (200, 2))
+    shape = fit_shape(np.concatenate((others, stars)), uv, SIZE)
+    np.testing.assert_allclose(shape.at(uv), np.broadcast_to([0.9, 0.1, 0.7], (200, 3)), atol=0.03)
+    assert fit_shape(others, uv[:160], SIZE) is None
 
 
 def test_row_and_column_noise():
