@@ -18,7 +18,8 @@ from celnav.errors import ConfigError
 from celnav.fix import Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, horizontal_frame, place_from_rotation
-from celnav.identification.identify import Question, SearchConfig, identify
+from celnav.identification.focal_lengths import identify_at_focal_lengths
+from celnav.identification.identify import Question, SearchConfig
 from celnav.identification.sky_index import load_sky_index
 from celnav.identification.verification import Alignment, field_cone
 from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
@@ -43,6 +44,9 @@ class SkybenchConfig:
         ``full``: fit what `priors` leave free.
     priors : CameraPriors
         Standard deviations for ``full``.
+    focal_factors : tuple of float
+        On the focal length, tried in turn where nothing fits the camera as it is given; not with ``none``. Each covers 6 %
+        to both sides, and makes a refusal take as much longer.
     single_star_sigma_deg : float
         With a heading and a tilt better than this, hypotheses come from single stars.
     min_stars : int
@@ -56,6 +60,7 @@ class SkybenchConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     calibrate: Literal["auto", "none", "full"] = "auto"
     priors: CameraPriors = field(default_factory=lambda: CameraPriors(focal=0.03, centre_px=3.0, distortion=0.02))
+    focal_factors: tuple[float, ...] = (0.88, 1.13)
     single_star_sigma_deg: float = 0.3
     min_stars: int = 4
     max_sigma_px: float = 8.0
@@ -64,6 +69,8 @@ class SkybenchConfig:
     def __post_init__(self) -> None:
         if self.calibrate not in ("auto", "none", "full"):
             raise ConfigError(f"calibrate = {self.calibrate!r} must be auto, none or full")
+        if not all(0.2 <= factor <= 5 for factor in self.focal_factors):
+            raise ConfigError(f"focal_factors = {self.focal_factors!r} must lie between 0.2 and 5")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +103,8 @@ class SkybenchSolver:
                 f"{distinct} distinct detections are too few: at least {self.config.min_stars} are needed",
             )
         with clock.stage("identify"):
-            found = identify(prepared.question, load_sky_index(), self.config.search)
+            factors = () if self.config.calibrate == "none" else self.config.focal_factors
+            found = identify_at_focal_lengths(prepared.question, load_sky_index(), self.config.search, factors)
         alignment, effort = found.alignment, found.effort
         if alignment is None:
             chance = min(1.0, 10.0**effort.best_log10_false_alarm)
@@ -280,7 +288,7 @@ def _visible_stars(
     n = len(prepared.uv)
     deepest = int(min(len(catalog), (1.25 * n + 30) * 4 * math.pi / prepared.question.solid_angle_sr))
     middle, reach = field_cone(camera)
-    axis, reach = np.array(middle), min(reach * 1.04 + 0.02, math.pi)
+    axis, reach = np.array(middle), min(reach * 1.04 * max(1.0, math.exp(-alignment.log_f)) + 0.02, math.pi)
     near = np.flatnonzero(catalog.vectors[:deepest] @ (alignment.rotation.T @ axis) > math.cos(reach))
     ideal = camera.project(catalog.vectors[near] @ alignment.rotation.T)
     rows = near[_inside(camera, alignment.log_f, ideal, 4.0)]

@@ -184,9 +184,14 @@ class Identified:
     effort: Effort
 
 
-def identify(question: Question, index: SkyIndex, config: SearchConfig) -> Identified:
-    """Find the orientation that explains the detections, and whether another does about as well."""
+def identify(question: Question, index: SkyIndex, config: SearchConfig, before: Effort | None = None) -> Identified:
+    """Find the orientation that explains the detections, and whether another does about as well.
+
+    What was tried `before` counts in the bound of chance, and not in the effort that ends the search.
+    """
     effort = Effort(config.max_lookups)
+    if before is not None:
+        effort.hypotheses, effort.best_log10_false_alarm = before.hypotheses, before.best_log10_false_alarm
     found, looked_at = _search(question, index, config, effort)
     if found is None:
         return Identified(None, None, effort)

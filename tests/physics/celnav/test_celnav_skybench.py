@@ -201,6 +201,28 @@ def test_a_focal_length_that_is_off_is_reported(sky):
     assert "log_f" not in told.details
 
 
+@pytest.mark.parametrize("equidistant", [False, True])
+@pytest.mark.parametrize("exact_attitude", [False, True])
+@pytest.mark.parametrize("focal_error", [-0.13, 0.12])
+def test_a_focal_length_of_a_data_sheet(sky, focal_error, exact_attitude, equidistant):
+    """The solver finds one that is off by more than its search bears with, unless it is told to trust the camera."""
+    condition = Condition(
+        "x", hfov_deg=80.0, noise_px=0.3, false=0.3, focal_error=focal_error, exact_attitude=exact_attitude,
+        equidistant=equidistant, tilt_deg=5.0,
+    )  # fmt: skip
+    for number in range(3):
+        frame = make_field(condition, 17, number)
+        options = (frame.uv, camera_of(condition), frame.utc, attitude_of(condition, frame))
+        fix = celnav.solve(*options, flux=frame.flux)
+        assert fix.ok, fix.message
+        assert error_km(sky, frame, fix) < 1.0
+        assert np.mean(frame.star_id[fix.matches[:, 0]] == fix.matches[:, 1]) > 0.97
+        off = abs(fix.details["log_f"] - np.log1p(focal_error))
+        assert off < 5 * fix.details["log_f_sigma"]
+        trusting = celnav.SkybenchSolver(celnav.SkybenchConfig(calibrate="none"))
+        assert not celnav.solve(*options, solver=trusting, flux=frame.flux).ok
+
+
 def test_refraction_series_meets_bennett_and_the_literature():
     """58.294 tan z - 0.0668 tan^3 z arcsec at 1013.25 hPa and 10 C (Smart 1977, Spherical Astronomy): 58.04 at 1010."""
     assert np.degrees(refraction_rad(np.radians([45.0]), 1010, 10))[0] * 3600 == pytest.approx(58.04, abs=0.2)

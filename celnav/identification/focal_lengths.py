@@ -1,0 +1,65 @@
+"""Identification with a camera whose focal length is only roughly what it is said to be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.identification.identify import Identified, Question, SearchConfig, identify
+from celnav.identification.sky_index import SkyIndex
+
+
+def identify_at_focal_lengths(
+    question: Question, index: SkyIndex, config: SearchConfig, factors: Iterable[float]
+) -> Identified:
+    """Find the orientation with the camera as it is given, and, where none is found, with other focal lengths in turn.
+
+    Parameters
+    ----------
+    question, index, config
+        As of `identify`, which bears with a focal length that is off by 6 %.
+    factors : iterable of float
+        On the focal length. They count only where detections are in order of brightness: without one the search is
+        several times as long.
+
+    Returns
+    -------
+    Identified
+        Detections are the rows of the question, and the factor `log_f` is on the focal length of its camera. Bounds of
+        chance count what all searches have tried.
+    """
+    found = identify(question, index, config)
+    for factor in factors if question.ranked else ():
+        if found.alignment is not None:
+            break
+        scaled, rows = _with_focal_length(question, factor)
+        if not len(rows):
+            continue
+        found = identify(scaled, index, config, before=found.effort)
+        if found.alignment is not None:
+            alignment = found.alignment
+            found = replace(
+                found,
+                alignment=replace(
+                    alignment, log_f=alignment.log_f + math.log(factor), detection=rows[alignment.detection]
+                ),
+            )
+    return found
+
+
+def _with_focal_length(question: Question, factor: float) -> tuple[Question, NDArray[np.intp]]:
+    """Scale the camera's focal length; also the rows of the detections that such a camera can have."""
+    given = question.camera
+    camera = replace(given, f_px=given.f_px * factor, fy_px=given.fy_px * factor)
+    rays = camera.to_rays(question.uv)
+    rows = np.flatnonzero(np.isfinite(rays[:, 0]))
+    return (
+        replace(
+            question, camera=camera, uv=question.uv[rows], rays=rays[rows], solid_angle_sr=camera.solid_angle_sr
+        ),
+        rows,
+    )  # fmt: skip
