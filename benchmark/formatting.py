@@ -22,6 +22,17 @@ def number(value: float, unit: str = "") -> str:
     return f"{text} {unit}".rstrip()
 
 
+def graded(value: float) -> str:
+    """Three significant digits of a task's condition without an exponent: ``0.0809``, ``4``, ``115 000``."""
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}".replace(",", "\N{THIN SPACE}") if abs(rounded) >= 1000 else f"{rounded:g}"
+
+
+def tick(value: float) -> str:
+    """A task's condition as the label of an axis, thousands with a k: ``0.003``, ``4k``, ``240k``."""
+    return f"{value / 1000:g}k" if abs(value) >= 1000 else f"{value:g}"
+
+
 def percent(value: float) -> str:
     """One decimal, none for 0 and 100 %; ``—`` for undefined."""
     if math.isnan(value):

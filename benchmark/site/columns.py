@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmark.formatting import interval, number, percent
+from benchmark.formatting import graded, interval, number, percent
 from benchmark.intervals import Estimate
 from benchmark.site.boards import Entry
 
@@ -61,7 +61,7 @@ def break_words(entry: Entry) -> str:
         return "—"
     if math.isinf(value):
         return "never ≥ 50 %" if value * harder < 0 else "not reached"
-    return f"{value:.3g}"
+    return graded(value)
 
 
 def break_interval(entry: Entry) -> str:
@@ -69,8 +69,8 @@ def break_interval(entry: Entry) -> str:
     found, tested = entry.break_point, [level.condition for level in entry.levels]
     if not tested or not math.isfinite(found.value):
         return ""
-    low = f"{found.low:.3g}" if math.isfinite(found.low) else f"< {min(tested):g}"
-    high = f"{found.high:.3g}" if math.isfinite(found.high) else f"> {max(tested):g}"
+    low = graded(found.low) if math.isfinite(found.low) else f"< {graded(min(tested))}"
+    high = graded(found.high) if math.isfinite(found.high) else f"> {graded(max(tested))}"
     return f"{low} – {high}"
 
 

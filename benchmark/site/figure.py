@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from benchmark.formatting import number
+from benchmark.formatting import number, tick
 
 Point = tuple[float, float]
 Tick = tuple[float, str]
@@ -73,7 +73,7 @@ def level_scale(levels: Sequence[float], title: str, most: int = 7) -> Scale:
         return 1.0
 
     stride = math.ceil(len(order) / most)
-    ticks = tuple((value, f"{value:g}") for value in order[::stride])
+    ticks = tuple((value, tick(value)) for value in order[::stride])
     return Scale(place, ticks, title)
 
 

@@ -174,6 +174,8 @@ def test_break_points_beyond_the_test_are_said_in_words(boards):
     assert break_words(strong) == "not reached"
     half = dataclasses.replace(task, break_point=Estimate(4.0, -math.inf, 4.5, 9))
     assert (break_words(half), break_interval(half)) == ("4", "< 3 – 4.5")
+    rays = dataclasses.replace(task, break_point=Estimate(114_800.0, 9_876.0, 1.3e5, 9))
+    assert (break_words(rays), break_interval(rays)) == ("115\u2009000", "9\u2009880 – 130\u2009000")
 
 
 def test_results_of_two_configurations_of_a_solver_are_told_apart_by_their_keys(root, tmp_path):
@@ -284,6 +286,7 @@ def test_axes_place_values_where_they_belong():
     levels = level_scale([0.0, 1.0, 10.0], "rate")
     assert [levels.place(value) for value in (-1.0, 0.0, 0.5, 1.0, 5.5, 10.0, 11.0)] == [0, 0, 0.25, 0.5, 0.75, 1, 1]
     assert level_scale([4.0], "one").place(4.0) == 0.5
+    assert [words for _, words in level_scale([0.003, 4000.0, 240_000.0], "rays").ticks] == ["0.003", "4k", "240k"]
 
 
 def test_names_stand_apart_and_the_front_holds_what_none_beats():
