@@ -9,10 +9,14 @@ from benchmark.dataset import Frame, load_image
 from benchmark.solvers.protocol import Detections
 
 
+DETECTOR_CODE = ("detection", "flood_fill", "image_background", "star_candidates", "star_centroids", "star_shape")
+
+
 @lru_cache(maxsize=1)
 def shared_detector() -> str:
     """Name of the shared detector, with a digest of its code."""
-    code = (Path(celnav.__file__).parent / "detection.py").read_bytes()
+    package = Path(celnav.__file__).parent
+    code = b"".join((package / f"{module}.py").read_bytes() for module in DETECTOR_CODE)
     return f"celnav-{hashlib.sha256(code).hexdigest()[:12]}"
 
 

@@ -48,7 +48,7 @@ def undistort(xd: F8, yd: F8, k: tuple[float, ...], p: tuple[float, ...], r_max:
         step_x, step_y = (d * ex - b * ey) / determinant, (a * ey - c * ex) / determinant
         # A step of more than half the radius leaves the branch that holds the optical axis.
         length = np.hypot(step_x, step_y)
-        limit = np.minimum(1.0, (0.25 + 0.5 * np.hypot(x, y)) / np.maximum(length, 1e-300))
+        limit = np.minimum(1.0, (0.25 + 0.5 * np.hypot(x, y)) / np.maximum(length, 1e-100))
         x, y = x + step_x * limit, y + step_y * limit
         if not length.size or float(np.nanmax(length, initial=0.0)) < _CONVERGED:
             break

@@ -113,3 +113,9 @@ def test_solid_angle_of_a_hemisphere():
     lens = celnav.Camera("equisolid", 2000, 2000, f_px=1000 / 2**0.5)
     # The circle of 180 degrees just fits; the corners beyond it see behind the camera: f^-2 per pixel everywhere.
     assert lens.solid_angle_sr == pytest.approx(4e6 / lens.f_px**2, rel=0.01)
+
+
+def test_pixels_far_beyond_the_frame_have_rays_without_a_warning():
+    """A camera that is being fitted may put the middle anywhere."""
+    rays = celnav.Camera("brown_conrady", 100, 100, 100.0).to_rays([[1e14, 49.5]])
+    np.testing.assert_allclose(rays, [[1.0, 0.0, 1e-12]], atol=1e-10)
