@@ -8,7 +8,6 @@ import celnav
 from benchmark.dataset import Frame, load_image
 from benchmark.solvers.protocol import Detections
 
-
 DETECTOR_CODE = ("detection", "flood_fill", "image_background", "star_candidates", "star_centroids", "star_shape")
 
 
