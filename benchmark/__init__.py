@@ -1,1 +1,1 @@
-"""."""
+"""The benchmark: solvers run over graded skies, judged, compared and reported."""

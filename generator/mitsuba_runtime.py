@@ -179,9 +179,9 @@ def choose_variant() -> str:
 
 @functools.cache
 def start(variant: str | None = None) -> Any:
-    """Import Mitsuba with the right variant, register the plugins of :mod:`generator.plugins`, and return the module.
+    """Import Mitsuba with the right variant and return the module; the first call decides.
 
-    The first call decides; Mitsuba's plugins belong to the variant in which they are registered.
+    :func:`generator.plugins.start` does the same and registers the plugins of the night sky.
     """
     variant = variant or choose_variant()
     if variant == LLVM_VARIANT:
@@ -189,9 +189,6 @@ def start(variant: str | None = None) -> Any:
     import mitsuba
 
     mitsuba.set_variant(variant)
-    from generator import plugins
-
-    plugins.register()
     return mitsuba
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from generator.scenario_file import Scenario, parse_scenario
+from generator.scenario.file import Scenario, parse_scenario
 
 BASE: dict[str, Any] = {
     "name": "test",

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from generator.dataset_writer import render_frame
-from generator.pictures import stretch
-from generator.scenario_file import load_scenario
+from generator.frame.pictures import stretch
+from generator.frame.render import render_frame
+from generator.scenario.file import load_scenario
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "images" / "hello.jpg"

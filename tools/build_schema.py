@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from generator.scenario_schema import scenario_schema
+from generator.scenario.schema import scenario_schema
 
 OUT = Path(__file__).parents[1] / "scenes" / "schema.json"
 

@@ -14,7 +14,7 @@ import sep
 import tetra3rs
 
 import celnav
-from benchmark.geodesy import geodesic_km
+from benchmark.judge.geodesy import geodesic_km
 from celnav.astrometry import celestial_to_terrestrial
 from celnav.earth_rotation import earth_orientation
 from celnav.images import read_image

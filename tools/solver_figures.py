@@ -13,10 +13,10 @@ import vl_convert
 from scipy.spatial import cKDTree
 
 import celnav
-from benchmark.geodesy import geodesic_km
-from benchmark.solver_bars import attitude_of, camera_of, measure, solve_field
-from benchmark.solver_fields import Condition, make_field
-from benchmark.solver_table import image_of
+from benchmark.fields.solver_bars import attitude_of, camera_of, measure, solve_field
+from benchmark.fields.solver_fields import Condition, make_field
+from benchmark.fields.solver_table import image_of
+from benchmark.judge.geodesy import geodesic_km
 from celnav.catalog import load_catalog
 from celnav.identification import identify
 from celnav.track import KM_PER_DEG, Track, moved, offset_km

@@ -1,1 +1,1 @@
-"""Contestants, one module each, behind the protocol of `benchmark.solvers.protocol`."""
+"""Contestants, one module each, behind the protocol of `benchmark.protocol`."""

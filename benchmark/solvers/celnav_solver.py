@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import celnav
+from benchmark.protocol import Answer, Detections, Observation
 from benchmark.provenance import distribution_version
-from benchmark.solvers.protocol import Answer, Detections, Observation
 from celnav.planets import FIRST_PLANET_ID, planet_ids
 
 

@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 import celnav
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
-from generator.strict import Strict, listed
+from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 SPEC_NAME = "solver.yaml"

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.dataset import Frame
+from benchmark.frames.dataset import Frame
+from benchmark.protocol import Answer, Detections, Observation
 from benchmark.solvers.attitude_position import position_of_attitude
-from benchmark.solvers.protocol import Answer, Detections, Observation
 
 PROTOCOL = "skybench-solver/1"
 LARGEST_NUMBER_OF_DETECTIONS = 100_000

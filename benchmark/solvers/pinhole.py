@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import celnav
-from benchmark.solvers.protocol import CameraRecord
+from benchmark.protocol import CameraRecord
 
 
 def undistorted(uv: NDArray[np.float64], camera: CameraRecord) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from benchmark.errors import SolverError
-from benchmark.memory import peak_mib, reset_peak
+from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import PROTOCOL, hello
 
 LONGEST_REPLY_BYTES = 16_000_000

@@ -6,9 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from benchmark.errors import SolverError, UnknownSolverError
+from benchmark.protocol import SolverUnderTest
 from benchmark.solvers.celnav_solver import CelnavSolver
 from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_solver_folder
-from benchmark.solvers.protocol import SolverUnderTest
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer

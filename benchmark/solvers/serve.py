@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import celnav
+from benchmark.protocol import CameraRecord, Detections, Observation, SolverUnderTest
 from benchmark.solvers.messages import PROTOCOL
-from benchmark.solvers.protocol import CameraRecord, Detections, Observation, SolverUnderTest
 from benchmark.solvers.registry import make_solver
 
 

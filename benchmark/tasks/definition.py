@@ -13,10 +13,10 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
-from benchmark.intervals import wilson
+from benchmark.stats.intervals import wilson
 from generator.errors import ScenarioError
-from generator.scenario_file import Scenario, parse_scenario
-from generator.strict import Strict, listed
+from generator.scenario.file import Scenario, parse_scenario
+from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 LARGEST_FILE_BYTES = 100_000

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid, content_hash
-from generator.bake.single_scattering import moon_single, moon_single_in_layers
 from generator.bake.smoothing import Axis, chosen_terms, design, evaluated, smooth, within_cells
 from generator.errors import GeneratorError
 from generator.files import atomic_path
-from generator.sky.baked_maps import CITY_FILE, FOLDER, MOON_FILE
+from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid, content_hash
+from generator.light.baked_maps import CITY_FILE, FOLDER, MOON_FILE
+from generator.light.single_scattering import moon_single, moon_single_in_layers
 
 Floats = NDArray[np.float64]
 

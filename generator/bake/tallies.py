@@ -13,9 +13,9 @@ import numpy as np
 from drjit.llvm import Float, UInt32, UInt64
 from numpy.typing import NDArray
 
-from generator.bake.grids import CityGrid, MoonGrid
-from generator.bake.single_scattering import GARSTANG_NORMALISATION
 from generator.bake.walk import Air, Scattering, Vector, walk
+from generator.light.bake_grids import CityGrid, MoonGrid
+from generator.light.single_scattering import GARSTANG_NORMALISATION
 
 Floats = NDArray[np.float64]
 FIXED_POINT = 2.0**40

@@ -14,11 +14,11 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.bake.directions import view_directions
-from generator.bake.grids import BakedAir, CityGrid
-from generator.bake.single_scattering import aerosol_phase
 from generator.bake.walk import phase_table
+from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import BakedAir, CityGrid
+from generator.light.single_scattering import aerosol_phase
+from generator.light.view_directions import view_directions
 
 Floats = NDArray[np.float64]
 LAYERS = 512

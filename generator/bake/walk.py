@@ -19,9 +19,9 @@ import numpy as np
 from drjit.llvm import PCG32, Float, UInt32, UInt64
 from numpy.typing import NDArray
 
-from generator.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.bake.grids import BakedAir
-from generator.bake.single_scattering import aerosol_phase
+from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import BakedAir
+from generator.light.single_scattering import aerosol_phase
 
 Floats = NDArray[np.float64]
 Vector = tuple[Any, Any, Any]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import mitsuba_runtime
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid
 from generator.errors import GeneratorError
 from generator.files import atomic_path
+from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
 
 Floats = NDArray[np.float64]
 JUDGED = ("furnace", "disk_of_lamps", "disk_beside", "moonlit")

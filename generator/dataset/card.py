@@ -18,8 +18,8 @@ from generator import __version__
 from generator.dataset.images import decode
 from generator.dataset.layout import CARD, FIGURES, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
-from generator.pictures import contact_sheet
-from generator.scenario_file import Scenario
+from generator.frame.pictures import contact_sheet
+from generator.scenario.file import Scenario
 
 SHEET = f"{FIGURES}/contact-sheet.png"
 HISTOGRAMS = f"{FIGURES}/histograms.svg"

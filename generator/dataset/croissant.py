@@ -13,9 +13,9 @@ from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.layout import CROISSANT, TABLES, DatasetSpec
 from generator.dataset.shard import StoredFile
 from generator.files import write_bytes
-from generator.frame_record import STAR_SCHEMA
-from generator.object_table import OBJECT_SCHEMA
-from generator.scenario_file import Scenario
+from generator.frame.object_table import OBJECT_SCHEMA
+from generator.frame.record import STAR_SCHEMA
+from generator.scenario.file import Scenario
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
 RELEASED = "2026-11-21"

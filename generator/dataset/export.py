@@ -18,9 +18,9 @@ from astropy.wcs.utils import fit_wcs_from_points
 
 from generator.dataset.images import decode
 from generator.dataset.reader import Dataset, StoredFrame
-from generator.dataset_writer import png_bytes
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
+from generator.frame.render import png_bytes
 
 SIP_DEGREE = 3
 TANGENT_ROUNDS = 5

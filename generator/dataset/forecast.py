@@ -10,9 +10,9 @@ from pathlib import Path
 
 from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
-from generator.frame_plan import plan_frame
-from generator.frame_record import frame_record, record_bytes
-from generator.scenario_file import Scenario
+from generator.frame.plan import plan_frame
+from generator.frame.record import frame_record, record_bytes
+from generator.scenario.file import Scenario
 
 SECONDS_PER_MEGAPIXEL = 0.11
 SECONDS_PER_FRAME = 0.07
@@ -85,7 +85,7 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
 
 def _measured(scenario: Scenario) -> tuple[float, float]:
     """Seconds on one core and bytes of a frame: means over frames spread over the scenario, after one that warms up."""
-    from generator.dataset_writer import render_frame
+    from generator.frame.render import render_frame
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)

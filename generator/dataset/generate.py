@@ -16,7 +16,7 @@ from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, 
 from generator.dataset.shard import ShardReport, StoredFile, read_receipt, stored_file
 from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
-from generator.scenario_file import Scenario
+from generator.scenario.file import Scenario
 
 UNFINISHED_PREFIX = ".shard-"
 

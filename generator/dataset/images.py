@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from generator.dataset_writer import png_bytes
 from generator.errors import GeneratorError
+from generator.frame.render import png_bytes
 
 JXL_EFFORT = 1
 

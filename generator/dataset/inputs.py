@@ -12,8 +12,8 @@ from generator.dataset.layout import CARD, CROISSANT, FIGURES, MANIFEST, SCENARI
 from generator.dataset.shard import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
-from generator.scenario_file import Scenario
-from generator.strict import InputFile
+from generator.scenario.file import Scenario
+from generator.scenario.strict import InputFile
 
 OWN_NAMES = (*TABLES, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
 """What lies at a dataset's root; a scenario's own file may not take the place of any of it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from generator.errors import GeneratorError
-from generator.scenario_file import Scenario
+from generator.scenario.file import Scenario
 
 MANIFEST = "manifest.json"
 SCENARIO_COPY = "scenario.yaml"

@@ -12,7 +12,7 @@ from generator.dataset.layout import MANIFEST, DatasetSpec
 from generator.dataset.shard import StoredFile
 from generator.errors import GeneratorError
 from generator.files import write_bytes
-from generator.scenario_file import Scenario
+from generator.scenario.file import Scenario
 
 FORMAT = "skybench-dataset/1"
 LARGEST_MANIFEST_BYTES = 100_000_000

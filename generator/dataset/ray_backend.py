@@ -13,7 +13,7 @@ from generator.dataset.run import TRIES_PER_SHARD, Runner, prepare_worker
 from generator.dataset.shard import ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
-from generator.scenario_file import Scenario
+from generator.scenario.file import Scenario
 
 CONNECT_TIMEOUT_S = 5.0
 

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.errors import GeneratorError
-from generator.frame_record import STAR_SCHEMA
-from generator.object_table import OBJECT_SCHEMA
+from generator.frame.object_table import OBJECT_SCHEMA
+from generator.frame.record import STAR_SCHEMA
 
 LARGEST_MEMBER_BYTES = 2_000_000_000
 

@@ -19,7 +19,7 @@ from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError, ScenarioError
-from generator.scenario_file import Scenario, parse_scenario
+from generator.scenario.file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
 POLL_S = 0.2

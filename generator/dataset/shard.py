@@ -21,12 +21,12 @@ from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
-from generator.dataset_writer import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
-from generator.frame_record import STAR_SCHEMA, frame_record, record_bytes
-from generator.object_table import OBJECT_SCHEMA
-from generator.scenario_file import Scenario
+from generator.frame.object_table import OBJECT_SCHEMA
+from generator.frame.record import STAR_SCHEMA, frame_record, record_bytes
+from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
+from generator.scenario.file import Scenario
 
 TRIES_PER_FRAME = 2
 RECEIPT_FORMAT = "skybench-receipt/1"

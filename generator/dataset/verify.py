@@ -13,7 +13,7 @@ from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.reader import Dataset
 from generator.dataset.shard import StoredFile, stored_file
 from generator.errors import GeneratorError
-from generator.scenario_file import load_scenario
+from generator.scenario.file import load_scenario
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
 """What a frame has besides, where its sensor develops a picture or shows a head-up display."""

@@ -8,13 +8,13 @@ import colour
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import optical_depth
-from generator.frame_plan import FramePlan, dimming_atmosphere, plan_frame
-from generator.photometry import GRID_NM
-from generator.scenario_file import parse_scenario
-from generator.scene import frame_layers, point_lights
+from generator.frame.plan import FramePlan, dimming_atmosphere, plan_frame
+from generator.frame.scene import frame_layers, point_lights
+from generator.light.atmosphere import optical_depth
+from generator.light.photometry import GRID_NM
+from generator.light.stellar_spectra import star_spectra
+from generator.scenario.file import parse_scenario
 from generator.sky.assembly import whole_sky
-from generator.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
 

@@ -10,21 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
-from generator.bake.directions import view_directions
-from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
 from generator.bake.make_maps import run_worker
-from generator.bake.single_scattering import aerosol_phase, city_single, rayleigh_phase
-from generator.photometry import BESSELL_B, BESSELL_V, GRID_NM
-from generator.sky.baked_maps import city_map, moon_map
-from generator.sky.city_light import (
-    WORLD_ATLAS_HORIZON_SHARE,
-    City,
-    bortle_city,
-    city_radiance,
-    city_table,
-    mixed_lamps,
-)
+from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
+from generator.light.baked_maps import city_map, moon_map
+from generator.light.lamps import WORLD_ATLAS_HORIZON_SHARE, City, mixed_lamps
+from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
+from generator.light.single_scattering import aerosol_phase, city_single, rayleigh_phase
+from generator.light.view_directions import view_directions
+from generator.sky.city_light import bortle_city, city_radiance, city_table
 from generator.sky.moonlight import moon_v_mag, moonlight
 
 Floats = NDArray[np.float64]

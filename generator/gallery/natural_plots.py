@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import Atmosphere, airmass, optical_depth
-from generator.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
+from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.lamps import LUMEN_PER_V_PHOTON
+from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
+from generator.light.stellar_spectra import star_spectra
+from generator.light.vision import naked_eye_limit
 from generator.sky import milky_way, zodiacal
 from generator.sky.airglow import (
     LOWER_LINES,
@@ -20,15 +23,12 @@ from generator.sky.airglow import (
     van_rhijn,
 )  # fmt: skip
 from generator.sky.assembly import star_light
-from generator.sky.city_light import LUMEN_PER_V_PHOTON
 from generator.sky.component import total, v_band
 from generator.sky.directions import sky_grid
 from generator.sky.moonlight import MOON_BV_MAG, moon_v_mag, moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.twilight import zenith_magnitude
 from generator.sky.zenith import BORTLE_ZENITH_MAG
-from generator.stellar_spectra import star_spectra
-from generator.vision import naked_eye_limit
 
 Floats = NDArray[np.float64]
 

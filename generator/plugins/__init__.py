@@ -9,16 +9,21 @@ name                      kind        module
 ``skybench_integrator``   integrator  :mod:`generator.plugins.integrator`
 ========================  ==========  ===========================================================
 
-Importing the modules of this package needs a Mitsuba variant; :func:`generator.mitsuba_runtime.start` sees to it.
+Importing the modules of this package needs a Mitsuba variant; :func:`start` sees to it.
 """
 
 from __future__ import annotations
 
+import functools
+from typing import Any
 
-def register() -> None:
-    """Register the plugins with the current Mitsuba variant."""
-    import mitsuba as mi
+from generator import mitsuba_runtime
 
+
+@functools.cache
+def start() -> Any:
+    """Start Mitsuba, register the plugins with its variant, to which they then belong, and return the module."""
+    mi = mitsuba_runtime.start()
     from generator.plugins.camera import NightSkyCamera
     from generator.plugins.integrator import NightSkyIntegrator
     from generator.plugins.sky import DiffuseSkyEmitter
@@ -28,3 +33,4 @@ def register() -> None:
     mi.register_emitter("skybench_sky", DiffuseSkyEmitter)
     mi.register_emitter("skybench_stars", StarEmitter)
     mi.register_integrator("skybench_integrator", NightSkyIntegrator)
+    return mi

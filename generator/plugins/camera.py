@@ -8,7 +8,7 @@ when the film's channels hold quantum efficiencies.
 ======================  ==========  =========================================================================
 parameter               type        meaning
 ======================  ==========  =========================================================================
-``model``               string      a name of :data:`generator.projection.MODELS` (default ``pinhole``)
+``model``               string      a name of :data:`generator.scenario.projection.MODELS` (default ``pinhole``)
 ``f_px``, ``fy_px``     float       focal length along u and v, px
 ``cx_px``, ``cy_px``    float       principal point, px
 ``k1`` … ``k6``         float       radial distortion (default 0)
@@ -40,9 +40,9 @@ import mitsuba as mi
 from scipy.spatial.transform import Rotation
 
 from generator.plugins.lens import Lens, make_lens
+from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
-from generator.projection import COEFFICIENTS, MODELS, Projection
-from generator.scene_tensors import array
+from generator.scenario.projection import COEFFICIENTS, MODELS, Projection
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 ROW_ITERATIONS = 4

@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.photometry import GRID_NM, GRID_START_NM
+from generator.light.photometry import GRID_NM, GRID_START_NM
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 
 Floats = NDArray[np.float64]

@@ -37,6 +37,7 @@ from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, fil
 from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
 from generator.plugins.psf_atlas import PsfAtlas
+from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
 from generator.plugins.star_splats import (
     UINT64,
@@ -47,7 +48,6 @@ from generator.plugins.star_splats import (
 )
 from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
-from generator.scene_tensors import array
 
 PSF_RADIUS_SIGMAS = 6.0
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))

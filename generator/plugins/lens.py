@@ -1,9 +1,9 @@
 """Lens models: the one piece of code that maps directions to pixels and back, for rays and for star splats.
 
 Written with Dr.Jit functions on plain components, so that it serves single and double precision alike. Models, numbers and
-sources are those of :mod:`generator.projection`. Inverses that have no closed form are Newton's method inside a shrinking
-bracket (a step that leaves it is replaced by bisection), with a fixed number of steps. Outside a model's valid range nothing
-is mapped: the mask says so.
+sources are those of :mod:`generator.scenario.projection`. Inverses that have no closed form are Newton's method inside a
+shrinking bracket (a step that leaves it is replaced by bisection), with a fixed number of steps. Outside a model's valid
+range nothing is mapped: the mask says so.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import drjit as dr
 import numpy as np
 
-from generator.projection import Projection
+from generator.scenario.projection import Projection
 
 MINIMUM_COSINE = 1e-3
 NEWTON_STEPS = 20

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.psf import FINE_PER_PX
+from generator.optics.psf import FINE_PER_PX
 
 Floats = NDArray[np.float64]
 MARGIN_PX = 256

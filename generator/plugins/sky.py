@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.plugins.clouds import CloudTexture, moon_sines, veil
+from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
-from generator.scene_tensors import array
 from generator.sky.directions import ALTITUDE_POWER
 
 DISTANCE = 1e6

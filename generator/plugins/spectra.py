@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.photometry import GRID_NM, GRID_START_NM, GRID_STEP_NM, GRID_STOP_NM
+from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STEP_NM, GRID_STOP_NM
 
 SPECTRAL_RANGE_NM = GRID_STOP_NM - GRID_START_NM
 

@@ -24,8 +24,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
-from generator.scene_tensors import array
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6

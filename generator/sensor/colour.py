@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.sensor_spec import COLOURS, SensorSpec
+from generator.scenario.sensor_spec import COLOURS, SensorSpec
 
 LETTERS = {"B": COLOURS.index("blue"), "G": COLOURS.index("green"), "R": COLOURS.index("red")}
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from generator.scenario.sensor_spec import COLOURS, SensorSpec
 from generator.sensor.colour import filter_array
-from generator.sensor_spec import COLOURS, SensorSpec
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from generator.atmosphere import Atmosphere
-from generator.photometry import GRID_NM
+from generator.light.atmosphere import Atmosphere
+from generator.light.photometry import GRID_NM
 from generator.sky.component import SkyTable, above_the_air, total
 from generator.sky.directions import sky_grid
 

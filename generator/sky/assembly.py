@@ -8,14 +8,16 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import Atmosphere, airmass, optical_depth
-from generator.bake.grids import BakedAir
-from generator.catalogue import load_catalogue
-from generator.photometry import GRID_NM, radiance_from_surface_brightness
-from generator.scenario import SkySpec
+from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.bake_grids import BakedAir
+from generator.light.lamps import City
+from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
+from generator.light.stellar_spectra import star_spectra
+from generator.places.catalogue import load_catalogue
+from generator.scenario.model import SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
-from generator.sky.city_light import City, bortle_city, skyglow
+from generator.sky.city_light import bortle_city, skyglow
 from generator.sky.clouds import CloudVeil, cloud_light
 from generator.sky.component import SkyTable, black_sky, compressed, total
 from generator.sky.directions import sky_grid
@@ -25,7 +27,6 @@ from generator.sky.state import SkyState
 from generator.sky.twilight import twilight
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.sky.zodiacal import zodiacal
-from generator.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
 NATURAL = ("airglow", "zodiacal", "milky_way", "starlight")

@@ -2,70 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import functools
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from generator.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
-from generator.bake.directions import view_directions
-from generator.bake.disk_scattering import disk_nodes, disk_single
-from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
-from generator.bake.single_scattering import EARTH_RADIUS_KM, city_single, disk_points
-from generator.errors import DataFileError
-from generator.photometry import BESSELL_V, GRID_NM
-from generator.sky.baked_maps import city_kernel, city_multiple
+from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
+from generator.light.baked_maps import city_kernel, city_multiple
+from generator.light.disk_scattering import disk_nodes, disk_single
+from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
+from generator.light.photometry import GRID_NM
+from generator.light.single_scattering import EARTH_RADIUS_KM, city_single, disk_points
+from generator.light.view_directions import view_directions
 from generator.sky.component import SkyTable, black_sky, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
 
 Floats = NDArray[np.float64]
 
-LAMPS_PATH = Path(__file__).parents[1] / "data" / "lamps.csv"
-
-LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
-"""Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""
-GARSTANG_HORIZON_SHARE = 0.15 / (0.15 + 0.15 * (1 - 0.15))
-"""Part of the upward light that leaves in Garstang's pattern near the horizon: F / (F + G (1 - F)) for his F = G = 0.15.
-Source: Garstang 1986, PASP 98, 364."""
-WORLD_ATLAS_HORIZON_SHARE = 5.2e-4 / (1.9e-3 + 5.2e-4)
-"""The same of the upward light that fits 20,865 zenith brightnesses of the world atlas, without its 3 % between the two.
-Source: Falchi et al. 2016, Science Advances 2, e1600377."""
-LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
-"""Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
-LARGEST_DISTANCE_KM = 150.0
-"""Where the Earth's curvature takes 13 % of the light at the zenith; the bake's rings end at 180 km."""
 STANDARD_AIR = Atmosphere(1013.25, 0.1, 1.3, 300.0)
-
-
-@dataclass(frozen=True)
-class City:
-    """A disk of lamps.
-
-    Attributes
-    ----------
-    distance_km, azimuth_deg : float
-        Of its middle, from the observer.
-    radius_km : float
-    upward_mlm : float
-        Light that leaves it upwards, megalumen.
-    horizon_share : float
-        Part of that in Garstang's pattern near the horizon; the rest is Lambert.
-    lamps : tuple of (name, share)
-        Names of :func:`lamp_spectra`, shares in V-band photons.
-    """
-
-    distance_km: float
-    azimuth_deg: float
-    radius_km: float
-    upward_mlm: float = 100.0
-    horizon_share: float = GARSTANG_HORIZON_SHARE
-    lamps: tuple[tuple[str, float], ...] = LAMP_MIX
 
 
 BORTLE_DISTANCE_KM = {1: 60.0, 2: 50.0, 3: 40.0, 4: 30.0, 5: 20.0, 6: 14.0, 7: 8.0, 8: 4.0, 9: 0.0}
@@ -76,28 +34,6 @@ BORTLE_CITY_AZIMUTH_DEG = 225.0
 def bortle_city(bortle: int) -> City:
     """The default place of a Bortle class: so far from a city of 10 km radius in the south-west. skybench's convention."""
     return City(BORTLE_DISTANCE_KM[bortle], BORTLE_CITY_AZIMUTH_DEG, BORTLE_CITY_RADIUS_KM)
-
-
-@functools.cache
-def lamp_spectra() -> dict[str, Floats]:
-    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero outside the tables' 380 to 780 nm."""
-    try:
-        with LAMPS_PATH.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-        wavelength = np.array([float(row["wavelength_nm"]) for row in rows])
-        power = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "wavelength_nm"}
-    except (OSError, KeyError, ValueError, IndexError) as error:
-        raise DataFileError(f"{LAMPS_PATH}: not a table of lamp spectra ({error}); reinstall skybench") from error
-    photons = {
-        name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()
-    }
-    return {name: spectrum / BESSELL_V.mean(GRID_NM, spectrum) for name, spectrum in photons.items()}
-
-
-def mixed_lamps(lamps: tuple[tuple[str, float], ...]) -> Floats:
-    """Photon spectrum of a mix of lamps at GRID_NM with a V-band mean of 1."""
-    whole = sum(share for _, share in lamps)
-    return np.sum([share / whole * lamp_spectra()[name] for name, share in lamps], axis=0)
 
 
 _VIEW_DEG: Floats = np.array(VIEW_ALTITUDES_DEG)

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 from scipy.stats import norm
 
-from generator.atmosphere import Atmosphere, optical_depth
-from generator.bake.disk_scattering import disk_irradiance
-from generator.photometry import GRID_NM
+from generator.light.atmosphere import Atmosphere, optical_depth
+from generator.light.disk_scattering import disk_irradiance
+from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
+from generator.light.photometry import GRID_NM
 from generator.sky.airglow import EARTH_RADIUS_KM
-from generator.sky.city_light import LUMEN_PER_V_PHOTON, City, mixed_lamps
 from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from generator.atmosphere import Atmosphere, airmass, optical_depth
-from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
 
 Floats = NDArray[np.float64]

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from generator.atmosphere import Atmosphere
 from generator.errors import DataFileError
-from generator.photometry import ARCSEC2_PER_SR
+from generator.light.atmosphere import Atmosphere
+from generator.light.photometry import ARCSEC2_PER_SR
+from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, above_the_air
 from generator.sky.directions import sky_grid
-from generator.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
 

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.atmosphere import (
+from generator.light.atmosphere import (
     Atmosphere,
     aerosol_optical_depth,
     airmass,
     ozone_optical_depth,
     rayleigh_optical_depth,
 )
-from generator.bake.grids import WAVELENGTHS_NM, BakedAir
-from generator.bake.single_scattering import aerosol_phase, moon_single, rayleigh_phase
-from generator.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
-from generator.sky.baked_maps import moon_ratio
+from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir
+from generator.light.baked_maps import moon_ratio
+from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
+from generator.light.single_scattering import aerosol_phase, moon_single, rayleigh_phase
+from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
-from generator.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
 

@@ -6,13 +6,13 @@ import functools
 
 import numpy as np
 
-from generator.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
-from generator.bake.grids import BakedAir
-from generator.photometry import ARCSEC2_PER_SR, GRID_NM
+from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import BakedAir
+from generator.light.photometry import ARCSEC2_PER_SR, GRID_NM
+from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
 from generator.sky.milky_way import BV_MAG, S10_MAG_ARCSEC2
-from generator.stellar_spectra import star_spectra
 
 AEROSOL_FROM_ABOVE = 0.8
 """Part of the light an aerosol scatters downwards that came from above (Henyey-Greenstein, g = 0.7)."""

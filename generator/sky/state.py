@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.astrometry import Air, Site
-from generator.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
-from generator.scenario import CloudSpec
+from generator.places.astrometry import Air, Site
+from generator.places.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
+from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant
+from generator.scenario.model import CloudSpec
 from generator.seeds import random_stream
 from generator.sky.clouds import CloudField, CloudPattern, cloud_pattern
 from generator.sky.moonlight import moon_v_mag
-from generator.times import SECONDS_PER_DAY, EarthOrientation, Instant
 
 Floats = NDArray[np.float64]
 

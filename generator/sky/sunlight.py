@@ -7,8 +7,8 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.photometry import GRID_NM
-from generator.stellar_spectra import star_spectra
+from generator.light.photometry import GRID_NM
+from generator.light.stellar_spectra import star_spectra
 
 Floats = NDArray[np.float64]
 

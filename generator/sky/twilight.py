@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from generator.errors import GeneratorError
-from generator.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM
+from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM
 from generator.sky.component import SkyTable, black_sky
 from generator.sky.directions import sky_grid
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from generator.atmosphere import Atmosphere
-from generator.photometry import GRID_NM
+from generator.light.atmosphere import Atmosphere
+from generator.light.photometry import GRID_NM
 from generator.sky.component import SkyTable, above_the_air
 from generator.sky.directions import sky_grid
 from generator.sky.sunlight import solar_shape

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from generator.dataset.images import encode
-from generator.dataset_writer import render_frame
-from generator.scenario_file import Scenario
+from generator.frame.render import render_frame
+from generator.scenario.file import Scenario
 from generator.speed.scenes import FULL_SKY, PLAIN_SKY, FrameSize, data_set, moonlit
 
 WARM_UP = 2

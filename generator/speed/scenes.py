@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from generator.scenario_file import Scenario, parse_scenario
+from generator.scenario.file import Scenario, parse_scenario
 
 _SET = """
 name: speed

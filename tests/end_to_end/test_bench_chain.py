@@ -4,9 +4,9 @@ import pytest
 from small_scenes import small_scenario
 from typer.testing import CliRunner
 
-from benchmark.bench_cli import app
-from benchmark.results import read_results
-from generator.dataset_writer import render_dataset
+from benchmark.cli.bench import app
+from benchmark.run.results import read_results
+from generator.frame.render import render_dataset
 
 
 @pytest.fixture(scope="module")

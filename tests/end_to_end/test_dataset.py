@@ -31,8 +31,8 @@ from generator.dataset.reader import Dataset
 from generator.dataset.run import Part
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError, ScenarioError
-from generator.object_table import OBJECT_SCHEMA
-from generator.scenario_file import load_scenario, parse_scenario
+from generator.frame.object_table import OBJECT_SCHEMA
+from generator.scenario.file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[2]
 TINY = BASE | {
@@ -98,7 +98,7 @@ def members(folder: Path) -> dict[str, bytes]:
 
 
 def start(*arguments: str) -> subprocess.Popen:
-    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
@@ -163,7 +163,7 @@ def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
 def run_killed(scenario_path: Path, folder: Path, moments: list[float]) -> int:
     """Start the command again and again, killing it with all its children at each moment; returns the kills that struck."""
     struck = 0
-    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
     command = [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(folder), "--shard-size", "5",
                "--exr", "--workers", "1"]  # fmt: skip
     for moment in moments:
@@ -253,7 +253,7 @@ def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, sce
     """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
-        "from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+        "from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
     )
     out = tmp_path / "limited"
     run = subprocess.run(

@@ -23,7 +23,7 @@ SCENARIO = BASE | {
     "camera": BASE["camera"] | {"width": 96, "height": 64},
     "stars": {"limiting_magnitude": 5.0},
 }
-CODE = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+CODE = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
 
 
 def command(scenario: Path, out: str, *more: str) -> list[str]:

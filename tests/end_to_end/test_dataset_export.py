@@ -20,7 +20,7 @@ from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
-from generator.scenario_file import parse_scenario
+from generator.scenario.file import parse_scenario
 
 
 @pytest.fixture(scope="module")

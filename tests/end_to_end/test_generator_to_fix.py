@@ -10,8 +10,8 @@ from PIL import Image
 from small_scenes import BASE
 
 import celnav
-from generator.dataset_writer import render_dataset
-from generator.scenario_file import parse_scenario
+from generator.frame.render import render_dataset
+from generator.scenario.file import parse_scenario
 
 PLACES = {
     "latitude_deg": [52.0, -0.18, -41.29, 69.6],

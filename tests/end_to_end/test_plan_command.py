@@ -8,11 +8,11 @@ import yaml
 from small_scenes import BASE
 from typer.testing import CliRunner
 
-from benchmark.cli import app
-from benchmark.formatting import duration, file_size
+from benchmark.cli.app import app
+from benchmark.report.formatting import duration, file_size
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
-from generator.scenario_file import load_scenario
+from generator.scenario.file import load_scenario
 
 TREE = BASE | {
     "name": "planned",

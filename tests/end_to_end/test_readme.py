@@ -13,8 +13,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_code_prints_what_the_readme_shows(tmp_path, monkeypatch) -> None:
     code, printed = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", README, re.DOTALL).groups()
-    from generator.dataset_writer import render_dataset
-    from generator.scenario_file import load_scenario
+    from generator.frame.render import render_dataset
+    from generator.scenario.file import load_scenario
 
     render_dataset(load_scenario(ROOT / "scenes" / "00_hello.yaml"), tmp_path / "out" / "hello")
     monkeypatch.chdir(tmp_path)
@@ -32,11 +32,11 @@ def test_documents_that_it_links_to_exist() -> None:
 
 
 def test_commands_that_it_lists_exist() -> None:
-    for program in ("benchmark.cli", "celnav.cli"):
+    for program in ("benchmark.cli.app", "celnav.cli"):
         listed = set(re.findall(r"`(?:skybench|celnav) ((?:bench )?[a-z]+)", README))
         code = f"import sys; from {program} import main; sys.argv = ['x', '--help']; main()"
         shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-        names = {"benchmark.cli": {"render", "doctor", "demo"}, "celnav.cli": {"solve"}}[program]
+        names = {"benchmark.cli.app": {"render", "doctor", "demo"}, "celnav.cli": {"solve"}}[program]
         assert names <= listed
         for name in names:
             assert name in shown

@@ -21,7 +21,7 @@ SCENARIO = BASE | {"camera": BASE["camera"] | {"width": 200, "height": 140}, "sk
 
 
 def skybench(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
-    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False, cwd=ROOT)
 
@@ -117,7 +117,7 @@ def test_same_bytes_on_any_number_of_threads(folder, tmp_path, threads) -> None:
     code = (
         "import sys; from pathlib import Path; from generator.mitsuba_runtime import set_threads;"
         f"set_threads({threads});"
-        "from generator.scenario_file import load_scenario; from generator.dataset_writer import render_dataset;"
+        "from generator.scenario.file import load_scenario; from generator.frame.render import render_dataset;"
         "render_dataset(load_scenario(Path(sys.argv[1])), Path(sys.argv[2]))"
     )
     scenario = folder.parent / "scene.yaml"
@@ -126,8 +126,8 @@ def test_same_bytes_on_any_number_of_threads(folder, tmp_path, threads) -> None:
 
 
 def test_a_frame_can_be_made_again_alone(folder) -> None:
-    from generator.dataset_writer import png_bytes, render_frame
-    from generator.scenario_file import load_scenario
+    from generator.frame.render import png_bytes, render_frame
+    from generator.scenario.file import load_scenario
 
     frame = render_frame(load_scenario(folder.parent / "scene.yaml"), 1)
     assert png_bytes(frame.dn) == (folder / "frame-00001.png").read_bytes()
@@ -160,8 +160,8 @@ def test_time_outside_the_earth_orientation_table(tmp_path) -> None:
 
 
 def test_an_interrupted_run_does_not_look_finished(folder, tmp_path, monkeypatch) -> None:
-    from generator import dataset_writer
-    from generator.scenario_file import load_scenario
+    from generator.frame import render as dataset_writer
+    from generator.scenario.file import load_scenario
 
     scenario = load_scenario(folder.parent / "scene.yaml")
     dataset_writer.render_dataset(scenario, tmp_path / "out")

@@ -9,7 +9,7 @@ from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
-from benchmark.site.pages import make_boards, write_site
+from benchmark.report.site.pages import make_boards, write_site
 
 PHONE_PX = 390
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generator.camera_presets import PRESETS
-from generator.dataset_writer import png_bytes, render_frame
-from generator.frame_plan import plan_frame
-from generator.scenario_file import Scenario, load_scenario
-from generator.variation import DISTRIBUTION_KEYS
+from generator.frame.plan import plan_frame
+from generator.frame.render import png_bytes, render_frame
+from generator.scenario.camera_presets import PRESETS
+from generator.scenario.file import Scenario, load_scenario
+from generator.scenario.variation import DISTRIBUTION_KEYS
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "scenes").glob("*.yaml"))

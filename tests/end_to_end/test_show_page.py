@@ -10,16 +10,16 @@ import yaml
 from small_scenes import BASE, small_scenario
 from typer.testing import CliRunner
 
-from benchmark.cli import app
-from benchmark.show.page import write_page
-from benchmark.show.source import open_source, spread
-from benchmark.show.star_names import PROPER_NAMES, star_name
-from generator.catalogue import load_catalogue
+from benchmark.cli.app import app
+from benchmark.report.show.page import write_page
+from benchmark.report.show.source import open_source, spread
+from benchmark.report.show.star_names import PROPER_NAMES, star_name
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
-from generator.dataset_writer import render_dataset
 from generator.errors import GeneratorError
-from generator.scenario_file import parse_scenario
+from generator.frame.render import render_dataset
+from generator.places.catalogue import load_catalogue
+from generator.scenario.file import parse_scenario
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = shutil.which("chromedriver")
@@ -251,7 +251,7 @@ def test_hostile_texts_stay_texts(browser, tmp_path) -> None:
 
 
 def test_a_large_dataset_is_sampled_and_large_frames_are_reduced(dataset, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("benchmark.show.page.MOST_PIXELS", 240 * 160 // 4)
+    monkeypatch.setattr("benchmark.report.show.page.MOST_PIXELS", 240 * 160 // 4)
     written = write_page(dataset, tmp_path / "page", most=3)
     assert (written.shown, written.frames) == (3, 6)
     assert "3 of 6 frames, evenly spread" in written.page.read_text()

@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from benchmark.cli import app
+from benchmark.cli.app import app
 from generator.speed import report as speed_report
 from generator.speed.pairs import PairedTimes
 from generator.speed.scenes import FrameSize, data_set

@@ -7,15 +7,15 @@ import yaml
 from small_scenes import BASE
 from typer.testing import CliRunner
 
-from benchmark.cli import app
-from benchmark.csv_cells import csv_lines
-from benchmark.frame_metrics import measure, read_frames
-from benchmark.results import read_task_results
-from benchmark.submission import FRAME_COLUMNS
-from benchmark.submission_pack import TaskChoice, Truth, opened, withheld_names
+from benchmark.cli.app import app
+from benchmark.run.results import read_task_results
+from benchmark.stats.frame_metrics import measure, read_frames
+from benchmark.submit.csv_cells import csv_lines
+from benchmark.submit.pack import TaskChoice, Truth, opened, withheld_names
+from benchmark.submit.submission import FRAME_COLUMNS
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
-from generator.scenario_file import parse_scenario
+from generator.scenario.file import parse_scenario
 
 
 def run(*arguments):

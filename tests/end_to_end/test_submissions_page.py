@@ -9,8 +9,8 @@ from pathlib import Path
 from typer.testing import CliRunner
 from unit.benchmark.fake_night import write_dataset
 
-from benchmark.cli import app
-from benchmark.results import read_results
+from benchmark.cli.app import app
+from benchmark.run.results import read_results
 
 PAGE = Path(__file__).parents[2] / "docs" / "submissions.md"
 

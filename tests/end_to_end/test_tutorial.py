@@ -50,7 +50,7 @@ def test_every_command_of_the_tutorial_is_run_unless_it_says_otherwise(tool) -> 
 def test_the_tutorial_leads_to_a_row_on_the_leaderboard(tool, tmp_path, monkeypatch) -> None:
     shim = tmp_path / "bin" / "skybench"
     shim.parent.mkdir()
-    code = "import sys; sys.argv[0] = 'skybench'; from benchmark.cli import main; main()"
+    code = "import sys; sys.argv[0] = 'skybench'; from benchmark.cli.app import main; main()"
     shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{code}" "$@"\n', encoding="utf-8")
     shim.chmod(shim.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", f"{shim.parent}{os.pathsep}{os.environ['PATH']}")

@@ -8,14 +8,14 @@ from scipy.interpolate import RegularGridInterpolator
 from small_scenes import small_scenario
 
 from generator.bake import make_maps
-from generator.bake.disk_scattering import disk_nodes
-from generator.bake.grids import BakedAir, CityGrid, MoonGrid
 from generator.bake.make_maps import run_worker
-from generator.bake.single_scattering import column_from_ground, moon_single, moon_single_in_layers
-from generator.frame_plan import plan_frame
-from generator.photometry import radiance_from_surface_brightness
-from generator.scene import frame_layers, render_expected
-from generator.sky.baked_maps import CITY_FILE, MOON_FILE, city_map, city_multiple, moon_map
+from generator.frame.plan import plan_frame
+from generator.frame.scene import frame_layers, render_expected
+from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
+from generator.light.baked_maps import CITY_FILE, MOON_FILE, city_map, city_multiple, moon_map
+from generator.light.disk_scattering import disk_nodes
+from generator.light.photometry import radiance_from_surface_brightness
+from generator.light.single_scattering import column_from_ground, moon_single, moon_single_in_layers
 from generator.sky.city_light import bortle_city, city_radiance
 from generator.sky.component import total
 

@@ -7,27 +7,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, simpson
 
-from generator.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
-from generator.bake.directions import view_directions
-from generator.bake.disk_scattering import disk_nodes, disk_single
-from generator.bake.grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
-from generator.bake.single_scattering import aerosol_phase, city_single
-from generator.photometry import BESSELL_B, BESSELL_V, GRID_NM
-from generator.sky.city_light import (
-    GARSTANG_HORIZON_SHARE,
-    STANDARD_AIR,
-    WORLD_ATLAS_HORIZON_SHARE,
-    City,
-    bortle_city,
-    city_radiance,
-    city_table,
-    lamp_spectra,
-    mixed_lamps,
-)
+from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
+from generator.light.disk_scattering import disk_nodes, disk_single
+from generator.light.lamps import GARSTANG_HORIZON_SHARE, WORLD_ATLAS_HORIZON_SHARE, City, lamp_spectra, mixed_lamps
+from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
+from generator.light.single_scattering import aerosol_phase, city_single
+from generator.light.stellar_spectra import star_spectra
+from generator.light.view_directions import view_directions
+from generator.sky.city_light import STANDARD_AIR, bortle_city, city_radiance, city_table
 from generator.sky.component import SkyTable
 from generator.sky.directions import sky_grid
 from generator.sky.moonlight import moon_v_mag, moonlight
-from generator.stellar_spectra import star_spectra
 
 NEAR_550 = WAVELENGTHS_NM.index(530.0)
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator import mitsuba_runtime
-from generator.bake.disk_scattering import disk_irradiance
-from generator.frame_plan import plan_frame
-from generator.scene import frame_layers, render_expected
-from generator.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
+from generator import plugins
+from generator.frame.plan import plan_frame
+from generator.frame.scene import frame_layers, render_expected
+from generator.light.disk_scattering import disk_irradiance
+from generator.light.scintillation import SATURATION_SIGMA, scintillation_factors, scintillation_sigma
+from generator.light.vision import naked_eye_limit
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
 from generator.sky.clouds import cloud_pattern, coarse_axes, diffuse_transmission, light_from_city
 from generator.sky.directions import sky_grid, unit_vectors
 from generator.sky.zenith import BORTLE_ZENITH_MAG
-from generator.vision import naked_eye_limit
 
 CLOUD = {"mean_optical_depth": 0.8, "coverage": 0.6}
 
@@ -83,7 +83,7 @@ def test_emitter_s_cloud_is_the_stars_cloud() -> None:
     """Optical depth ray by ray on the device against the function that dims the stars, carried by a wind: 20,000 directions
     above 10 deg, each within 1 % of the mean depth, 0.02 % on average. Lower, a direction in single precision is metres wide
     on the layer."""
-    mitsuba_runtime.start()
+    plugins.start()
     import mitsuba as mi
 
     from generator.plugins.clouds import CloudTexture, cloud_numbers

@@ -8,8 +8,8 @@ import pytest
 from small_scenes import small_scenario
 
 import celnav
-from generator.frame_plan import plan_frame
-from generator.scene import render_expected
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
 
 WIDTH, HEIGHT = 270, 180
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass, optical_depth, rayleigh_optical_depth
-from generator.frame_plan import plan_frame
-from generator.photometry import GRID_NM
-from generator.scene import quantum_efficiency, render_expected
-from generator.stellar_spectra import star_spectra
+from generator.frame.plan import plan_frame
+from generator.frame.scene import quantum_efficiency, render_expected
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass, optical_depth, rayleigh_optical_depth
+from generator.light.photometry import GRID_NM
+from generator.light.stellar_spectra import star_spectra
 
 # Patat et al. 2011, A&A 527, A91, table: Paranal, 2640 m, mag/airmass at A.
 PATAT_2011 = {

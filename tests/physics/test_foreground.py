@@ -9,11 +9,11 @@ import pytest
 import yaml
 from small_scenes import BASE
 
-from generator import mitsuba_runtime
+from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame_plan import plan_frame
-from generator.scenario_file import parse_scenario
-from generator.scene import render_expected
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.scenario.file import parse_scenario
 
 FISHEYE = {
     "width": 240, "height": 240, "model": "equidistant", "f_px": 75.0, "aperture_mm": 4.0,
@@ -119,7 +119,7 @@ def test_an_obj_mesh_is_the_same_as_its_ply(tmp_path) -> None:
 
 
 def test_foreground_has_the_same_bits_again(tmp_path) -> None:
-    mitsuba_runtime.start()
+    plugins.start()
     (tmp_path / "horizon.csv").write_text(PROFILE)
     plan = plan_frame(scenario_in(tmp_path, foreground={"horizon": {"file": "horizon.csv"}}), 0)
     first, second = render_expected(plan), render_expected(plan)

@@ -6,15 +6,15 @@ from skyfield.api import Loader, load_file, wgs84
 from skyfield.magnitudelib import planetary_magnitude
 from small_scenes import small_scenario
 
-from generator.astrometry import Air, Site, apparent_places
-from generator.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
 from generator.errors import GeneratorError
-from generator.frame_plan import plan_frame
-from generator.moon_disk import moon_points
-from generator.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
-from generator.scene import render_expected
+from generator.frame.moon_disk import moon_points
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.light.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.places.astrometry import Air, Site, apparent_places
+from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
+from generator.places.times import Instant, earth_orientation
 from generator.sky.twilight import twilight, zenith_magnitude, zenith_spectrum
-from generator.times import Instant, earth_orientation
 
 TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")
 SITE = Site(52.0, 4.36, 10.0)
@@ -113,10 +113,10 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     disk = frame.layers["stars"]
     radius = np.arcsin(1737.4 / plan.sky.moon.distance_km) * plan_frame(scenario, 0).spec.camera.f_px
     assert (disk > 0.5 * disk[disk > 0.1 * disk.max()].mean()).sum() == pytest.approx(np.pi * radius**2, rel=0.06)
-    from generator.atmosphere import airmass, optical_depth
-    from generator.frame_plan import dimming_atmosphere
-    from generator.scene import quantum_efficiency
-    from generator.stellar_spectra import star_spectra
+    from generator.frame.plan import dimming_atmosphere
+    from generator.frame.scene import quantum_efficiency
+    from generator.light.atmosphere import airmass, optical_depth
+    from generator.light.stellar_spectra import star_spectra
 
     plan = plan_frame(scenario, 0)
     spectrum = star_spectra([plan.sky.moon_v_mag], [0.92])[0]

@@ -5,9 +5,9 @@ import pytest
 import speclite.filters
 from astropy import units
 
-from generator.atmosphere import Atmosphere
-from generator.catalogue import load_catalogue
-from generator.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.light.atmosphere import Atmosphere
+from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.places.catalogue import load_catalogue
 from generator.sky import milky_way as mw
 from generator.sky import zodiacal
 from generator.sky.airglow import (

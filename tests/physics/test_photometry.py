@@ -7,17 +7,17 @@ import pytest
 import speclite.filters
 from small_scenes import V_BAND_QE, small_scenario
 
-from generator.catalogue import load_catalogue
-from generator.frame_plan import plan_frame
-from generator.photometry import (
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.light.photometry import (
     BESSELL_B,
     BESSELL_V,
     GRID_NM,
     radiance_from_surface_brightness,
     surface_brightness_from_radiance,
 )
-from generator.scene import render_expected
-from generator.stellar_spectra import star_spectra
+from generator.light.stellar_spectra import star_spectra
+from generator.places.catalogue import load_catalogue
 
 PER_CM2_ANGSTROM = 1e-5
 

@@ -5,15 +5,15 @@ import pytest
 from scipy import stats
 from small_scenes import small_scenario
 
-from generator import mitsuba_runtime
-from generator.frame_plan import plan_frame
-from generator.scene import render_expected, scene_dict
-from generator.scene_tensors import array, tensor
+from generator import plugins
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected, scene_dict
+from generator.plugins.scene_tensors import array, tensor
 
 
 @pytest.fixture(scope="module")
 def mi():
-    return mitsuba_runtime.start()
+    return plugins.start()
 
 
 def test_scene_dict_loads_the_registered_plugins(mi) -> None:
@@ -68,7 +68,7 @@ def test_geometry_hides_sky_and_stars(mi) -> None:
 
 def test_wavelength_sampling_is_converged() -> None:
     """Four times the wavelengths change no pixel's sky by more than 0.1 % and no star's light by more than 0.2 %."""
-    mi = mitsuba_runtime.start()
+    mi = plugins.start()
     plan = plan_frame(small_scenario(stars={"limiting_magnitude": 5.0}), 0)
     coarse = render_expected(plan)
     description = scene_dict(plan)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator import mitsuba_runtime
+from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame_plan import plan_frame
-from generator.projection import Projection
-from generator.scene import render_expected, scene_dict
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected, scene_dict
+from generator.scenario.projection import Projection
 
 WIDTH, HEIGHT = 640, 480
 CENTRE = {"cx_px": 311.3, "cy_px": 247.9}
@@ -30,7 +30,7 @@ CASES = {
 
 
 def lens_of(case):
-    mi = mitsuba_runtime.start()
+    mi = plugins.start()
     import drjit as dr
 
     from generator.plugins.lens import make_lens
@@ -125,7 +125,7 @@ def test_solid_angles_of_pixels_add_up_to_the_frame_s(case) -> None:
 
 def test_nothing_is_folded_back() -> None:
     """Barrel distortion that turns around at tan(theta) = 1.29: what lies beyond is invalid, not drawn inside."""
-    mi = mitsuba_runtime.start()
+    mi = plugins.start()
     import drjit as dr
 
     from generator.plugins.lens import make_lens
@@ -184,7 +184,7 @@ def test_image_circle_and_vignetting_act_on_sky_and_stars_alike() -> None:
 
 
 def test_plugin_takes_every_model() -> None:
-    mi = mitsuba_runtime.start()
+    mi = plugins.start()
     for model in ("kannala_brandt", "stereographic", "equisolid", "orthographic", "brown_conrady"):
         plan = plan_frame(small_scenario(camera__model=model, camera__hfov_deg=None, camera__f_px=200.0), 0)
         image = np.array(mi.render(mi.load_dict(scene_dict(plan))))

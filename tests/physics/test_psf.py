@@ -6,13 +6,13 @@ import OpenEXR
 import pytest
 from small_scenes import BASE, small_scenario
 
-from generator import mitsuba_runtime
-from generator.camera_spec import CameraSpec, DiffractionSpec, MoffatSpec, PsfSpec
+from generator import plugins
 from generator.errors import ScenarioError
-from generator.frame_plan import plan_frame
-from generator.psf import FINE_PER_PX, pixel_psf, psf_table
-from generator.scenario_file import parse_scenario
-from generator.scene import render_expected
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
+from generator.scenario.camera_spec import CameraSpec, DiffractionSpec, MoffatSpec, PsfSpec
+from generator.scenario.file import parse_scenario
 
 PITCH_UM = 2.9
 F_NUMBER = 2.8
@@ -238,6 +238,6 @@ def test_bad_stacks_are_refused(tmp_path) -> None:
 
 
 def test_table_has_the_same_bits_again() -> None:
-    mitsuba_runtime.start()
+    plugins.start()
     plan = plan_frame(small_scenario(**FIELD), 0)
     np.testing.assert_array_equal(render_expected(plan).electrons, render_expected(plan).electrons)

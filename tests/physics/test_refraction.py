@@ -4,7 +4,7 @@ import erfa
 import numpy as np
 import pytest
 
-from generator.refraction import refraction_deg
+from generator.places.refraction import refraction_deg
 
 
 def lift_arcmin(true_altitude_deg, pressure_hpa=1010.0, temperature_c=10.0, relative_humidity=0.0):

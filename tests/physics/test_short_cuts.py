@@ -5,17 +5,17 @@ import pytest
 from scipy import interpolate, ndimage, special
 from small_scenes import small_scenario
 
-from generator import mitsuba_runtime
-from generator.atmosphere import Atmosphere, optical_depth
-from generator.frame_plan import field_radius_deg, plan_frame
-from generator.frame_record import _around, _brightness_order
-from generator.photometry import GRID_NM
-from generator.projection import Projection
-from generator.scene import render_expected, scene_dict
+from generator import plugins
+from generator.frame.plan import field_radius_deg, plan_frame
+from generator.frame.record import _around, _brightness_order
+from generator.frame.scene import render_expected, scene_dict
+from generator.frame.star_truth import share_within
+from generator.light.atmosphere import Atmosphere, optical_depth
+from generator.light.photometry import GRID_NM
+from generator.light.stellar_spectra import colour_row, colour_table
+from generator.scenario.projection import Projection
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
-from generator.star_truth import share_within
-from generator.stellar_spectra import colour_row, colour_table
 
 PSF = {
     "diffraction": {"f_number": 2.0, "coma_waves": 0.2, "astigmatism_waves": 0.2}, "gaussian_sigma_px": 0.5,
@@ -25,7 +25,7 @@ PSF = {
 
 @pytest.fixture(scope="module")
 def mi():
-    return mitsuba_runtime.start()
+    return plugins.start()
 
 
 def test_table_of_star_electrons_against_each_star_s_own_integral(mi) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from small_scenes import V_BAND_QE, small_scenario
 
-from generator.frame_plan import plan_frame
-from generator.photometry import ARCSEC2_PER_SR, GRID_NM, radiance_from_surface_brightness
-from generator.scene import frame_layers, quantum_efficiency, render_expected
+from generator.frame.plan import plan_frame
+from generator.frame.scene import frame_layers, quantum_efficiency, render_expected
+from generator.light.photometry import ARCSEC2_PER_SR, GRID_NM, radiance_from_surface_brightness
 from generator.sky.assembly import whole_sky
 from generator.sky.component import total
 from generator.sky.zenith import BORTLE_ZENITH_MAG

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import norm
 from small_scenes import small_scenario
 
-from generator import mitsuba_runtime
-from generator.frame_plan import plan_frame
-from generator.scene import render_expected, scene_dict
+from generator import plugins
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected, scene_dict
 
 
 def isolated(expected, reach):
@@ -148,7 +148,7 @@ def test_trailed_star_keeps_its_flux_and_fills_its_path() -> None:
 
 def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
     """A white floor under the stars alone: radiance = sum of irradiance x cosine / pi, within 1 % (direct lighting)."""
-    mi = mitsuba_runtime.start()
+    mi = plugins.start()
     plan = plan_frame(small_scenario(stars={"limiting_magnitude": 3.0}, atmosphere={"extinction": False}), 0)
     stars = scene_dict(plan)["stars"]
     scene = mi.load_dict(
@@ -174,8 +174,8 @@ def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
     value = it.bsdf().eval(mi.BSDFContext(), it, wo)
     radiance = np.array(value * weight).mean(axis=1)
 
-    from generator.photometry import GRID_NM
-    from generator.stellar_spectra import star_spectra
+    from generator.light.photometry import GRID_NM
+    from generator.light.stellar_spectra import star_spectra
 
     spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag)
     cosine = plan.middle.enu[:, 2]

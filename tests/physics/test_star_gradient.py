@@ -8,17 +8,17 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from small_scenes import small_scenario
 
-from benchmark.studies.camera_by_gradient import difference, recover_camera, spoiled
-from generator import mitsuba_runtime
-from generator.frame_plan import plan_frame
-from generator.scene import scene_dict
+from benchmark.studies.calibration.camera_by_gradient import difference, recover_camera, spoiled
+from generator import plugins
+from generator.frame.plan import plan_frame
+from generator.frame.scene import scene_dict
 
 LENS = {"model": "brown_conrady", "width": 270, "height": 180, "f_px": 180.0, "k": [-0.1], "aperture_mm": 4}
 
 
 @pytest.fixture(scope="module")
 def mi():
-    return mitsuba_runtime.start()
+    return plugins.start()
 
 
 def load(mi, plan):

@@ -11,11 +11,11 @@ import skyfield_data
 from skyfield.api import Loader, Star, wgs84
 from small_scenes import small_scenario
 
-from generator.astrometry import MAS_TO_RAD
-from generator.catalogue import load_catalogue
-from generator.frame_plan import plan_frame
-from generator.scene import render_expected
-from generator.times import Instant, earth_orientation
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.places.astrometry import MAS_TO_RAD
+from generator.places.catalogue import load_catalogue
+from generator.places.times import Instant, earth_orientation
 
 RNG = np.random.default_rng(20260101)
 PLACES = [
@@ -150,9 +150,9 @@ def test_bright_stars_have_their_published_places() -> None:
 
 def test_choice_of_stars_around_a_direction_loses_none() -> None:
     """Against the places of all stars, at ten sites and times from 1975 to 2027: the horizon, and a field of 20 deg."""
-    from generator.astrometry import Air, Site, apparent_places, stars_within
-    from generator.ephemeris import icrs_from_enu
-    from generator.frame_plan import FIELD_MARGIN_DEG
+    from generator.frame.plan import FIELD_MARGIN_DEG
+    from generator.places.astrometry import Air, Site, apparent_places, stars_within
+    from generator.places.ephemeris import icrs_from_enu
 
     catalogue = load_catalogue()[np.arange(0, 60000, 5)]
     for number, (latitude, longitude, utc) in enumerate(PLACES[:10]):
@@ -171,7 +171,7 @@ def test_choice_of_stars_around_a_direction_loses_none() -> None:
 
 def test_places_agree_with_erfa_one_star_at_a_time() -> None:
     """Against ERFA's own chain in one call (atco13, polar motion and UT1 included), without air: 1e-6 arcsec."""
-    from generator.astrometry import Air, Site, apparent_places
+    from generator.places.astrometry import Air, Site, apparent_places
 
     catalogue = load_catalogue()[np.arange(0, 20000, 20)]
     instant, site = Instant.parse("2019-08-04T20:00:00Z"), Site(-33.0, 151.0, 800.0)
@@ -195,7 +195,7 @@ def test_places_agree_with_erfa_one_star_at_a_time() -> None:
 
 def test_intermediate_places_of_the_whole_catalogue_are_erfa_s() -> None:
     """Against ERFA's atciq from decade to decade, stars beside the Sun among them: within 1e-6 mas."""
-    from generator.astrometry import Site, intermediate_places, star_parameters
+    from generator.places.astrometry import Site, intermediate_places, star_parameters
 
     catalogue = load_catalogue()
     declination = np.radians(catalogue.dec_deg)
@@ -223,7 +223,7 @@ def test_intermediate_places_of_the_whole_catalogue_are_erfa_s() -> None:
 
 def test_intermediate_places_serve_the_whole_exposure() -> None:
     """An hour later, places from one set of intermediate places differ from those computed afresh by under 0.1 arcsec."""
-    from generator.astrometry import Air, Site, apparent_places, intermediate_places, observed_places
+    from generator.places.astrometry import Air, Site, apparent_places, intermediate_places, observed_places
 
     catalogue = load_catalogue()[np.arange(0, 5000, 5)]
     instant, site, air = Instant.parse("2022-03-04T20:00:00Z"), Site(52.0, 4.36), Air(0.0, 10, 0.5)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from small_scenes import small_scenario
 
-from generator.camera_spec import CameraSpec
 from generator.errors import ScenarioError
-from generator.frame_plan import plan_frame
-from generator.scene import render_expected
-from generator.stray_light import with_stray_light
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.optics.stray_light import with_stray_light
+from generator.scenario.camera_spec import CameraSpec
 
 LENS = {"width": 401, "height": 301, "f_px": 400.0, "aperture_mm": 4.0}
 BLOOM = {"share": 0.05, "core_px": 2.0, "reach_px": 120}

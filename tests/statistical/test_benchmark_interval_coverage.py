@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmark.intervals import pooled_proportion, quantile_estimate, quantile_ranks, wilson
+from benchmark.stats.intervals import pooled_proportion, quantile_estimate, quantile_ranks, wilson
 
 FALSE_ALARM = 1e-4
 SEED = 271828

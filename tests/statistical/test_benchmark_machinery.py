@@ -12,12 +12,18 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from benchmark.break_point import break_point
-from benchmark.calibration import calibration_error, ellipse_coverage, nees, overconfidence, risk_coverage
-from benchmark.clustered import Resamples, mean_estimate, percentile_interval, proportion_estimate, quantile_estimate
-from benchmark.comparison import compare, difference_estimate, ranks
-from benchmark.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
-from benchmark.power import minimum_detectable_difference
+from benchmark.stats.break_point import break_point
+from benchmark.stats.clustered import (
+    Resamples,
+    mean_estimate,
+    percentile_interval,
+    proportion_estimate,
+    quantile_estimate,
+)
+from benchmark.stats.comparison import compare, difference_estimate, ranks
+from benchmark.stats.confidence import calibration_error, ellipse_coverage, nees, overconfidence, risk_coverage
+from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
+from benchmark.stats.power import minimum_detectable_difference
 
 FALSE_ALARM = 1e-4
 LIMIT = stats.norm.isf(FALSE_ALARM)

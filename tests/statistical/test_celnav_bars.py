@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmark.solver_bars import measure
-from benchmark.solver_table import (
+from benchmark.fields.solver_bars import measure
+from benchmark.fields.solver_table import (
     ACCURACY,
     ACCURACY_RATIO,
     BARS,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from generator.detector import expose, matched_filter_snr, saturation_e
-from generator.scenario import SensorSpec
+from generator.scenario.model import SensorSpec
 from generator.seeds import random_stream
+from generator.sensor.detector import expose, matched_filter_snr, saturation_e
 
 LIMIT = stats.norm.isf(0.5e-4)
 SHAPE = (400, 500)

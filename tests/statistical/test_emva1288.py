@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from generator.detector import expose
+from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
-from generator.sensor_spec import SensorSpec
+from generator.sensor.detector import expose
 
 SHAPE = (240, 250)
 QUANTUM_EFFICIENCY = 0.6

@@ -6,17 +6,17 @@ import yaml
 from scipy import stats
 from small_scenes import BASE, small_scenario
 
-from generator.detector import expose
 from generator.errors import ScenarioError
-from generator.frame_plan import plan_frame
-from generator.scenario_file import Scenario, parse_scenario
-from generator.scene import render_expected
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
+from generator.scenario.file import Scenario, parse_scenario
+from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
 from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
 from generator.sensor.colour import filter_array
+from generator.sensor.detector import expose
 from generator.sensor.effect import Exposure
 from generator.sensor.readout import FixedOffset, LineNoise, ReadNoise, TelegraphNoise
-from generator.sensor_spec import SensorSpec
 
 SHAPE = (300, 320)
 EVERYTHING = {

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from generator.catalogue import (
+from generator.errors import DataFileError
+from generator.places.catalogue import (
     YBSC_PATH,
     johnson_v_from_hipparcos,
     load_catalogue,
@@ -13,7 +14,6 @@ from generator.catalogue import (
     read_hipparcos,
     read_ybsc,
 )
-from generator.errors import DataFileError
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import numpy as np
 from PIL import Image
 from small_scenes import small_scenario
 
-from generator.dataset_writer import render_dataset, render_frame
+from generator.frame.render import render_dataset, render_frame
+from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.colour import filter_array
 from generator.sensor.develop import demosaic, develop
 from generator.sensor.hud import hud_mask
-from generator.sensor_spec import SensorSpec
 
 
 def test_demosaicing_a_flat_colour_and_a_ramp_is_exact() -> None:

@@ -38,10 +38,14 @@ def test_a_broken_library_is_reported_not_fatal(tmp_path) -> None:
 
 
 def test_doctor_says_what_to_do_and_exits_1(tmp_path) -> None:
-    run = run_python("from benchmark.cli import main; main()", DRJIT_LIBLLVM_PATH=str(tmp_path / "nowhere.so"))
+    run = run_python("from benchmark.cli.app import main; main()", DRJIT_LIBLLVM_PATH=str(tmp_path / "nowhere.so"))
     assert run.returncode == 2
     run = subprocess.run(
-        [sys.executable, "-c", "import sys; sys.argv = ['skybench', 'doctor']; from benchmark.cli import main; main()"],
+        [
+            sys.executable,
+            "-c",
+            "import sys; sys.argv = ['skybench', 'doctor']; from benchmark.cli.app import main; main()",
+        ],
         capture_output=True,
         text=True,
         env=os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "nowhere.so"), "COLUMNS": "200"},

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from generator.png import png16
+from generator.frame.png import png16
 
 RANDOM = np.random.default_rng(1)
 PICTURES = {

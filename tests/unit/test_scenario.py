@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
-from generator.scenario import Pointing, pointing_matrix
-from generator.scenario_file import load_scenario, parse_scenario
+from generator.scenario.file import load_scenario, parse_scenario
+from generator.scenario.model import Pointing, pointing_matrix
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "scenes" / "00_hello.yaml").read_text()

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from small_scenes import BASE
 
-from generator.scenario_schema import scenario_schema
+from generator.scenario.schema import scenario_schema
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SCHEMA = json.loads((SCENES / "schema.json").read_text())

@@ -5,7 +5,7 @@ import pytest
 from astropy.utils import iers
 
 from generator.errors import TimeRangeError
-from generator.times import Instant, _finals2000a, earth_orientation
+from generator.places.times import Instant, _finals2000a, earth_orientation
 
 
 def test_round_trip_and_arithmetic_over_a_leap_second() -> None:

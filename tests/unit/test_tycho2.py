@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from generator.catalogue import StarCatalogue, load_catalogue
 from generator.errors import DataFileError
-from generator.tycho2 import (
+from generator.places.catalogue import StarCatalogue, load_catalogue
+from generator.places.tycho2 import (
     BRIGHTER_FILES,
     DEFAULT_PATH,
     PATH_VARIABLE,

@@ -9,9 +9,9 @@ from scipy import stats
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
-from generator.scenario_file import parse_scenario
-from generator.sun import sun_altitude_deg
-from generator.times import Instant
+from generator.places.sun import sun_altitude_deg
+from generator.places.times import Instant
+from generator.scenario.file import parse_scenario
 
 FALSE_ALARM = 1e-4
 

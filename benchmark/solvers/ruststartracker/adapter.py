@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmark.protocol import Answer, Detections, Observation
 from benchmark.solvers.attitude_position import position_of_attitude
 from benchmark.solvers.pinhole import undistorted
-from benchmark.solvers.protocol import Answer, Detections, Observation
 from benchmark.solvers.sep_detector import SEP_DETECTOR, detect_with_sep
 
 BRIGHTEST = 30

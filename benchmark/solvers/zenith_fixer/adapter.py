@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.protocol import Answer, Detections, Observation
 from benchmark.solvers.pinhole import undistorted
-from benchmark.solvers.protocol import Answer, Detections, Observation
 from benchmark.solvers.sep_detector import SEP_DETECTOR, detect_with_sep
 
 EARTH_RADIUS_KM = 6371.0

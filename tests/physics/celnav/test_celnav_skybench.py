@@ -9,8 +9,8 @@ import skyfield_data
 from skyfield.api import Loader
 
 import celnav
-from benchmark.solver_bars import attitude_of, camera_of
-from benchmark.solver_fields import HEIGHT, WIDTH, Condition, make_field
+from benchmark.fields.solver_bars import attitude_of, camera_of
+from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from celnav.adjustment import CameraPriors
 from celnav.astrometry import apparent_enu, celestial_to_terrestrial, enu_rotation
 from celnav.catalog import load_catalog

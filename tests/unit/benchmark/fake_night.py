@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 from PIL import Image
 from scipy.ndimage import maximum_filter
 
-from benchmark.dataset import Frame
-from benchmark.solvers.protocol import Answer, Observation
+from benchmark.frames.dataset import Frame
+from benchmark.protocol import Answer, Observation
 
 WIDTH, HEIGHT = 160, 120
 R_ZENITH = [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]

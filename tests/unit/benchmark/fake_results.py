@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.frame_conditions import FrameConditions
-from benchmark.metrics import FIX, REFUSED, FrameScore
-from benchmark.preview import preview_webp
-from benchmark.result_tables import DetectionRow, FrameDetails, match_table
-from benchmark.results import ResultFiles, RunProvenance, write_result
+from benchmark.frames.conditions import FrameConditions
+from benchmark.frames.preview import preview_webp
+from benchmark.run.result_tables import DetectionRow, FrameDetails, match_table
+from benchmark.run.results import ResultFiles, RunProvenance, write_result
+from benchmark.stats.metrics import FIX, REFUSED, FrameScore
 
 ROOT_SEED = 20260808
 WIDTH, HEIGHT = 480, 320

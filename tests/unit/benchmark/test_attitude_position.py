@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import celnav
-from benchmark.geodesy import geodesic_km
+from benchmark.judge.geodesy import geodesic_km
 from benchmark.solvers.attitude_position import position_of_attitude
 from celnav.astrometry import apparent_enu
 from celnav.catalog import load_catalog, propagate

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from unit.benchmark.fake_night import HEIGHT, WIDTH, write_dataset
 
-from benchmark.dataset import load_image, open_dataset
 from benchmark.errors import DatasetError
+from benchmark.frames.dataset import load_image, open_dataset
 
 
 @pytest.fixture

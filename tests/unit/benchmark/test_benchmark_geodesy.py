@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from benchmark.geodesy import WGS84_A_M, WGS84_B_M, east_north_km, geodesic_km
+from benchmark.judge.geodesy import WGS84_A_M, WGS84_B_M, east_north_km, geodesic_km
 
 # Metres. The first two are printed in Karney (2013), tables 2 and 4; the last is Flinders Peak to Buninyong, the test
 # line of the Geocentric Datum of Australia manual (54 972.271 m); the others are values of GeographicLib 2.1.

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from unit.benchmark.fake_night import Contestant, Raising, Random, Refusing, Truth, write_dataset
 
-from benchmark.dataset import open_dataset
 from benchmark.errors import DatasetError, ResultsError, UnknownSolverError
-from benchmark.intervals import wilson
-from benchmark.results import read_results
-from benchmark.run import run_benchmark
-from benchmark.solvers.protocol import Answer
+from benchmark.frames.dataset import open_dataset
+from benchmark.protocol import Answer
+from benchmark.run.results import read_results
+from benchmark.run.run import run_benchmark
+from benchmark.stats.intervals import wilson
 
 
 @pytest.fixture(scope="module")

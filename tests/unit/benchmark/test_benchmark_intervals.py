@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmark.intervals import pooled_proportion, proportion, quantile, quantile_estimate, quantile_ranks, wilson
+from benchmark.stats.intervals import pooled_proportion, proportion, quantile, quantile_estimate, quantile_ranks, wilson
 
 
 # Newcombe (1998), table I, method 3.

@@ -7,15 +7,15 @@ import pytest
 from typer.testing import CliRunner
 from unit.benchmark.fake_night import Mixed, Raising, Refusing, write_dataset
 
-from benchmark import contact_sheet
-from benchmark.bench_cli import app
-from benchmark.dataset import open_dataset
+from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
-from benchmark.formatting import interval, number, percent
-from benchmark.intervals import Estimate
-from benchmark.preview import preview_webp, stretch
-from benchmark.report import write_report
-from benchmark.run import run_benchmark
+from benchmark.frames.dataset import open_dataset
+from benchmark.frames.preview import preview_webp, stretch
+from benchmark.report import contact_sheet
+from benchmark.report.formatting import interval, number, percent
+from benchmark.report.report import write_report
+from benchmark.run.run import run_benchmark
+from benchmark.stats.intervals import Estimate
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ import pyarrow.parquet as pq
 import pytest
 from unit.benchmark.fake_night import Mixed, Refusing, Truth, write_dataset
 
-from benchmark.dataset import open_dataset
 from benchmark.errors import ResultsError
-from benchmark.metrics import by_bortle, summarise
-from benchmark.results import read_results, read_task_results
-from benchmark.run import run_benchmark
+from benchmark.frames.dataset import open_dataset
+from benchmark.run.results import read_results, read_task_results
+from benchmark.run.run import run_benchmark
+from benchmark.stats.metrics import by_bortle, summarise
 
 
 @pytest.fixture

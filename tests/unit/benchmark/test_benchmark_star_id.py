@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from benchmark.dataset import TruthStars
-from benchmark.star_id import MATCH_RADIUS_PX, score_matches
+from benchmark.frames.dataset import TruthStars
+from benchmark.judge.star_id import MATCH_RADIUS_PX, score_matches
 
 TRUTH = TruthStars(
     star_id=np.array([11, 22, 33, 44, 55]),

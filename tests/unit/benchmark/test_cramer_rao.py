@@ -10,7 +10,10 @@ from scipy import stats
 from scipy.special import erf
 from unit.benchmark.fake_night import write_dataset
 
-from benchmark.cramer_rao import (
+from benchmark.fields.solver_bars import solve_field
+from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
+from benchmark.frames.dataset import open_dataset
+from benchmark.judge.cramer_rao import (
     EXACT,
     VERTICAL,
     AttitudePrior,
@@ -23,12 +26,9 @@ from benchmark.cramer_rao import (
     position_information,
     streak_information,
 )
-from benchmark.dataset import open_dataset
-from benchmark.frame_bounds import bound_of, light_of
-from benchmark.geodesy import geodesic_km
-from benchmark.solver_bars import solve_field
-from benchmark.solver_fields import HEIGHT, WIDTH, Condition, make_field
-from benchmark.solvers.protocol import CameraRecord
+from benchmark.judge.frame_bounds import bound_of, light_of
+from benchmark.judge.geodesy import geodesic_km
+from benchmark.protocol import CameraRecord
 
 SEED = 1618
 FALSE_ALARM = 1e-4

@@ -6,8 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.break_point import break_point, crossing, discrimination, isotonic
-from benchmark.calibration import (
+from benchmark.errors import ResultsError
+from benchmark.stats.break_point import break_point, crossing, discrimination, isotonic
+from benchmark.stats.clustered import Resamples, expanded_levels, quantile_estimate
+from benchmark.stats.comparison import compare, detectable, paired, ranks
+from benchmark.stats.confidence import (
     calibration_error,
     ellipse_coverage,
     nees,
@@ -16,13 +19,18 @@ from benchmark.calibration import (
     reliability,
     risk_coverage,
 )
-from benchmark.clustered import Resamples, expanded_levels, quantile_estimate
-from benchmark.comparison import compare, detectable, paired, ranks
-from benchmark.errors import ResultsError
-from benchmark.frame_metrics import METRICS, groups_of, kelvins_scores, measure, measure_by, read_frames, resamples_of
-from benchmark.intervals import quantile, wilson
-from benchmark.paired_tests import mcnemar_clustered, mcnemar_exact, sign_flip
-from benchmark.power import design_effect, minimum_detectable_difference
+from benchmark.stats.frame_metrics import (
+    METRICS,
+    groups_of,
+    kelvins_scores,
+    measure,
+    measure_by,
+    read_frames,
+    resamples_of,
+)
+from benchmark.stats.intervals import quantile, wilson
+from benchmark.stats.paired_tests import mcnemar_clustered, mcnemar_exact, sign_flip
+from benchmark.stats.power import design_effect, minimum_detectable_difference
 
 
 def table(**columns):

@@ -5,7 +5,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from benchmark.paired_tests import holm, mcnemar_exact
+from benchmark.stats.paired_tests import holm, mcnemar_exact
 
 
 def successes(both, only_first, only_second, neither):

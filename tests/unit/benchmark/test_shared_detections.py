@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 import celnav
-from benchmark.shared_detections import DETECTOR_CODE
+from benchmark.run.shared_detections import DETECTOR_CODE
 
 
 def test_the_digest_covers_all_that_detection_is_made_of():

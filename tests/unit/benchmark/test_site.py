@@ -19,18 +19,18 @@ from PIL import Image
 from typer.testing import CliRunner
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
 
-from benchmark.bench_cli import app
-from benchmark.comparison import Rank
+from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
-from benchmark.intervals import Estimate
-from benchmark.site.boards import make_board
-from benchmark.site.charts import _apart, _front
-from benchmark.site.columns import SUCCESS, break_interval, break_words, p_value, script_number, signed
-from benchmark.site.figure import level_scale, log_scale
-from benchmark.site.frame_source import FrameSource
-from benchmark.site.pages import render_figure, render_site, write_site
-from benchmark.site.site_view import detectable_words, site_verdict
-from benchmark.site.tree import read_tree
+from benchmark.report.site.boards import make_board
+from benchmark.report.site.charts import _apart, _front
+from benchmark.report.site.columns import SUCCESS, break_interval, break_words, p_value, script_number, signed
+from benchmark.report.site.figure import level_scale, log_scale
+from benchmark.report.site.frame_source import FrameSource
+from benchmark.report.site.pages import render_figure, render_site, write_site
+from benchmark.report.site.site_view import detectable_words, site_verdict
+from benchmark.report.site.tree import read_tree
+from benchmark.stats.comparison import Rank
+from benchmark.stats.intervals import Estimate
 
 FIVE_MB = 5_000_000
 

@@ -12,13 +12,13 @@ import psutil
 import pytest
 from unit.benchmark.fake_night import write_dataset
 
-from benchmark.dataset import open_dataset
 from benchmark.errors import SolverError
+from benchmark.frames.dataset import open_dataset
+from benchmark.run.task_run import SolverPool
 from benchmark.solvers.definition import SolverFolder, SolverSpec, read_solver_folder
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import known_solvers, make_solver, solver_folder
-from benchmark.task_run import SolverPool
 
 PROGRAM = Path(__file__).parent / "programs" / "misbehaving.py"
 LIMITS = Limits(time_s=1.0, memory_mib=600, start_s=20.0)

@@ -12,10 +12,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from benchmark.studies import calibration_bias as bias
-from benchmark.studies import calibration_run as run
-from benchmark.studies.calibration_bias import Estimator, View
-from benchmark.studies.calibration_faults import (
+from benchmark.studies.calibration import bias as bias
+from benchmark.studies.calibration import run as run
+from benchmark.studies.calibration.bias import Estimator, View
+from benchmark.studies.calibration.faults import (
     EARTH_TURN_S,
     FAULTS,
     PRESSURE_HPA,
@@ -24,14 +24,14 @@ from benchmark.studies.calibration_faults import (
     make_study_frame,
     truth_told,
 )
-from benchmark.studies.calibration_run import Shift
-from benchmark.studies.calibration_study import Sizes, nees_interval, run_study
-from benchmark.studies.calibration_summary import MADE_WORSE, NOT_SEEN, TAKEN_BACK, Shifts, verdict
-from benchmark.studies.centroid_frames import list_stars
-from benchmark.studies.progress import StudyProgress
-from generator.astrometry import Air, Site, apparent_places
-from generator.scenario_file import load_scenario
-from generator.times import Instant
+from benchmark.studies.calibration.run import Shift
+from benchmark.studies.calibration.study import Sizes, nees_interval, run_study
+from benchmark.studies.calibration.summary import MADE_WORSE, NOT_SEEN, TAKEN_BACK, Shifts, verdict
+from benchmark.studies.common.centroid_frames import list_stars
+from benchmark.studies.common.progress import StudyProgress
+from generator.places.astrometry import Air, Site, apparent_places
+from generator.places.times import Instant
+from generator.scenario.file import load_scenario
 
 SCENARIO = Path(__file__).parents[3] / "scenes" / "calibration_study.yaml"
 AIR = Air(PRESSURE_HPA, 10.0, 0.5)

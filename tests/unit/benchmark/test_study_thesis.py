@@ -13,27 +13,27 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import celnav
-from benchmark.cli import app
-from benchmark.intervals import Estimate, wilson
-from benchmark.paired_tests import mcnemar_exact
-from benchmark.studies import thesis_contestants as who
-from benchmark.studies import thesis_published as thesis
-from benchmark.studies.centroid_frames import StarList, list_stars, make_frame, project
-from benchmark.studies.contestants import Contestant, judge_detections
-from benchmark.studies.page_model import Number, Table, family, plain
-from benchmark.studies.progress import StudyProgress
-from benchmark.studies.records import Row, Rows, write_rows
-from benchmark.studies.svg_plot import Axis, Series, plot
-from benchmark.studies.thesis_answers_confidence import calibration_error
-from benchmark.studies.thesis_answers_position import swap_error_km
-from benchmark.studies.thesis_centroids import DISTURBANCES, disturb, rotation, sites_of
-from benchmark.studies.thesis_disturbed import CLEAR, SETTINGS, disturbed_scenario
-from benchmark.studies.thesis_rendered import half_depth, study_scenario
-from benchmark.studies.thesis_study import run_study
-from benchmark.studies.thesis_tables import confidence_bins
+from benchmark.cli.app import app
+from benchmark.stats.intervals import Estimate, wilson
+from benchmark.stats.paired_tests import mcnemar_exact
+from benchmark.studies.common.centroid_frames import StarList, list_stars, make_frame, project
+from benchmark.studies.common.contestants import Contestant, judge_detections
+from benchmark.studies.common.page_model import Number, Table, family, plain
+from benchmark.studies.common.progress import StudyProgress
+from benchmark.studies.common.records import Row, Rows, write_rows
+from benchmark.studies.common.svg_plot import Axis, Series, plot
+from benchmark.studies.thesis import contestants as who
+from benchmark.studies.thesis import published as thesis
+from benchmark.studies.thesis.answers_confidence import calibration_error
+from benchmark.studies.thesis.answers_position import swap_error_km
+from benchmark.studies.thesis.centroids import DISTURBANCES, disturb, rotation, sites_of
+from benchmark.studies.thesis.disturbed import CLEAR, SETTINGS, disturbed_scenario
+from benchmark.studies.thesis.rendered import half_depth, study_scenario
+from benchmark.studies.thesis.study import run_study
+from benchmark.studies.thesis.tables import confidence_bins
 from celnav.solver import SOLVERS
-from generator.frame_plan import plan_frame
-from generator.scenario import FrameSpec
+from generator.frame.plan import plan_frame
+from generator.scenario.model import FrameSpec
 
 SCENARIO = Path(__file__).parents[3] / "scenes" / "thesis_mag.yaml"
 
@@ -295,8 +295,8 @@ def test_study_takes_a_dataset_and_refuses_contradictions(small_study, tmp_path)
 
 @pytest.mark.slow
 def test_adaptive_recall_on_rendered_frames_of_magnitude_seven(tmp_path):
-    from benchmark.studies.thesis_rendered import PART, solve_pictures
-    from generator.dataset_writer import render_dataset
+    from benchmark.studies.thesis.rendered import PART, solve_pictures
+    from generator.frame.render import render_dataset
 
     scenario = study_scenario(SCENARIO, 12)
     tree = {**scenario.template, "stars": {"limiting_magnitude": 7.0}}

@@ -13,10 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from benchmark import parquet_guard, submission, submission_cells
-from benchmark.cli import app
-from benchmark.csv_cells import csv_lines, safe_cell
-from benchmark.submission import FRAME_COLUMNS, check_answers, check_stars
+from benchmark.cli.app import app
+from benchmark.submit import cells as submission_cells
+from benchmark.submit import parquet_guard, submission
+from benchmark.submit.csv_cells import csv_lines, safe_cell
+from benchmark.submit.submission import FRAME_COLUMNS, check_answers, check_stars
 
 HEADER = ",".join(FRAME_COLUMNS)
 GOOD = "frame-00001,fix,52.1,4.5,0.01,0.001,0.02,0.9,12.5"

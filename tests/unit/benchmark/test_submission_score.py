@@ -10,14 +10,14 @@ from PIL import Image
 from typer.testing import CliRunner
 from unit.benchmark.fake_night import rng_for, write_dataset
 
-from benchmark.cli import app
-from benchmark.csv_cells import csv_lines
-from benchmark.dataset import open_dataset
-from benchmark.frame_metrics import measure, read_frames
-from benchmark.intervals import wilson
-from benchmark.results import read_results
-from benchmark.submission import FRAME_COLUMNS, STAR_COLUMNS
-from benchmark.submission_pack import withheld_names
+from benchmark.cli.app import app
+from benchmark.frames.dataset import open_dataset
+from benchmark.run.results import read_results
+from benchmark.stats.frame_metrics import measure, read_frames
+from benchmark.stats.intervals import wilson
+from benchmark.submit.csv_cells import csv_lines
+from benchmark.submit.pack import withheld_names
+from benchmark.submit.submission import FRAME_COLUMNS, STAR_COLUMNS
 
 N = 9
 

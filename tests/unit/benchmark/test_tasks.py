@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 from unit.benchmark.test_solver_programs import PROGRAM
 
 import celnav
-from benchmark.bench_cli import app
+from benchmark.cli.bench import app
 from benchmark.errors import TaskError
-from benchmark.results import read_task_results
+from benchmark.frames.task_frames import misinformed, wanted_shards
+from benchmark.protocol import CameraRecord, Observation
+from benchmark.run.results import read_task_results
 from benchmark.solvers.celnav_solver import answer_of
-from benchmark.solvers.protocol import CameraRecord, Observation
-from benchmark.task_frames import misinformed, wanted_shards
 from benchmark.tasks import definition
 from benchmark.tasks.definition import FOLDER, Told, load_task, task_names, widest_half_width_points
 
@@ -188,7 +188,7 @@ def tiny(tmp_path_factory):
 
 def bench(root, monkeypatch, *arguments):
     # A task folder of the test's own.
-    for module in ("benchmark.task_cli", "benchmark.tasks.definition"):
+    for module in ("benchmark.cli.tasks", "benchmark.tasks.definition"):
         monkeypatch.setattr(f"{module}.load_task", lambda name: load_task(name, root / "tasks"))
     places = ["--out", str(root / "out"), "--data", str(root / "data")]
     return CliRunner().invoke(app, ["run", "tiny", *arguments, *places], catch_exceptions=False)

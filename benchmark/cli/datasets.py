@@ -1,0 +1,241 @@
+"""Commands on datasets: plan, generate, verify, export, show."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import yaml
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column, Table
+
+from benchmark.cli.errors import fail
+from benchmark.report.formatting import duration, file_size
+from generator.errors import GeneratorError
+
+if TYPE_CHECKING:
+    from generator.dataset.run import Runner
+
+_Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
+
+
+def plan(
+    scenario: _Scenario,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Render three frames to know time and size instead of guessing them.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Print what a scenario would make: frames, values, files that it names, time and size."""
+    from generator.dataset.forecast import forecast
+    from generator.scenario.file import load_scenario
+
+    try:
+        loaded = load_scenario(scenario)
+        with Console(stderr=True).status("planning"):
+            expected = forecast(loaded, measure)
+    except GeneratorError as error:
+        fail(error)
+    sweeps = {".".join(sweep.path): sweep.values for axis in loaded.axes for sweep in axis}
+    draws = {".".join(draw.path): _as_written(loaded.template, draw.path) for draw in loaded.draws}
+    files = {file.path: file.sha256 for file in loaded.files}
+    if as_json:
+        identity = {"name": loaded.name, "sha256": loaded.sha256, "seed": loaded.seed}
+        varied = {"sweeps": {key: list(values) for key, values in sweeps.items()}, "draws": draws, "files": files}
+        typer.echo(json.dumps(identity | asdict(expected) | varied))
+        return
+    table = Table("", Column(loaded.name, overflow="fold"), show_header=True)
+    table.add_row("frames", f"{loaded.frame_count} ({loaded.combination_count} combinations x {loaded.repeats})")
+    for name, values in sweeps.items():
+        table.add_row(f"sweep {name}", _listing(values))
+    for name, distribution in draws.items():
+        table.add_row(f"draw {name}", distribution)
+    for name in files:
+        table.add_row("file", name)
+    table.add_row("image", f"{expected.width} x {expected.height}, {expected.bits} bits")
+    table.add_row("stars", f"{expected.catalogue_stars} above the first frame's horizon")
+    known = "measured on three frames" if expected.measured else "a guess; --measure renders three frames to know"
+    table.add_row("time", f"{duration(expected.seconds)} on {expected.cores} cores ({known})")
+    table.add_row("size", f"{file_size(expected.bytes)} as 16-bit PNG with truth")
+    table.add_row("scenario hash", loaded.sha256)
+    Console().print(table)
+
+
+def _listing(values: tuple[object, ...]) -> str:
+    shown = ", ".join(str(value) for value in values[:12])
+    return shown + (f", … ({len(values)})" if len(values) > 12 else "")
+
+
+def _as_written(tree: Any, path: tuple[str, ...]) -> str:
+    """A scenario's value as its file has it, on one line."""
+    for key in path:
+        tree = tree[key]
+    return yaml.safe_dump(tree, default_flow_style=True, width=1000).strip()
+
+
+def generate(
+    scenario: _Scenario,
+    out: Annotated[str, typer.Option("--out", help="Folder (or URL such as s3://…); a begun dataset is continued.")],
+    frames: Annotated[str, typer.Option("--frames", metavar="FIRST:STOP", help="Frames to make, STOP excluded.")] = "",
+    split: Annotated[str, typer.Option("--split", help="Name of the split.")] = "train",
+    shard_size: Annotated[int, typer.Option("--shard-size", min=1, help="Frames per shard.")] = 100,
+    exr: Annotated[bool, typer.Option("--exr", help="Store the expected electrons too.")] = False,
+    codec: Annotated[str, typer.Option("--codec", help="png, or jxl (lossless JPEG XL).")] = "png",
+    workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
+    or 1,
+    part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "0/1",
+    backend: Annotated[str, typer.Option("--backend", help="local, or ray.")] = "local",
+    ray_address: Annotated[
+        str, typer.Option("--ray-address", help="Of a running cluster; else one is started here.")
+    ] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Report progress as JSON lines on standard output.")] = False,
+) -> None:
+    """Make a dataset in shards; killed and started again, it goes on where it was."""
+    from generator.dataset.generate import generate as make
+    from generator.dataset.layout import DatasetSpec
+    from generator.dataset.run import Part
+    from generator.dataset.shard import ShardReport
+    from generator.scenario.file import load_scenario
+
+    started = time.monotonic()
+    own_lines = sys.stdout  # a backend may redirect the stream while it runs
+
+    def tell(event: dict[str, object]) -> None:
+        if as_json:
+            typer.echo(json.dumps(event), file=own_lines)
+
+    try:
+        loaded = load_scenario(scenario)
+        chosen = _range(frames, loaded.frame_count)
+        index, count = _part(part)
+        spec = DatasetSpec(split, shard_size, exr, codec)
+        done = failed = 0
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TaskProgressColumn(show_speed=True),
+                   TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
+        with Progress(*columns, console=Console(stderr=True), disable=as_json) as progress:
+            task = progress.add_task("rendering", total=chosen[1] - chosen[0], rate="")
+
+            def frame_done(frame: int) -> None:
+                nonlocal done
+                done += 1
+                rate = done / (time.monotonic() - started)
+                progress.update(task, advance=1, rate=f"{rate:.1f} frames/s, {failed} failed")
+                tell({"event": "frame", "index": frame, "done": done, "frames_per_s": round(rate, 3)})
+
+            def shard_done(report: ShardReport) -> None:
+                nonlocal failed
+                failed += len(report.failures)
+                if report.skipped:
+                    progress.advance(task, report.shard.stop - report.shard.first)
+                state = "kept" if report.skipped else "done" if report.complete else "failed"
+                failures = [asdict(failure) for failure in report.failures]
+                tell({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
+
+            report = make(loaded, scenario.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
+                          _backend(backend, ray_address), frame_done, shard_done)  # fmt: skip
+    except GeneratorError as error:
+        fail(error)
+    for failure in report.failures:
+        typer.echo(f"skybench: frame {failure.index} failed: {failure.error}", err=True)
+    finished = not report.missing
+    if as_json:
+        tell({"event": "end", "finished": finished, "missing_shards": len(report.missing)})
+    elif finished:
+        typer.echo(f"{chosen[1] - chosen[0]} frames in {out}; check them with: skybench verify {out}")
+    else:
+        typer.echo(f"{len(report.missing)} shards are still missing in {out}")
+    raise typer.Exit(1 if report.failures else 0)
+
+
+def _backend(name: str, ray_address: str) -> Runner:
+    from generator.dataset.ray_backend import ray_runner
+    from generator.dataset.run import run_shards
+
+    if name == "local":
+        return run_shards
+    if name == "ray":
+        return ray_runner(ray_address or None)
+    raise GeneratorError(f"--backend {name}: one of local, ray")
+
+
+def _range(text: str, count: int) -> tuple[int, int]:
+    if not text:
+        return 0, count
+    first, colon, stop = text.partition(":")
+    if not colon or not first.isdigit() or not stop.isdigit():
+        raise GeneratorError(f"--frames {text}: expected FIRST:STOP, for example 120:121")
+    return int(first), int(stop)
+
+
+def _part(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    if not slash or not index.isdigit() or not count.isdigit():
+        raise GeneratorError(f"--part {text}: expected I/N, for example 0/4")
+    return int(index), int(count)
+
+
+def verify(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")]) -> None:
+    """Check every file of a dataset against its manifest, and the manifest against its scenario."""
+    from generator.dataset.verify import problems
+
+    with Console(stderr=True).status("reading") as status:
+        found = problems(folder, lambda path: status.update(f"reading {path}"))
+    for problem in found:
+        typer.echo(problem)
+    if not found:
+        typer.echo(f"{folder}: whole")
+    raise typer.Exit(1 if found else 0)
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")],
+    to: Annotated[str, typer.Option("--to", help="files, coco, fits, or withheld (without its truth).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
+) -> None:
+    """Write a dataset in another form."""
+    from generator.dataset.export import export as write
+
+    try:
+        with Console(stderr=True).status("writing") as status:
+            write(folder, to, out, lambda frame_id: status.update(f"writing {frame_id}"))
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{to} in {out}")
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
+    frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+) -> None:
+    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms."""
+    from benchmark.report.show.page import write_page
+
+    place = folder.resolve()
+    try:
+        with Progress(console=Console(stderr=True)) as progress:
+            task = progress.add_task("drawing", total=frames)
+            written = write_page(
+                folder,
+                out or place.with_name(f"{place.name}-show"),
+                frames,
+                lambda done, of: progress.update(task, completed=done, total=of),
+            )
+    except GeneratorError as error:
+        fail(error)
+    typer.echo(f"{written.shown} of {written.frames} frames, {written.size / 1e6:.1f} MB: open {written.page}")

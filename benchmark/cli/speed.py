@@ -1,0 +1,82 @@
+"""The command `skybench speed`."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from benchmark.cli.errors import fail
+
+if TYPE_CHECKING:
+    from generator.speed.pairs import PairedTimes
+    from generator.speed.report import SpeedReport
+
+EPILOG = (
+    "Examples: skybench speed; skybench speed --codec jxl --json > speed.json; skybench speed --solver.  "
+    "Exit status with --solver: 0 when every bar is reached, 1 otherwise."
+)
+
+
+def speed(
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to time by stage, and per process.")] = 30,
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Pairs of frames for each ratio.")] = 9,
+    codec: Annotated[str, typer.Option("--codec", help="Image format: png or jxl.")] = "png",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    solver: Annotated[bool, typer.Option("--solver", help="Measure the default solver on random star fields.")] = False,
+    fields: Annotated[int, typer.Option("--fields", min=1, help="With --solver: fields of each condition.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", help="With --solver: seed of the fields.")] = 2026,
+) -> None:
+    """Time the making of frames, stage by stage, beside a floor: drawing the noise and compressing the image alone."""
+    if solver:
+        from benchmark.fields.solver_table import solver_speed
+
+        raise typer.Exit(0 if solver_speed(fields, seed, typer.echo) else 1)
+    from generator.dataset.layout import DatasetSpec
+    from generator.errors import GeneratorError
+
+    try:
+        DatasetSpec(codec=codec)
+        from generator.speed.report import measure
+
+        console = Console(stderr=True)
+        with console.status("measuring") as status:
+            report = measure(frames, pairs, codec=codec, progress=lambda stage: status.update(f"measuring {stage}"))
+    except GeneratorError as error:
+        fail(error)
+    if as_json:
+        json.dump(report.as_json(), sys.stdout, indent=1)
+        typer.echo()
+        return
+    for table in tables(report):
+        Console().print(table)
+
+
+def tables(report: SpeedReport) -> list[Table]:
+    """The report for people."""
+    size = report.size
+    stages = Table("stage", "ms", title=f"one frame, {size.width} x {size.height}, {report.codec}, one process")
+    for name, seconds in report.stages_s.items():
+        stages.add_row(name, f"{1000 * seconds:.1f}")
+    stages.add_row("together", f"{1000 * report.frame_s:.1f}", end_section=True)
+    for name, seconds in report.floor_s.items():
+        stages.add_row(f"floor: {name}", f"{1000 * seconds:.1f}")
+    stages.add_row("floor together", f"{1000 * sum(report.floor_s.values()):.1f}")
+    stages.add_row("frame over floor", f"{report.over_floor:.2f}")
+    rates = Table("worker processes", "frames/s", title=f"steady state on {report.device} ({report.variant})")
+    for workers, rate in report.frames_per_s.items():
+        rates.add_row(str(workers), f"{rate:.1f}")
+    rates.add_row("scaling", f"{report.scaling:.2f}")
+    ratios = Table("", "plain, ms", "full, ms", "median ratio", title="in pairs, image included")
+    for name, times in (("sky", report.sky), ("camera", report.camera)):
+        ratios.add_row(name, *_milliseconds(times), f"{times.ratio:.2f}")
+    return [stages, rates, ratios]
+
+
+def _milliseconds(times: PairedTimes) -> tuple[str, str]:
+    return (f"{1000 * statistics.median(times.plain_s):.0f}", f"{1000 * statistics.median(times.full_s):.0f}")

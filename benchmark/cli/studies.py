@@ -1,0 +1,138 @@
+"""Commands `skybench study thesis` and `skybench study calibration`."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from benchmark.errors import BenchmarkError
+from benchmark.studies.common.progress import StudyProgress
+
+app = typer.Typer(help="Replicate published work, and study what goes wrong.", no_args_is_help=True)
+
+DEFAULT_OUT = Path("results/studies/thesis")
+DEFAULT_SITES = 100
+CALIBRATION_OUT = Path("results/studies/calibration")
+CALIBRATION_SITES, CALIBRATION_PICTURES, GRADIENT_FRAMES = 40, 12, 10
+EXIT_BAD_INPUT = 2
+
+
+@app.callback()
+def _group() -> None:
+    """Replicate published work, and study what goes wrong."""
+
+
+@app.command(epilog="Example: skybench study thesis --frames 24")
+def thesis(
+    frames: Annotated[
+        int | None,
+        typer.Option("--frames", min=2, help="Frames per limiting magnitude; the scenario's 200 if left out."),
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option("--dataset", help="Frames rendered before; rendered now if left out.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder for tables, figures and the page.")] = DEFAULT_OUT,
+    scenario: Annotated[Path, typer.Option("--scenario", help="The thesis' sets.")] = Path("scenes/thesis_mag.yaml"),
+    work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/thesis_mag"),
+    sites: Annotated[int, typer.Option("--sites", min=2, help="Sites of the frames without pictures.")] = DEFAULT_SITES,
+) -> None:
+    """Run all variants of the thesis' solver on its sets, and hold the results beside the thesis' own."""
+    from benchmark.studies.thesis.study import PAGE, run_study  # loads the solvers, which --help need not wait for
+    from generator.errors import GeneratorError
+
+    if frames is not None and dataset is not None:
+        typer.echo("skybench: --frames is for rendering; leave it out with --dataset", err=True)
+        raise typer.Exit(EXIT_BAD_INPUT)
+    command = _command(frames, dataset, sites)
+    with _bars() as progress:
+        try:
+            study = run_study(scenario, frames, dataset, work, out, sites, command, progress)
+        except (BenchmarkError, GeneratorError) as error:
+            typer.echo(f"skybench: {error}", err=True)
+            raise typer.Exit(EXIT_BAD_INPUT) from None
+    for answer in study.answers:
+        typer.echo(f"{answer.key:6} {answer.verdict}")
+    typer.echo(str(out / PAGE))
+
+
+@app.command(epilog="Example: skybench study calibration --sites 10 --pictures 4")
+def calibration(
+    sites: Annotated[
+        int, typer.Option("--sites", min=2, help="Sites of the frames without pictures.")
+    ] = CALIBRATION_SITES,
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=1, help="Rendered frames of each kind.")
+    ] = CALIBRATION_PICTURES,
+    gradient: Annotated[
+        int, typer.Option("--gradient", min=2, help="Frames whose camera is recovered by gradient.")
+    ] = GRADIENT_FRAMES,
+    out: Annotated[Path, typer.Option("--out", help="Folder for tables, figures and the page.")] = CALIBRATION_OUT,
+    scenario: Annotated[Path, typer.Option("--scenario", help="Sites, instants and camera.")] = Path(
+        "scenes/calibration_study.yaml"
+    ),
+    work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/calibration"),
+) -> None:
+    """Tell a solver a wrong camera, attitude, clock or sky, and hold what happens beside its first-order prediction."""
+    from benchmark.studies.calibration.study import PAGE, Sizes, run_study  # loads the solvers
+    from generator.errors import GeneratorError
+
+    chosen = (
+        ("--sites", sites, CALIBRATION_SITES),
+        ("--pictures", pictures, CALIBRATION_PICTURES),
+        ("--gradient", gradient, GRADIENT_FRAMES),
+    )
+    command = "skybench study calibration" + "".join(f" {name} {n}" for name, n, usual in chosen if n != usual)
+    with _bars() as progress:
+        try:
+            study = run_study(scenario, Sizes(sites, pictures, gradient), work, out, command, progress)
+        except (BenchmarkError, GeneratorError) as error:
+            typer.echo(f"skybench: {error}", err=True)
+            raise typer.Exit(EXIT_BAD_INPUT) from None
+    for row in study.tables[0].rows:
+        typer.echo(f"{row[0]}: {row[6]}")
+    typer.echo(str(out / PAGE))
+
+
+@contextmanager
+def _bars() -> Iterator[StudyProgress]:
+    """Show progress bars, one a stage, on the terminal's error stream."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        tasks: list[TaskID] = []
+
+        def begin(name: str, total: int) -> None:
+            tasks.append(bar.add_task(name, total=total or None))
+
+        yield StudyProgress(begin, lambda: bar.advance(tasks[-1]))
+
+
+def _command(frames: int | None, dataset: Path | None, sites: int) -> str:
+    parts = ["skybench study thesis"]
+    if frames is not None:
+        parts.append(f"--frames {frames}")
+    if dataset is not None:
+        parts.append(f"--dataset {shlex.quote(dataset.name)}")
+    if sites != DEFAULT_SITES:
+        parts.append(f"--sites {sites}")
+    return " ".join(parts)

@@ -1,0 +1,169 @@
+"""Commands for solvers that run elsewhere: `skybench bench pack-test`, `check` and `score`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from benchmark.cli.errors import fail
+from benchmark.errors import BenchmarkError
+from benchmark.submit.submission import Checked, Problem, check_answers, check_stars
+
+if TYPE_CHECKING:
+    from benchmark.submit.pack import Truth
+
+EXIT_PROBLEMS = 1
+MOST_PRINTED = 100
+
+
+class Split(StrEnum):
+    """The two sets of a task's frames."""
+
+    DEV = "dev"
+    TEST = "test"
+
+
+_File = Annotated[Path, typer.Argument(metavar="FILE", help="The answers: CSV or Parquet (docs/submissions.md).")]
+_Target = Annotated[str, typer.Argument(metavar="TASK|DIR", help="Task (see `bench list`), or a dataset folder.")]
+_SplitOption = Annotated[Split, typer.Option("--split", help="Of the task.")]
+_Frames = Annotated[
+    int | None,
+    typer.Option("--frames", min=1, help="Frames a condition, the same for packing and scoring; default: all."),
+]
+_Data = Annotated[Path, typer.Option("--data", help="Folder for the tasks' frames; what is missing is rendered.")]
+_Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes that render.")]
+_DEFAULT_DATA = Path("out/tasks")
+_Stars = Annotated[Path | None, typer.Option("--stars", help="Star table of the submission, CSV or Parquet.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("pack-test", epilog="Example: skybench bench pack-test out/demo --out out/set")(pack_test)
+    app.command(
+        "check", epilog="Example: skybench bench check answers.csv --set out/set. Exit status: 0 in order, 1 not."
+    )(check)
+    app.command(
+        "score", epilog="Example: skybench bench score answers.csv --truth out/demo --name mine --out results/demo"
+    )(score)
+
+
+def pack_test(
+    target: _Target,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the set, empty or new.")],
+    split: _SplitOption = Split.TEST,
+    frames: _Frames = None,
+    data: _Data = _DEFAULT_DATA,
+    jobs: _Jobs = 1,
+) -> None:
+    """Write images and what a solver may know, without the truth, under names that tell nothing."""
+    from benchmark.submit.pack import pack  # loads the solvers, which --help need not wait for
+
+    try:
+        with _progress() as progress, _opened(target, split, frames, data, jobs, progress) as truth:
+            task = progress.add_task("packing", total=len(truth.frames))
+            pack(truth.frames, out, lambda name: progress.advance(task))
+            count = len(truth.frames)
+    except BenchmarkError as error:
+        fail(error)
+    form = out / "answers.csv"
+    typer.echo(f"{count} frames in {out}; fill in {form}, then: skybench bench check {form} --set {out}")
+
+
+def check(
+    file: _File,
+    stars: _Stars = None,
+    packed: Annotated[Path | None, typer.Option("--set", help="The set that was answered, to check ids.")] = None,
+) -> None:
+    """Say line by line what is wrong with a submission."""
+    from benchmark.submit.pack import listed_names
+
+    try:
+        names = None if packed is None else listed_names(packed)
+    except BenchmarkError as error:
+        fail(error)
+    answers = _read(file, stars, names)[0]
+    fixes = sum(answer.status == "fix" for answer in answers.answers)
+    typer.echo(f"in order: {len(answers.answers)} frames, {fixes} fixes")
+
+
+def score(
+    file: _File,
+    truth: Annotated[str, typer.Option("--truth", metavar="TASK|DIR", help="What the set was packed from.")],
+    name: Annotated[str, typer.Option("--name", help="Name on the leaderboard.")],
+    stars: _Stars = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Results folder; default results/leaderboard or results/demo.")
+    ] = None,
+    split: _SplitOption = Split.TEST,
+    frames: _Frames = None,
+    data: _Data = _DEFAULT_DATA,
+    jobs: _Jobs = 1,
+) -> None:
+    """Score a submission and put it beside the results of the solvers that ran here."""
+    from benchmark.report.formatting import number, percent
+    from benchmark.stats.metrics import summarise
+    from benchmark.submit.score import check_name, judge_submission, names_in_use, version_of, write_score
+
+    try:
+        check_name(name)
+        with _progress() as progress, _opened(truth, split, frames, data, jobs, progress) as found:
+            names = names_in_use(found.frames, [answer.frame_id for answer in check_answers(file).answers])
+            answers, table = _read(file, stars, frozenset(names.values()))
+            outcomes = judge_submission(found.frames, names, answers, table)
+            folder = out or Path("results/demo" if found.task is None else "results/leaderboard")
+            path = write_score(found, folder, name, version_of(file, stars), outcomes)
+    except BenchmarkError as error:
+        fail(error)
+    summary = summarise([outcome.score for outcome in outcomes])
+    typer.echo(
+        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
+        f"median error {number(summary.median_error_km.value, 'km')}"
+    )
+    typer.echo(f"results in {path.parent}; next: skybench bench report --out {folder}")
+
+
+@contextmanager
+def _opened(
+    target: str, split: Split, frames: int | None, data: Path, jobs: int, progress: Progress
+) -> Iterator[Truth]:
+    from benchmark.submit.pack import TaskChoice, opened
+
+    line = progress.add_task("frames", total=None, visible=False)
+
+    def advance(count: int) -> None:
+        progress.update(line, advance=count, visible=True)
+
+    with opened(target, TaskChoice(split.value, frames, data, jobs), advance) as truth:
+        progress.update(line, visible=False)
+        yield truth
+
+
+def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
+    """Read both files; print what is wrong and exit where anything is."""
+    answers = check_answers(file, names)
+    table = None if stars is None else check_stars(stars, names)
+    for path, checked in ((file, answers), (stars, table)):
+        if checked is not None and path is not None:
+            _print(path, checked.problems)
+    if answers.problems or (table is not None and table.problems):
+        raise typer.Exit(EXIT_PROBLEMS)
+    return answers, table
+
+
+def _print(path: Path, problems: tuple[Problem, ...]) -> None:
+    for problem in problems[:MOST_PRINTED]:
+        typer.echo(f"{path}: {problem}", err=True)
+    if len(problems) > MOST_PRINTED:
+        typer.echo(f"{path}: and {len(problems) - MOST_PRINTED} more problems", err=True)
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=Console(stderr=True))

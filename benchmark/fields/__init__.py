@@ -1,0 +1,1 @@
+"""Random star fields, and what the default solver must reach on them."""

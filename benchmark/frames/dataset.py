@@ -1,0 +1,300 @@
+"""Reading a rendered dataset folder (docs/dataset_format.md): frames for the solver, truth for the judge."""
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from benchmark.errors import DatasetError
+from benchmark.frames.conditions import FrameConditions, read_conditions
+from benchmark.frames.record_values import RENDER_AGAIN, integer, number, read_record, text, value
+from benchmark.protocol import CameraRecord, Observation
+
+TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
+CLOUD_COLUMN = "cloud_optical_depth"
+STREAK_COLUMNS = ("start_u_px", "start_v_px", "end_u_px", "end_v_px")
+
+
+@dataclass(frozen=True)
+class TruthStars:
+    """Truth stars of one frame, each of length n.
+
+    Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, and the way (px) that
+    it goes over the image during the exposure (None where the truth table does not say).
+    """
+
+    star_id: NDArray[np.int64]
+    uv: NDArray[np.float64]
+    electrons_e: NDArray[np.float64]
+    snr: NDArray[np.float64]
+    cloud_optical_depth: NDArray[np.float64] | None = None
+    streak_px: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a dataset; `observation` goes to the solver, the rest to the judge.
+
+    `condition` is the graded value of the frame in its task, None outside a task.
+    """
+
+    frame_id: str
+    index: int
+    image_path: Path
+    observation: Observation
+    conditions: FrameConditions
+    truth: TruthStars
+    condition: float | None = None
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A whole dataset folder, images not yet read.
+
+    Attributes
+    ----------
+    name : str
+        The folder's name without its path.
+    scenario_name, scenario_sha256 : str
+        From the frame records, the same in all of them.
+    truth_sha256 : str
+        Of the bytes of stars.parquet; together with the scenario it says which frames were scored.
+    frames : tuple of Frame
+        In the order of their index.
+    provenance : mapping of str to str
+        The generator's versions, from the first frame record.
+    """
+
+    name: str
+    scenario_name: str
+    scenario_sha256: str
+    truth_sha256: str
+    frames: tuple[Frame, ...]
+    provenance: Mapping[str, str]
+
+
+def open_dataset(folder: Path) -> Dataset:
+    """Read all frame records and the truth table of a dataset folder.
+
+    Parameters
+    ----------
+    folder : Path
+        What `skybench render --out` wrote.
+
+    Returns
+    -------
+    Dataset
+
+    Raises
+    ------
+    DatasetError
+        The folder is missing, unfinished or contradicts itself; names the file and the remedy.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: no such folder; make it with `skybench render SCENARIO --out {folder}`")
+    record_paths = sorted(folder.glob("frame-*.json"))
+    if not record_paths:
+        raise DatasetError(f"{folder}: no frame-*.json in it; make a dataset with `skybench render`")
+    truth_path = folder / "stars.parquet"
+    if not truth_path.is_file():
+        raise DatasetError(f"{truth_path}: missing, so the rendering was not finished; {RENDER_AGAIN}")
+    truth = _read_truth(truth_path)
+    records = [read_record(path) for path in record_paths]
+    frames = [_frame(path, record, truth) for path, record in zip(record_paths, records, strict=True)]
+    scenarios = {_scenario(path, record) for path, record in zip(record_paths, records, strict=True)}
+    if len(scenarios) != 1:
+        raise DatasetError(f"{folder}: frames of {len(scenarios)} different scenarios; keep one scenario per folder")
+    scenario_name, scenario_sha256 = scenarios.pop()
+    indices = [frame.index for frame in frames]
+    if len(set(indices)) != len(indices):
+        raise DatasetError(f"{folder}: two frame records have the same index; {RENDER_AGAIN}")
+    strangers = set(truth) - {frame.frame_id for frame in frames}
+    if strangers:
+        raise DatasetError(f"{truth_path}: has stars of {min(strangers)}, which has no frame record; {RENDER_AGAIN}")
+    provenance = records[0].get("provenance", {})
+    return Dataset(
+        name=folder.resolve().name,
+        scenario_name=scenario_name,
+        scenario_sha256=scenario_sha256,
+        truth_sha256=hashlib.sha256(truth_path.read_bytes()).hexdigest(),
+        frames=tuple(sorted(frames, key=lambda frame: frame.index)),
+        provenance={str(key): str(value) for key, value in provenance.items()} if isinstance(provenance, dict) else {},
+    )
+
+
+def read_frames(record_paths: Sequence[Path], truth_paths: Sequence[Path]) -> Iterator[Frame]:
+    """Read frame records, each with its image beside it, and their truth from any number of tables.
+
+    Parameters
+    ----------
+    record_paths : sequence of Path
+    truth_paths : sequence of Path
+
+    Yields
+    ------
+    Frame
+        In the order of the records.
+
+    Raises
+    ------
+    DatasetError
+        As for `open_dataset`.
+    """
+    truth: dict[str, TruthStars] = {}
+    for path in truth_paths:
+        truth |= _read_truth(path)
+    for path in record_paths:
+        yield _frame(path, read_record(path), truth)
+
+
+def load_image(frame: Frame) -> NDArray[np.uint16]:
+    """Read a frame's PNG as DN, shape (height, width).
+
+    Raises
+    ------
+    DatasetError
+        Missing, truncated, not a 16-bit one-channel PNG, or not of the camera's size.
+    """
+    path = frame.image_path
+    if not path.is_file():
+        raise DatasetError(f"{path}: missing image; {RENDER_AGAIN}")
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            if picture.mode not in {"I;16", "I;16B"}:
+                raise DatasetError(f"{path}: expected 16 bits and one channel, found mode {picture.mode}")
+            picture.load()
+            image = np.asarray(picture).astype(np.uint16)
+    except UnidentifiedImageError as error:
+        raise DatasetError(f"{path}: not a PNG image; {RENDER_AGAIN}") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        # Pillow reports a cut-off or corrupted stream as any of these.
+        raise DatasetError(f"{path}: truncated or damaged PNG ({error}); {RENDER_AGAIN}") from error
+    camera = frame.observation.camera
+    if image.shape != (camera.height, camera.width):
+        raise DatasetError(
+            f"{path}: the image has {image.shape[1]} x {image.shape[0]} pixels, its camera in {frame.frame_id}.json "
+            f"{camera.width} x {camera.height}; the two must agree, {RENDER_AGAIN}"
+        )
+    return image
+
+
+def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
+    """Camera, time, attitude and air as a frame record has them, whatever a solver is told; `path` is for messages."""
+    utc = text(path, record, "time.utc_mid")
+    if not utc.endswith("Z"):
+        raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
+    refracts = value(path, record, "atmosphere.refraction")
+    if not isinstance(refracts, bool):
+        raise DatasetError(f"{path}: atmosphere.refraction must be true or false, found {refracts!r}")
+    return Observation(
+        camera=_camera(path, record),
+        utc=utc,
+        R_cam=_attitude(path, record),
+        pressure_hpa=number(path, record, "atmosphere.pressure_hpa", 0.0, 1200.0) if refracts else 0.0,
+        temperature_c=number(path, record, "atmosphere.temperature_c", -100.0, 80.0),
+    )
+
+
+def _scenario(path: Path, record: Mapping[str, Any]) -> tuple[str, str]:
+    return text(path, record, "scenario.name"), text(path, record, "scenario.sha256")
+
+
+def _camera(path: Path, record: Mapping[str, Any]) -> CameraRecord:
+    def coefficients(key: str) -> tuple[float, ...]:
+        found = value(path, record, key)
+        if not isinstance(found, list) or not all(isinstance(c, int | float) and math.isfinite(c) for c in found):
+            raise DatasetError(f"{path}: {key} must be a list of finite numbers, found {found!r}")
+        return tuple(float(c) for c in found)
+
+    return CameraRecord(
+        model=text(path, record, "camera.model"),
+        width=integer(path, record, "camera.width", low=1),
+        height=integer(path, record, "camera.height", low=1),
+        f_px=number(path, record, "camera.f_px"),
+        fy_px=number(path, record, "camera.fy_px"),
+        cx_px=number(path, record, "camera.cx_px"),
+        cy_px=number(path, record, "camera.cy_px"),
+        k=coefficients("camera.k"),
+        p=coefficients("camera.p"),
+    )
+
+
+def _attitude(path: Path, record: Mapping[str, Any]) -> NDArray[np.float64]:
+    found = value(path, record, "attitude.R_cam")
+    try:
+        matrix = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: attitude.R_cam must be 3 rows of 3 numbers, found {found!r}") from error
+    proper = matrix.shape == (3, 3) and np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    if not proper or np.linalg.det(matrix) < 0.0:
+        raise DatasetError(f"{path}: attitude.R_cam is not a rotation matrix; {RENDER_AGAIN}")
+    return matrix
+
+
+def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars]) -> Frame:
+    frame_id = text(path, record, "frame_id")
+    if frame_id != path.stem:
+        raise DatasetError(f"{path}: frame_id is {frame_id!r}, the file's name says {path.stem!r}")
+    n_in_field = integer(path, record, "stars.n_in_field")
+    stars = truth.get(frame_id, _NO_STARS)
+    if len(stars.star_id) != n_in_field:
+        raise DatasetError(
+            f"{path}: stars.n_in_field is {n_in_field}, stars.parquet has {len(stars.star_id)} rows of this frame; "
+            f"{RENDER_AGAIN}"
+        )
+    observation = true_observation(path, record)
+    return Frame(
+        frame_id=frame_id,
+        index=integer(path, record, "index"),
+        image_path=path.with_suffix(".png"),
+        observation=observation,
+        conditions=read_conditions(path, record, observation.camera, n_in_field, stars.cloud_optical_depth),
+        truth=stars,
+    )
+
+
+_NO_STARS = TruthStars(
+    np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0, dtype=np.float64), np.empty(0, dtype=np.float64)
+)
+
+
+def _read_truth(path: Path) -> dict[str, TruthStars]:
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DatasetError(f"{path}: not a readable Parquet file ({error}); {RENDER_AGAIN}") from error
+    missing = [name for name in TRUTH_COLUMNS if name not in table.column_names]
+    if missing:
+        raise DatasetError(f"{path}: column {missing[0]} is missing (docs/dataset_format.md); {RENDER_AGAIN}")
+    frame_ids = np.asarray(table["frame_id"].to_pylist(), dtype=str)
+    optional = [CLOUD_COLUMN] if CLOUD_COLUMN in table.column_names else []
+    streaks = all(name in table.column_names for name in STREAK_COLUMNS)
+    wanted = (*TRUTH_COLUMNS[1:], *optional, *(STREAK_COLUMNS if streaks else ()))
+    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in wanted}
+    stars = {}
+    for frame_id in np.unique(frame_ids):
+        rows = frame_ids == frame_id
+        stars[str(frame_id)] = TruthStars(
+            star_id=columns["star_id"][rows].astype(np.int64),
+            uv=np.column_stack([columns["u_px"][rows], columns["v_px"][rows]]).astype(np.float64),
+            electrons_e=columns["electrons_e"][rows].astype(np.float64),
+            snr=columns["snr"][rows].astype(np.float64),
+            cloud_optical_depth=columns[CLOUD_COLUMN][rows].astype(np.float64) if optional else None,
+            streak_px=_streak(*(columns[name][rows] for name in STREAK_COLUMNS)) if streaks else None,
+        )
+    return stars
+
+
+def _streak(
+    start_u: NDArray[np.float64], start_v: NDArray[np.float64], end_u: NDArray[np.float64], end_v: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """From start to end, shape (n, 2), px; 0 where the table has no number."""
+    return np.nan_to_num(np.column_stack((end_u - start_u, end_v - start_v)).astype(np.float64))

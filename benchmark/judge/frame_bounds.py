@@ -1,0 +1,55 @@
+"""The Cramér-Rao bound of a dataset's frames, from their records and their truth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from benchmark.frames.dataset import Frame, true_observation
+from benchmark.frames.record_values import optional_number, read_record
+from benchmark.judge.cramer_rao import AttitudePrior, StarLight, background_variance, bound_km
+
+
+def light_of(frame: Frame) -> StarLight | None:
+    """Gather a frame's light as it truly was, whatever the solver is told.
+
+    Read anew from the frame's record (``camera``, ``attitude.R_cam``, ``optics.psf_sigma_px``); None where there is no
+    record, or it does not say how wide the point spread function is.
+
+    Raises
+    ------
+    DatasetError
+        The record is damaged.
+    """
+    if not frame.image_path.name:
+        return None  # made in memory, without image or record
+    path = frame.image_path.with_suffix(".json")
+    record = read_record(path)
+    sigma_px = optional_number(path, record, "optics.psf_sigma_px")
+    if sigma_px is None:
+        return None
+    seen, truth = true_observation(path, record), frame.truth
+    return StarLight(
+        uv=truth.uv,
+        electrons_e=truth.electrons_e,
+        background_e2=background_variance(truth.electrons_e, truth.snr, sigma_px),
+        streak_px=np.zeros_like(truth.uv) if truth.streak_px is None else truth.streak_px,
+        psf_sigma_px=sigma_px,
+        camera=seen.camera,
+        R_cam=seen.R_cam,
+        latitude_deg=frame.conditions.latitude_deg,
+    )
+
+
+def bound_of(frame: Frame) -> float | None:
+    """Least root mean square position error, km, with the attitude as well known as the solver was told.
+
+    None where the frame has no bound: no width of the point spread function on record, or no stars that fix a position.
+    """
+    light = light_of(frame)
+    if light is None:
+        return None
+    told = frame.observation
+    bound = bound_km(light, AttitudePrior(told.tilt_sigma_deg, told.heading_sigma_deg))
+    return bound if math.isfinite(bound) else None

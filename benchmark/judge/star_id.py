@@ -1,0 +1,96 @@
+"""Which of a solver's star identifications are true.
+
+Definitions (docs/benchmark.md repeats them):
+
+* A *truth star* of a frame is a row of its truth table with `snr` of at least `TRACE_SNR`: a star that leaves a trace.
+* A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
+  detection's position, and is the nearest of the truth stars that do, or gives at least `BLEND_SHARE` of the electrons
+  of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
+  brightest, and a blend of equals may be named after any of them.
+* A *detection of a star* is a detection with a truth star within the radius.
+* Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
+  all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from benchmark.frames.dataset import TruthStars
+
+MATCH_RADIUS_PX = 3.0
+TRACE_SNR = 3.0
+BLEND_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class StarScore:
+    """Star identification in one frame.
+
+    Attributes
+    ----------
+    n_detected_stars : int
+        Detections of a star.
+    n_matches, n_correct : int
+        Matches claimed, and those that are correct.
+    correct : ndarray of bool, shape (n_matches,)
+    """
+
+    n_detected_stars: int
+    n_matches: int
+    n_correct: int
+    correct: NDArray[np.bool_]
+
+
+def score_matches(
+    uv: NDArray[np.float64],
+    matches: NDArray[np.int64],
+    truth: TruthStars,
+    radius_px: float = MATCH_RADIUS_PX,
+) -> StarScore:
+    """Hold the matches of one frame against its truth.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (n, 2)
+        Detections, px.
+    matches : ndarray of int, shape (m, 2)
+        Detection index and star id; each detection at most once.
+    truth : TruthStars
+        The frame's truth.
+    radius_px : float
+        How far a detection may lie from its star.
+
+    Returns
+    -------
+    StarScore
+    """
+    seen = truth.snr >= TRACE_SNR
+    star_uv, star_id, electrons = truth.uv[seen], truth.star_id[seen], truth.electrons_e[seen]
+    correct = np.zeros(len(matches), dtype=bool)
+    if not len(uv) or not len(star_uv):
+        return StarScore(0, len(matches), 0, correct)
+    tree = cKDTree(star_uv)
+    nearest_px, _ = tree.query(uv)
+    n_detected = int(np.count_nonzero(nearest_px <= radius_px))
+    near = tree.query_ball_point(uv[matches[:, 0]], radius_px) if len(matches) else []
+    for row, ((detection, star), found) in enumerate(zip(matches, near, strict=True)):
+        within = np.array(found, dtype=np.intp)
+        correct[row] = int(star) in _identities(uv[detection], star_uv[within], star_id[within], electrons[within])
+    return StarScore(n_detected, len(matches), int(np.count_nonzero(correct)), correct)
+
+
+def _identities(
+    place: NDArray[np.float64],
+    star_uv: NDArray[np.float64],
+    star_id: NDArray[np.int64],
+    electrons: NDArray[np.float64],
+) -> set[int]:
+    """Star ids that a detection at `place`, shape (2,), may rightly be given, of the stars within the radius."""
+    if len(star_id) == 0:
+        return set()
+    distance = np.hypot(*(star_uv - place).T)
+    bright = np.flatnonzero(electrons >= BLEND_SHARE * electrons.max())
+    return {int(star) for star in star_id[[distance.argmin(), *bright]]}

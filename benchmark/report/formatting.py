@@ -1,0 +1,98 @@
+"""Numbers as the terminal table and the report print them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import Summary
+
+
+def number(value: float, unit: str = "") -> str:
+    """Three significant digits; ``∞`` for infinity, ``—`` for undefined."""
+    if math.isnan(value):
+        return "—"
+    if math.isinf(value):
+        return "∞"
+    if value == 0.0:
+        text = "0"
+    else:
+        decimals = max(0, 2 - math.floor(math.log10(abs(value))))
+        text = f"{value:,.{min(decimals, 4)}f}".replace(",", "\N{THIN SPACE}")
+    return f"{text} {unit}".rstrip()
+
+
+def graded(value: float) -> str:
+    """Three significant digits of a task's condition without an exponent: ``0.0809``, ``4``, ``115 000``."""
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}".replace(",", "\N{THIN SPACE}") if abs(rounded) >= 1000 else f"{rounded:g}"
+
+
+def tick(value: float) -> str:
+    """A task's condition as the label of an axis, thousands with a k: ``0.003``, ``4k``, ``240k``."""
+    return f"{value / 1000:g}k" if abs(value) >= 1000 else f"{value:g}"
+
+
+def percent(value: float) -> str:
+    """One decimal, none for 0 and 100 %; ``—`` for undefined."""
+    if math.isnan(value):
+        return "—"
+    return f"{100.0 * value:.0f} %" if value in (0.0, 1.0) else f"{100.0 * value:.1f} %"
+
+
+def interval(estimate: Estimate, form: Callable[[float], str]) -> str:
+    """``low – high``; empty where the estimate is undefined."""
+    if math.isnan(estimate.value):
+        return ""
+    return f"{form(estimate.low).removesuffix(' %')} – {form(estimate.high)}"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric of the headline table: its heading, what it says in a few words, and how to print it."""
+
+    key: str
+    heading: str
+    hint: str
+    form: Callable[[float], str]
+
+    def value(self, summary: Summary) -> str:
+        """Print the metric's value."""
+        return self.form(self._estimate(summary).value)
+
+    def interval(self, summary: Summary) -> str:
+        """Print the metric's interval."""
+        return interval(self._estimate(summary), self.form)
+
+    def _estimate(self, summary: Summary) -> Estimate:
+        estimate = getattr(summary, self.key)
+        assert isinstance(estimate, Estimate)
+        return estimate
+
+
+HEADLINE = (
+    Column("recall", "recall", "error < 10 km, of all frames", percent),
+    Column("median_error_km", "median error, km", "of all frames, refused = ∞", number),
+    Column("p90_error_km", "90 % error, km", "of all frames, refused = ∞", number),
+    Column("wrong_and_confident", "wrong and confident", "a fix off by ≥ 10 km, of all frames", percent),
+    Column("star_precision", "star-ID precision", "correct of claimed", percent),
+    Column("star_recall", "star-ID recall", "correct of detected stars", percent),
+    Column("median_time_ms", "median time, ms", "per frame", number),
+    Column("p95_time_ms", "95 % time, ms", "per frame", number),
+)
+
+
+def duration(seconds: float) -> str:
+    """A length of time in the unit that suits it: ``42 s``, ``3.5 min``, ``12 h``, ``3 d``."""
+    for unit, length, most in (("s", 1.0, 120.0), ("min", 60.0, 120.0), ("h", 3600.0, 72.0)):
+        if seconds < most * length:
+            return f"{seconds / length:.2g} {unit}" if seconds / length < 10.0 else f"{seconds / length:.0f} {unit}"
+    return f"{seconds / 86400.0:.0f} d"
+
+
+def file_size(count: float) -> str:
+    """A number of bytes in the unit that suits it: ``640 kB``, ``1.2 GB``."""
+    for unit, size in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9)):
+        if count < 1000.0 * size:
+            return f"{count / size:.2g} {unit}" if count / size < 10.0 else f"{count / size:.0f} {unit}"
+    return f"{count / 1e12:.2g} TB"

@@ -1,0 +1,198 @@
+"""What `skybench show` draws from: a dataset in shards, or a folder that `skybench render` wrote."""
+
+import json
+import tarfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from generator.dataset.frame_columns import frame_row
+from generator.dataset.images import decode
+from generator.dataset.layout import MANIFEST
+from generator.dataset.reader import LARGEST_MEMBER_BYTES, Dataset
+from generator.errors import GeneratorError
+from generator.frame.object_table import OBJECT_SCHEMA
+from generator.frame.record import FORMAT, STAR_SCHEMA
+from generator.frame.render import OBJECTS_FILE, STARS_FILE
+
+
+class Source(Protocol):
+    """Frames to show.
+
+    Attributes
+    ----------
+    scenario, scenario_sha256, made_with : str
+    frames : DataFrame
+        One row per frame (columns: generator.dataset.frame_columns.FRAME_SCHEMA), by index.
+    """
+
+    @property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+
+    @property
+    def scenario_sha256(self) -> str:
+        """Its hash."""
+
+    @property
+    def frames(self) -> pd.DataFrame:
+        """Conditions of all frames."""
+
+    def image(self, position: int) -> NDArray[np.uint16]:
+        """DN of the frame in row `position` of `frames`, (height, width)."""
+
+    def stars(self, position: int) -> pd.DataFrame:
+        """Its truth of stars and planets."""
+
+    def objects(self, position: int) -> pd.DataFrame:
+        """Its truth of flying objects and the Moon."""
+
+
+def open_source(folder: Path) -> Source:
+    """Open a dataset or a folder of frames.
+
+    Raises
+    ------
+    GeneratorError
+        Neither is there, or it is unfinished or damaged.
+    """
+    if (folder / MANIFEST).is_file():
+        return ShardSource.open(folder)
+    if (folder / STARS_FILE).is_file():
+        return FolderSource.open(folder)
+    raise GeneratorError(
+        f"{folder}: holds neither {MANIFEST} nor {STARS_FILE}, so it is no finished dataset; "
+        "make one with `skybench generate` or `skybench render`"
+    )
+
+
+@dataclass(frozen=True)
+class ShardSource:
+    """A dataset that `skybench generate` wrote."""
+
+    dataset: Dataset
+    scenario: str
+    scenario_sha256: str
+    frames: pd.DataFrame
+
+    @classmethod
+    def open(cls, folder: Path) -> "ShardSource":
+        """Open it by its manifest. Raises GeneratorError."""
+        dataset = Dataset.open(folder)
+        frames = dataset.frames().to_pandas()
+        for column in ("index", "frame_id", "shard", "image"):
+            if column not in frames:
+                raise GeneratorError(f"{folder}/frames: column {column} is missing; run `skybench verify`")
+        return cls(dataset, dataset.manifest.scenario, dataset.manifest.scenario_sha256, frames)
+
+    def image(self, position: int) -> NDArray[np.uint16]:
+        """DN of a frame."""
+        row = self.frames.iloc[position]
+        path = self._file("data", str(row["shard"]))
+        with _damage_named(path), tarfile.open(path, "r:") as archive:
+            member = archive.getmember(str(row["image"]))
+            stream = archive.extractfile(member) if member.isfile() and member.size <= LARGEST_MEMBER_BYTES else None
+            if stream is None:
+                raise ValueError(f"{member.name} is no image")
+            return decode(stream.read(), self.dataset.manifest.codec)
+
+    def stars(self, position: int) -> pd.DataFrame:
+        """Truth of stars."""
+        return self._rows("stars", position, STAR_SCHEMA)
+
+    def objects(self, position: int) -> pd.DataFrame:
+        """Truth of objects."""
+        return self._rows("objects", position, OBJECT_SCHEMA)
+
+    def _rows(self, table: str, position: int, schema: pa.Schema) -> pd.DataFrame:
+        row = self.frames.iloc[position]
+        path = self._file(table, str(row["shard"]))
+        with _damage_named(path):
+            return pq.read_table(path, columns=schema.names, filters=[("index", "=", int(row["index"]))]).to_pandas()
+
+    def _file(self, table: str, shard: str) -> Path:
+        """A shard's file, among those that the manifest lists."""
+        for path in self.dataset.paths(table):
+            if path.stem == shard:
+                return path
+        raise GeneratorError(f"{self.dataset.folder}: the manifest lists no {table} of {shard}; run `skybench verify`")
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """A folder that `skybench render` wrote."""
+
+    folder: Path
+    scenario: str
+    scenario_sha256: str
+    frames: pd.DataFrame
+    all_stars: pd.DataFrame
+    all_objects: pd.DataFrame
+
+    @classmethod
+    def open(cls, folder: Path) -> "FolderSource":
+        """Read all frame records and truth tables. Raises GeneratorError."""
+        rows = [_record_row(path) for path in sorted(folder.glob("frame-*.json"))]
+        if not rows:
+            raise GeneratorError(f"{folder}: no frame-*.json in it; make frames with `skybench render`")
+        frames = pd.DataFrame(rows).sort_values("index", ignore_index=True)
+        return cls(
+            folder,
+            str(frames["scenario"].iloc[0]),
+            str(frames["scenario_sha256"].iloc[0]),
+            frames,
+            _truth(folder / STARS_FILE, STAR_SCHEMA),
+            _truth(folder / OBJECTS_FILE, OBJECT_SCHEMA) if (folder / OBJECTS_FILE).is_file() else pd.DataFrame(),
+        )
+
+    def image(self, position: int) -> NDArray[np.uint16]:
+        """DN of a frame."""
+        path = self.folder / str(self.frames.iloc[position]["image"])
+        with _damage_named(path):
+            return decode(path.read_bytes(), "png")
+
+    def stars(self, position: int) -> pd.DataFrame:
+        """Truth of stars."""
+        return self._of(self.all_stars, position)
+
+    def objects(self, position: int) -> pd.DataFrame:
+        """Truth of objects."""
+        return self._of(self.all_objects, position)
+
+    def _of(self, table: pd.DataFrame, position: int) -> pd.DataFrame:
+        return table if table.empty else table[table["index"] == self.frames.iloc[position]["index"]]
+
+
+def _record_row(path: Path) -> dict[str, Any]:
+    with _damage_named(path):
+        record = json.loads(path.read_bytes())
+        if record["format"] != FORMAT or record["frame_id"] != path.stem:
+            raise ValueError(f"it is no {FORMAT} of {path.stem}")
+        return frame_row(record, "", "", f"{path.stem}.png", b"")
+
+
+def _truth(path: Path, schema: pa.Schema) -> pd.DataFrame:
+    with _damage_named(path):
+        return pq.read_table(path, columns=schema.names).to_pandas()
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    """Whatever reading a file from others can raise, as one line with the file's name."""
+    try:
+        yield
+    except (OSError, ValueError, KeyError, TypeError, SyntaxError, tarfile.TarError, pa.ArrowException) as error:
+        raise GeneratorError(f"{path}: cannot be read ({type(error).__name__}: {error}); make it again") from error
+
+
+def spread(count: int, most: int) -> Sequence[int]:
+    """At most `most` of `count` positions, evenly spread, first and last among them where there are two."""
+    return [int(position) for position in np.unique(np.linspace(0, count - 1, min(count, most)).round())]

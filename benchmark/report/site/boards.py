@@ -1,0 +1,275 @@
+"""What the report shows, worked out and ready to draw: boards of entries, one board to each set of results compared.
+
+A board holds the results of one task, split and mode of detections; all its solvers answered the same frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from benchmark.errors import ResultsError
+from benchmark.report.formatting import number
+from benchmark.report.site.tree import StoredResult, TaskFacts
+from benchmark.stats.break_point import Discrimination, break_point, discrimination
+from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
+from benchmark.stats.confidence import (
+    CALIBRATION_METRICS,
+    Nees,
+    ReliabilityBin,
+    RiskCoverage,
+    nees,
+    reliability,
+    risk_coverage,
+)
+from benchmark.stats.frame_metrics import METRICS, column, errors_km, fixed, groups_of, measure, succeeded
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import ERROR, FIX, REFUSED
+
+MOST_LEVELS = 16
+_MOST_GROUPS = 4
+_CIRCUMSTANCES = (
+    ("zenith_mag_arcsec2", "zenith brightness", "mag/arcsec²"),
+    ("moon_altitude_deg", "altitude of the Moon", "°"),
+    ("cloud_optical_depth", "optical depth of cloud", ""),
+    ("limiting_magnitude", "limiting magnitude", "mag"),
+    ("rate_deg_s", "turning rate", "°/s"),
+    ("exposure_s", "exposure", "s"),
+    ("fov_deg", "field of view", "°"),
+    ("true_latitude_deg", "latitude", "°"),
+)
+
+
+@dataclass(frozen=True)
+class Level:
+    """One solver at one value of the condition; `bound_km` is the median Cramér-Rao bound, NaN where there is none."""
+
+    condition: float
+    n_frames: int
+    success: Estimate
+    median_error_km: Estimate
+    bound_km: float
+
+
+@dataclass(frozen=True)
+class Circumstance:
+    """Something of a frame that its task does not grade, but that varies: its name and the limits of its groups.
+
+    Attributes
+    ----------
+    column, name, unit : str
+        Column of the table of frames, and what people call it.
+    groups : tuple of (float, float)
+        Least and largest value in each group of frames.
+    """
+
+    column: str
+    name: str
+    unit: str
+    groups: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class WorstFrame:
+    """The frame on which a solver did most harm: its farthest fix, or its refusal at the easiest condition."""
+
+    frame_id: str
+    condition: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One solver on a board.
+
+    Attributes
+    ----------
+    stored : StoredResult
+        Where it comes from.
+    metrics : mapping of str to Estimate
+        All of `METRICS` and `CALIBRATION_METRICS` by key.
+    success : Estimate
+        By the limit of the task's own metric.
+    rank : Rank
+    break_point : Estimate
+        In the condition's unit.
+    levels : tuple of Level
+        In ascending order of the condition.
+    bins, curve, nees
+        Calibration of confidence and covariance; `nees` over the right fixes only.
+    by_circumstance : tuple of tuple of Estimate
+        Success in each group of each of the board's circumstances.
+    statuses, reasons : mapping of str to int
+        How many frames ended in each.
+    worst : WorstFrame or None
+        None where every frame was right.
+    """
+
+    stored: StoredResult
+    metrics: Mapping[str, Estimate]
+    success: Estimate
+    rank: Rank
+    break_point: Estimate
+    levels: tuple[Level, ...]
+    bins: tuple[ReliabilityBin, ...]
+    curve: RiskCoverage
+    nees: Nees
+    by_circumstance: tuple[tuple[Estimate, ...], ...]
+    statuses: Mapping[str, int]
+    reasons: Mapping[str, int]
+    worst: WorstFrame | None
+
+    @property
+    def label(self) -> str:
+        """Name of the solver, with its key where the board holds more than one configuration of it."""
+        return self.stored.label
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """Solvers compared on the same frames, the best first."""
+
+    task: TaskFacts
+    split: str
+    detections: str
+    n_frames: int
+    n_sites: int
+    entries: tuple[Entry, ...]
+    comparisons: tuple[Comparison, ...]
+    detectable: float
+    discrimination: Discrimination
+    circumstances: tuple[Circumstance, ...]
+
+    @property
+    def file_name(self) -> str:
+        """Of the board's page."""
+        return f"{self.task.name}@{self.task.revision}-{self.split}-{self.detections}.html"
+
+    @property
+    def title(self) -> str:
+        """Task and mode, for tables."""
+        return f"{self.task.name}@{self.task.revision}, {self.split}, {self.detections} detections"
+
+
+def make_board(results: Sequence[StoredResult]) -> Board:
+    """Compare the results of one task, split and mode of detections.
+
+    Raises
+    ------
+    ResultsError
+        They are not of the same frames.
+    """
+    first = results[0]
+    for other in results[1:]:
+        _check_same_frames(first, other)
+    task, limit_km = first.task, first.task.limit_km
+    tables = {result.label: result.frames for result in results}
+    comparisons = compare(tables, limit_km)
+    placed = {rank.solver: rank for rank in ranks(tables, comparisons, limit_km=limit_km)}
+    circumstances = _circumstances(first.frames)
+    entries = [_entry(result, placed[result.label], circumstances) for result in results]
+    entries.sort(key=lambda entry: (entry.rank.rank, entry.label))
+    return Board(
+        task=task,
+        split=first.split,
+        detections=first.detections,
+        n_frames=len(first.frames),
+        n_sites=int(first.frames["site"].nunique()),
+        entries=tuple(entries),
+        comparisons=comparisons,
+        detectable=detectable(comparisons),
+        discrimination=discrimination(tables, task.harder, limit_km=limit_km),
+        circumstances=circumstances,
+    )
+
+
+def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
+    """Refuse to compare results of different frames. Raises ResultsError."""
+    same = one.provenance.scenario_sha256 == other.provenance.scenario_sha256
+    if same and set(one.frames["frame_id"]) == set(other.frames["frame_id"]):
+        return
+    reason = (
+        f"{len(one.frames)} and {len(other.frames)} frames" if same else "frames of different scenarios or generators"
+    )
+    raise ResultsError(
+        f"{one.folder} and {other.folder}: {reason} cannot be compared; run both solvers again with the same --frames, "
+        f"or delete the folder that is out of date"
+    )
+
+
+def _circumstances(frames: pd.DataFrame) -> tuple[Circumstance, ...]:
+    """What varies from frame to frame besides the graded condition, in a few groups of like size each."""
+    graded = pd.Series(column(frames, "condition"))
+    found = []
+    for name, words, unit in _CIRCUMSTANCES:
+        values = column(frames, name)
+        # What goes with the condition is shown by the condition.
+        if np.isnan(values).any() or pd.Series(values).groupby(graded).nunique().max() < 2:
+            continue
+        groups = groups_of(values, _MOST_GROUPS)
+        limits = tuple((float(values[group].min()), float(values[group].max())) for group in groups)
+        found.append(Circumstance(name, words, unit, limits))
+    return tuple(found)
+
+
+def _successes(frames: pd.DataFrame, task: TaskFacts, circumstance: Circumstance) -> tuple[Estimate, ...]:
+    values = column(frames, circumstance.column)
+    metric = [metric for metric in METRICS if metric.key == task.metric]
+    return tuple(
+        measure(frames[(values >= low) & (values <= high)], metric)[task.metric] for low, high in circumstance.groups
+    )
+
+
+def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstance]) -> Entry:
+    frames, task = result.frames, result.task
+    curve = risk_coverage(frames)
+    others = [metric for metric in CALIBRATION_METRICS if metric.key != "risk_coverage_area"]
+    metrics = measure(frames, (*METRICS, *others)) | {"risk_coverage_area": curve.area}
+    statuses = Counter(frames["status"])
+    return Entry(
+        stored=result,
+        metrics=metrics,
+        success=metrics[task.metric],
+        rank=rank,
+        break_point=break_point(frames, task.harder, limit_km=task.limit_km),
+        levels=_levels(frames, task),
+        bins=reliability(frames),
+        curve=curve,
+        nees=nees(frames, right_only=True),
+        by_circumstance=tuple(_successes(frames, task, one) for one in circumstances),
+        statuses={status: statuses[status] for status in (FIX, REFUSED, ERROR)},
+        reasons=dict(Counter(reason for reason in frames["reason"] if reason).most_common()),
+        worst=_worst(frames, task),
+    )
+
+
+def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
+    values = column(frames, "condition")
+    metrics = [metric for metric in METRICS if metric.key in {task.metric, "median_error_km"}]
+    levels = []
+    for group in groups_of(values, MOST_LEVELS):
+        part = frames[group]
+        found = measure(part, metrics)
+        bound = pd.Series(column(part, "crlb_km")).median()
+        levels.append(
+            Level(float(values[group].mean()), len(part), found[task.metric], found["median_error_km"], float(bound))
+        )
+    return tuple(levels)
+
+
+def _worst(frames: pd.DataFrame, task: TaskFacts) -> WorstFrame | None:
+    failed = ~succeeded(frames, task.limit_km)
+    if not failed.any():
+        return None
+    errors = pd.Series(errors_km(frames)).where(fixed(frames) & failed, -math.inf)
+    if errors.max() > -math.inf:
+        row = frames.iloc[int(errors.argmax())]
+        return WorstFrame(row["frame_id"], float(row["condition"]), f"fix off by {number(float(errors.max()), 'km')}")
+    ease = pd.Series(-task.harder * column(frames, "condition")).where(failed, -math.inf)
+    row = frames.iloc[int(ease.argmax())]
+    return WorstFrame(row["frame_id"], float(row["condition"]), str(row["reason"]))

@@ -1,0 +1,250 @@
+"""The site's figures. Each is small enough to be read at its own size on a telephone."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from benchmark.report.formatting import interval, number, percent
+from benchmark.report.site.boards import Level
+from benchmark.report.site.figure import Panel, Point, Scale, level_scale, log_scale, share_scale
+from benchmark.report.site.tree import TaskFacts
+from benchmark.stats.intervals import Estimate
+
+SHAPES = ("circle", "square", "triangle", "diamond")
+# Size of one of many small panels, px.
+SMALL_PX = (226, 128)
+_SQUARE_PX = (150, 128)
+_FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one solver looks in every figure: number of its colour, shape of its points."""
+
+    colour: int
+    shape: str
+
+    @property
+    def css(self) -> str:
+        """Class that sets the colour."""
+        return f"f{self.colour}"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One solver's number in a figure over solvers; `words` stand in its place where it is undefined."""
+
+    name: str
+    style: Style
+    estimate: Estimate
+    words: str = ""
+
+
+Curves = Sequence[tuple[str, Style, Sequence[Level]]]
+
+
+def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
+    """Success against the condition with its interval, one panel to a solver, all solvers in grey behind each.
+
+    Parameters
+    ----------
+    curves : sequence of (name, Style, sequence of Level)
+    task : TaskFacts
+    identity : str
+        Id, unique on the page, of what the panels share.
+
+    Returns
+    -------
+    backdrop, panels : Markup, list of Markup
+        The backdrop must stand on the page too.
+    """
+    x, y = condition_scale([levels for _, _, levels in curves], task), share_scale("")
+    behind = Panel(x, y, *SMALL_PX, "")
+    behind.across(0.5)
+    for _, _, levels in curves:
+        behind.line([(level.condition, level.success.value) for level in levels], "ghost")
+    panels = [
+        _success(Panel(x, y, *SMALL_PX, _success_label(name, task), css=style.css, backdrop=identity), style, levels)
+        for name, style, levels in curves
+    ]
+    return behind.backdrop(identity), panels
+
+
+def success_curve(
+    name: str, style: Style, levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts
+) -> Markup:
+    """One solver's success against the condition, the best of the others at each value in grey behind."""
+    x = condition_scale([levels, *others], task)
+    panel = Panel(x, share_scale(""), *SMALL_PX, _success_label(name, task), css=style.css)
+    panel.across(0.5)
+    best: dict[float, float] = {}
+    for level in (level for other in others for level in other):
+        best[level.condition] = max(level.success.value, best.get(level.condition, 0.0))
+    panel.line(sorted(best.items()), "ghost")
+    return _success(panel, style, levels)
+
+
+def _success_label(name: str, task: TaskFacts) -> str:
+    return f"Success of {name} by {task.axis}; the numbers are in the table of the task"
+
+
+def _success(panel: Panel, style: Style, levels: Sequence[Level]) -> Markup:
+    panel.band(
+        [(level.condition, level.success.low) for level in levels],
+        [(level.condition, level.success.high) for level in levels],
+        "band",
+    )
+    panel.line([(level.condition, level.success.value) for level in levels], "line")
+    for level in levels:
+        words = f"{level.condition:g}: {percent(level.success.value)} ({interval(level.success, percent)})"
+        panel.dot((level.condition, level.success.value), "dot", words, shape=style.shape)
+    return panel.svg()
+
+
+def error_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
+    """Median error against the condition with its interval, over the Cramér-Rao bound (dashed); as `success_curves`."""
+    x, y = condition_scale([levels for _, _, levels in curves], task), error_scale([levels for _, _, levels in curves])
+    behind = Panel(x, y, *SMALL_PX, "")
+    for _, _, levels in curves:
+        behind.line([(level.condition, level.median_error_km.value) for level in levels], "ghost")
+    if curves:
+        behind.line([(level.condition, level.bound_km) for level in curves[0][2]], "floor")
+    panels = []
+    for name, style, levels in curves:
+        label = f"Median error of {name} by {task.axis}; the numbers are in the table below"
+        panel = Panel(x, y, *SMALL_PX, label, css=style.css, backdrop=identity)
+        panel.line([(level.condition, level.median_error_km.value) for level in levels], "line")
+        for level in levels:
+            error = level.median_error_km
+            words = f"{level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
+            # A bar over the whole axis says only that there are too few frames; it stays in the background.
+            bounded = error.low > 0.0 or math.isfinite(error.high)
+            ends = (level.condition, error.low), (level.condition, error.high)
+            panel.whisker(*ends, "whisker" if bounded else "whisker faint")
+            panel.dot((level.condition, error.value), "dot", words, shape=style.shape)
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
+
+
+def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
+    """Axis of kilometres that holds all medians and bounds, with a step for medians among the refused."""
+    values = [level.median_error_km.value for levels in boards_levels for level in levels]
+    values += [level.bound_km for levels in boards_levels for level in levels if not math.isnan(level.bound_km)]
+    return log_scale(values, "", refused=True)
+
+
+def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
+    """One row to a solver: its number and interval."""
+    rows = len(marks)
+    y = Scale(lambda row: 1.0 - (row + 0.5) / rows, ())
+    panel = Panel(x, y, _FOREST_PX - _NAMES_PX - 20, rows * _ROW_PX, label, _NAMES_PX)
+    for value, _ in x.ticks:
+        panel.upright(value, "grid")
+    for row, mark in enumerate(marks):
+        estimate = mark.estimate
+        panel.text((x.ticks[0][0], row), _short(mark.name), "name", "end", du=-10.0)
+        if math.isnan(estimate.value):
+            panel.text((x.ticks[0][0], row), mark.words, "aside", du=8.0)
+            continue
+        panel.whisker((estimate.low, row), (estimate.high, row), f"whisker {mark.style.css}")
+        words = f"{mark.name}: {number(estimate.value)} ({interval(estimate, number)})"
+        panel.dot((estimate.value, row), f"dot {mark.style.css}", words, 4.5, mark.style.shape)
+    return panel.svg()
+
+
+def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) -> Markup:
+    """Success against median time; the step joins the solvers that none beats in both. Names stand at the right.
+
+    Parameters
+    ----------
+    points : sequence of (name, style, time in ms, success)
+    label : str
+    """
+    x = log_scale([end for _, _, time, _ in points for end in (time.value, time.low, time.high)], "median time, ms")
+    panel = Panel(x, share_scale(""), 166, 210, label)
+    panel.right = 154
+    front = _front([(time.value, success.value) for _, _, time, success in points])
+    panel.steps([*front, (x.ticks[-1][0], front[-1][1])] if front else [], "limit")
+    for name, style, time, success in points:
+        panel.whisker((time.value, success.low), (time.value, success.high), f"whisker thin {style.css}")
+        panel.whisker((time.low, success.value), (time.high, success.value), f"whisker thin {style.css}")
+        words = f"{name}: {percent(success.value)} in {number(time.value, 'ms')}"
+        panel.dot((time.value, success.value), f"dot {style.css}", words, 4.5, style.shape)
+    for place, (name, style, time, success) in zip(
+        _apart([success.value for _, _, _, success in points], 15.0 / panel.height), points, strict=True
+    ):
+        panel.leader((time.value, success.value), place, f"leader {style.css}")
+        panel.margin_text(place, _short(name))
+    return panel.svg()
+
+
+def reliabilities(
+    solvers: Sequence[tuple[str, Style, Sequence[tuple[float, Estimate]]]], identity: str
+) -> tuple[Markup, list[Markup]]:
+    """Share of right answers against the confidence claimed; on the diagonal, the claim is true. As `success_curves`."""
+    x, y = share_scale("confidence claimed", 0.5), share_scale("", 0.5)
+    behind = Panel(x, y, *_SQUARE_PX, "")
+    behind.line([(0.0, 0.0), (1.0, 1.0)], "limit")
+    panels = []
+    for name, style, bins in solvers:
+        label = f"Reliability of the confidence of {name}; the numbers are in the table below"
+        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
+        panel.line([(confidence, share.value) for confidence, share in bins], "line")
+        for confidence, share in bins:
+            panel.whisker((confidence, share.low), (confidence, share.high), "whisker")
+            words = f"claimed {percent(confidence)}: right in {percent(share.value)} of {share.n}"
+            panel.dot((confidence, share.value), "dot", words, shape=style.shape)
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
+
+
+def risk_coverages(solvers: Sequence[tuple[str, Style, Sequence[Point]]], identity: str) -> tuple[Markup, list[Markup]]:
+    """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`."""
+    x, y = share_scale("frames accepted", 0.5), share_scale("", 0.5)
+    behind = Panel(x, y, *_SQUARE_PX, "")
+    panels = []
+    for name, style, points in solvers:
+        label = f"Share of wrong answers of {name} against frames accepted; its area is in the table above"
+        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
+        behind.line(points, "ghost")
+        panel.line(points, "line")
+        panels.append(panel.svg())
+    return behind.backdrop(identity), panels
+
+
+def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
+    """Axis of a task's condition, harder to the right."""
+    levels = sorted({level.condition for curve in curves for level in curve})
+    scale = level_scale(levels, task.axis)
+    if task.harder > 0:
+        return scale
+    return Scale(lambda value: 1.0 - scale.place(value), scale.ticks, scale.title)
+
+
+def _front(points: Sequence[Point]) -> list[Point]:
+    """Points that no other beats in both less time and more success, by time."""
+    front: list[Point] = []
+    for time, success in sorted(points, key=lambda point: (point[0], -point[1])):
+        if not math.isnan(success) and (not front or success > front[-1][1]):
+            front.append((time, success))
+    return front
+
+
+def _apart(places: Sequence[float], gap: float) -> list[float]:
+    """Places 0 to 1 moved as little as a sweep from below and one from above need to stand `gap` apart."""
+    order = sorted(range(len(places)), key=lambda n: places[n])
+    moved = [min(max(place, 0.0), 1.0) for place in places]
+    for before, after in itertools.pairwise(order):
+        moved[after] = max(moved[after], moved[before] + gap)
+    ceiling = 1.0
+    for n in reversed(order):
+        moved[n] = min(moved[n], ceiling)
+        ceiling = moved[n] - gap
+    return moved
+
+
+def _short(name: str, most: int = 22) -> str:
+    return name if len(name) <= most else name[: most - 1] + "…"

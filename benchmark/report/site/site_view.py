@@ -1,0 +1,272 @@
+"""The whole report as the pages show it: boards, solvers, matrices of solvers by tasks, words."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from benchmark.report.formatting import percent
+from benchmark.report.site.boards import Board, Entry
+from benchmark.report.site.charts import SHAPES, Style
+from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.tree import TaskFacts
+
+COLOURS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixRow:
+    """One solver in one mode of detections over all tasks; a cell is None where it was not run."""
+
+    label: str
+    family: str
+    detections: str
+    style: Style
+    href: str
+    cells: tuple[tuple[TaskFacts, Entry | None], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """One number of all solvers on all tasks; `column` is None for the break point."""
+
+    key: str
+    title: str
+    explained: str
+    first: str
+    column: Column | None
+    rows: tuple[MatrixRow, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SolverView:
+    """One solver over all boards."""
+
+    name: str
+    title: str
+    family: str
+    version: str
+    detector: str
+    file_name: str
+    entries: tuple[tuple[Board, Entry], ...]
+    reasons: tuple[tuple[str, int], ...]
+    provenance: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteView:
+    """Everything the first page shows."""
+
+    boards: tuple[Board, ...]
+    tasks: tuple[TaskFacts, ...]
+    solvers: tuple[SolverView, ...]
+    families: tuple[str, ...]
+    modes: tuple[str, ...]
+    matrices: tuple[Matrix, ...]
+    n_answers: int
+    verdict: str
+    provenance: tuple[tuple[str, str], ...]
+    commands: tuple[str, ...]
+
+
+def solver_page(name: str) -> str:
+    """File name of a solver's page; the names of solvers are file names by `results.check_solver_name`."""
+    return f"solver-{name}.html"
+
+
+def make_styles(boards: Sequence[Board]) -> dict[str, Style]:
+    """Each solver's colour and shape, the same in every figure: all colours with one shape, then with the next."""
+    names = {(entry.stored.family, entry.stored.solver) for board in boards for entry in board.entries}
+    return {
+        name: Style(place % COLOURS, SHAPES[place // COLOURS % len(SHAPES)])
+        for place, (_, name) in enumerate(sorted(names))
+    }
+
+
+def make_view(boards: Sequence[Board], styles: Mapping[str, Style], out_name: str) -> SiteView:
+    """Arrange the boards for the first page."""
+    tasks = tuple({board.task.key: board.task for board in boards}.values())
+    solvers = _solvers(boards)
+    return SiteView(
+        boards=tuple(boards),
+        tasks=tasks,
+        solvers=solvers,
+        families=tuple(sorted({solver.family for solver in solvers})),
+        modes=tuple(sorted({board.detections for board in boards})),
+        matrices=_matrices(boards, tasks, styles),
+        n_answers=sum(board.n_frames * len(board.entries) for board in boards),
+        verdict=site_verdict(boards),
+        provenance=_site_provenance(boards),
+        commands=_commands(boards, out_name),
+    )
+
+
+def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
+    found: defaultdict[str, list[tuple[Board, Entry]]] = defaultdict(list)
+    for board in boards:
+        for entry in board.entries:
+            found[entry.stored.solver].append((board, entry))
+    views = []
+    for name, entries in sorted(found.items()):
+        reasons: Counter[str] = Counter()
+        for _, entry in entries:
+            reasons.update(entry.reasons)
+        first = entries[0][1].stored
+        views.append(
+            SolverView(
+                name=name,
+                title=first.title,
+                family=first.family,
+                version=_joined(entry.stored.provenance.solver_version for _, entry in entries),
+                detector=_joined(entry.stored.provenance.detector for _, entry in entries),
+                file_name=solver_page(name),
+                entries=tuple(entries),
+                reasons=tuple(reasons.most_common()),
+                provenance=tuple((f"{board.title}", run_words(entry)) for board, entry in entries),
+            )
+        )
+    return tuple(views)
+
+
+def _matrices(boards: Sequence[Board], tasks: Sequence[TaskFacts], styles: Mapping[str, Style]) -> tuple[Matrix, ...]:
+    cells: defaultdict[tuple[str, str], dict[str, Entry]] = defaultdict(dict)
+    for board in boards:
+        for entry in board.entries:
+            cells[(entry.label, board.detections)].setdefault(board.task.key, entry)
+
+    def mean_success(of: Mapping[str, Entry]) -> float:
+        return sum(entry.success.value for entry in of.values()) / len(tasks)
+
+    rows = []
+    for (label, mode), of in sorted(cells.items(), key=lambda item: (-mean_success(item[1]), item[0])):
+        stored = next(iter(of.values())).stored
+        rows.append(
+            MatrixRow(
+                label=label,
+                family=stored.family,
+                detections=mode,
+                style=styles[stored.solver],
+                href=solver_page(stored.solver),
+                cells=tuple((task, of.get(task.key)) for task in tasks),
+            )
+        )
+    success = "Share of all frames with a fix less than 10 km off. Bars: intervals, from 0 to 100 %."
+    broken = (
+        "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
+    )
+    return tuple(
+        Matrix(key, title, explained, column.first if column else "descending", column, tuple(rows))
+        for key, title, explained, column in (
+            ("success", "success", success, SUCCESS),
+            ("break", "break point", broken, None),
+            ("median", "median error, km", "Over all frames, refused ones infinitely far off (∞).", MEDIAN),
+            ("wrong", "wrong and confident", "Share of all frames with a fix 10 km or more off.", WRONG),
+            ("time", "median time, ms", "Detection and solving, refused frames included.", TIME),
+        )
+    )
+
+
+def site_verdict(boards: Sequence[Board]) -> str:
+    """What the leaderboard comes to, in a sentence or two."""
+    leads: Counter[str] = Counter()
+    shared = 0
+    for board in boards:
+        if len(board.entries) < 2:
+            continue
+        best = [entry for entry in board.entries if entry.rank.low == 1]
+        if len(best) == 1:
+            leads[best[0].label] += 1
+        else:
+            shared += 1
+    compared = sum(leads.values()) + shared
+    if not compared:
+        return "One solver to each comparison: nothing to rank yet."
+    parts = [f"{name} leads {count}" for name, count in leads.most_common()]
+    if shared:
+        parts.append(f"in {shared} the first place is not decided")
+    noun = "comparisons" if compared != 1 else "comparison"
+    return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
+
+
+def board_verdict(board: Board) -> str:
+    """Who is best on a board, and whether that is certain."""
+    best = board.entries[0]
+    head = f"{best.label} succeeds most often: {percent(best.success.value)} of the frames."
+    if len(board.entries) == 1:
+        return head
+    rivals = [entry.label for entry in board.entries[1:] if entry.rank.low == 1]
+    tail = f" It cannot be told from {', '.join(rivals)}." if rivals else " No other can be the best."
+    found = board.discrimination
+    graded = (
+        f" {found.n_informative} of {found.n_conditions} conditions tell solvers apart (some success between 5 % and"
+        f" 95 %); at the hardest the best reaches {percent(found.best_at_hardest)}."
+    )
+    return head + tail + graded
+
+
+def detectable_words(board: Board) -> str:
+    """The minimum detectable difference, in words."""
+    if len(board.entries) < 2:
+        return "One solver alone: no difference to detect."
+    if board.detectable != board.detectable:
+        return (
+            "Minimum detectable difference: none; the solvers differ on too few frames for any difference to be found "
+            "with a probability of 80 % (5 % level, all pairs)."
+        )
+    return (
+        f"Minimum detectable difference: {100.0 * board.detectable:.1f} points of success between a typical pair of "
+        f"solvers are found with a probability of 80 % (5 % level, adjusted for all pairs). Smaller ones may exist."
+    )
+
+
+def run_words(entry: Entry) -> str:
+    """Where one result comes from."""
+    run = entry.stored.provenance
+    machine = (
+        f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    )
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
+    return (
+        f"key {entry.stored.key}, version {run.solver_version}, detector {run.detector}, run {run.date_utc} with "
+        f"{run.jobs} process{'es' if run.jobs != 1 else ''} on {machine}; {versions}"
+    )
+
+
+def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
+    """Where a board comes from."""
+    run = board.entries[0].stored.provenance
+    rendered = ", ".join(f"{name} {version}" for name, version in sorted(run.dataset_provenance.items()))
+    head = (
+        ("task", f"{board.task.key}, {board.split} split"),
+        ("scenario", f"{run.scenario_name}, SHA-256 {run.scenario_sha256}"),
+        ("truth table", f"SHA-256 {run.truth_sha256}"),
+        ("rendered with", rendered),
+    )
+    return head + tuple((entry.label, run_words(entry)) for entry in board.entries)
+
+
+def _site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
+    runs = [entry.stored.provenance for board in boards for entry in board.entries]
+    dates = sorted(run.date_utc for run in runs)
+    return (
+        ("runs", f"{len(runs)}, from {dates[0]} to {dates[-1]}"),
+        ("skybench", _joined(run.versions.get("skybench", "unknown") for run in runs)),
+        ("machines", _joined(run.machine.get("cpu", "unknown") for run in runs)),
+        ("in detail", "at the foot of each task's and each solver's page"),
+    )
+
+
+def _commands(boards: Sequence[Board], out_name: str) -> tuple[str, ...]:
+    commands = []
+    for board in boards:
+        solvers = " ".join(f"--solver {name}" for name in sorted({entry.stored.solver for entry in board.entries}))
+        commands.append(
+            f"skybench bench run {board.task.key} {solvers} --split {board.split} --detections {board.detections} "
+            f"--out {out_name}"
+        )
+    return (*commands, f"skybench bench report --out {out_name}")
+
+
+def _joined(values: Iterable[str]) -> str:
+    return ", ".join(sorted(set(values)))

@@ -1,0 +1,1 @@
+"""Running solvers over frames and keeping their results."""

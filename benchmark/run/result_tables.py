@@ -1,0 +1,146 @@
+"""The tables of a result: one row per frame, one row per detection (docs/benchmark.md describes the columns)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from benchmark.frames.conditions import FrameConditions
+from benchmark.stats.metrics import FrameScore
+
+CONDITION_UNITS = {
+    "limiting_magnitude": "mag",
+    "moon_altitude_deg": "deg",
+    "moon_illuminated": "1",
+    "cloud_optical_depth": "1",
+    "rate_deg_s": "deg s-1",
+    "fov_deg": "deg",
+}
+"""Circumstances with a column of their own, and its unit."""
+
+
+@dataclass(frozen=True)
+class DetectionRow:
+    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
+
+    frame_id: str
+    detection: int
+    u_px: float
+    v_px: float
+    flux: float | None
+    star_id: int | None
+    correct: bool | None
+
+
+@dataclass(frozen=True)
+class FrameDetails:
+    """What is recorded of a frame beside its score.
+
+    Attributes
+    ----------
+    cov_km2 : (float, float, float) or None
+        Covariance claimed: east-east, east-north, north-north.
+    confidence : float or None
+        As claimed.
+    detect_ms, solve_ms : float
+    stage_ms : mapping of str to float
+        The solver's own account.
+    utc : str
+        Mid-exposure.
+    conditions : FrameConditions
+    condition : float or None
+        The frame's graded value in its task.
+    site : str
+        Names the place and the night; frames of one site are not independent.
+    error_east_km, error_north_km : float or None
+        Components of the error; None without a fix.
+    crlb_km : float or None
+        Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is none.
+    peak_memory_mib : float or None
+        Of the process that solved, while it did.
+    """
+
+    cov_km2: tuple[float, float, float] | None
+    confidence: float | None
+    detect_ms: float
+    solve_ms: float
+    stage_ms: Mapping[str, float]
+    utc: str
+    conditions: FrameConditions
+    condition: float | None = None
+    site: str = ""
+    error_east_km: float | None = None
+    error_north_km: float | None = None
+    crlb_km: float | None = None
+    peak_memory_mib: float | None = None
+
+
+def frame_table(scores: Sequence[FrameScore], details: Sequence[FrameDetails]) -> pa.Table:
+    """One row per frame; every column's unit is in its field metadata."""
+    columns: list[tuple[str, Any, str, list[Any]]] = [
+        ("frame_id", pa.string(), "", [s.frame_id for s in scores]),
+        ("index", pa.int32(), "", [s.index for s in scores]),
+        ("bortle", pa.int32(), "", [s.bortle for s in scores]),
+        ("width_px", pa.int32(), "px", [s.width_px for s in scores]),
+        ("height_px", pa.int32(), "px", [s.height_px for s in scores]),
+        ("zenith_mag_arcsec2", pa.float64(), "mag arcsec-2", [d.conditions.zenith_mag_arcsec2 for d in details]),
+        ("true_latitude_deg", pa.float64(), "deg", [d.conditions.latitude_deg for d in details]),
+        ("true_longitude_deg", pa.float64(), "deg", [d.conditions.longitude_deg for d in details]),
+        ("utc_mid", pa.string(), "", [d.utc for d in details]),
+        ("exposure_s", pa.float64(), "s", [d.conditions.exposure_s for d in details]),
+        ("n_in_field", pa.int32(), "", [d.conditions.n_in_field for d in details]),
+        ("status", pa.string(), "", [s.status for s in scores]),
+        ("reason", pa.string(), "", [s.reason for s in scores]),
+        ("lat_deg", pa.float64(), "deg", [s.lat_deg for s in scores]),
+        ("lon_deg", pa.float64(), "deg", [s.lon_deg for s in scores]),
+        ("error_km", pa.float64(), "km", [finite(s.error_km) for s in scores]),
+        ("cov_ee_km2", pa.float64(), "km2", [d.cov_km2[0] if d.cov_km2 else None for d in details]),
+        ("cov_en_km2", pa.float64(), "km2", [d.cov_km2[1] if d.cov_km2 else None for d in details]),
+        ("cov_nn_km2", pa.float64(), "km2", [d.cov_km2[2] if d.cov_km2 else None for d in details]),
+        ("confidence", pa.float64(), "", [finite(d.confidence) for d in details]),
+        ("n_detections", pa.int32(), "", [s.n_detections for s in scores]),
+        ("n_detected_stars", pa.int32(), "", [s.n_detected_stars for s in scores]),
+        ("n_matches", pa.int32(), "", [s.n_matches for s in scores]),
+        ("n_correct", pa.int32(), "", [s.n_correct for s in scores]),
+        ("time_ms", pa.float64(), "ms", [s.time_ms for s in scores]),
+        ("detect_ms", pa.float64(), "ms", [d.detect_ms for d in details]),
+        ("solve_ms", pa.float64(), "ms", [d.solve_ms for d in details]),
+        ("condition", pa.float64(), "the task's", [finite(d.condition) for d in details]),
+        ("site", pa.string(), "", [d.site for d in details]),
+        ("error_east_km", pa.float64(), "km", [finite(d.error_east_km) for d in details]),
+        ("error_north_km", pa.float64(), "km", [finite(d.error_north_km) for d in details]),
+        ("crlb_km", pa.float64(), "km", [finite(d.crlb_km) for d in details]),
+        *(
+            (name, pa.float64(), unit, [finite(getattr(d.conditions, name)) for d in details])
+            for name, unit in CONDITION_UNITS.items()
+        ),
+        ("peak_memory_mib", pa.float64(), "MiB", [finite(d.peak_memory_mib) for d in details]),
+        ("stage_ms", pa.map_(pa.string(), pa.float64()), "ms", [list(d.stage_ms.items()) for d in details]),
+    ]
+    return _table(columns)
+
+
+def match_table(rows: Sequence[DetectionRow]) -> pa.Table:
+    """One row per detection."""
+    columns: list[tuple[str, Any, str, list[Any]]] = [
+        ("frame_id", pa.string(), "", [r.frame_id for r in rows]),
+        ("detection", pa.int32(), "", [r.detection for r in rows]),
+        ("u_px", pa.float64(), "px", [r.u_px for r in rows]),
+        ("v_px", pa.float64(), "px", [r.v_px for r in rows]),
+        ("flux", pa.float64(), "detector's own", [r.flux for r in rows]),
+        ("star_id", pa.int32(), "", [r.star_id for r in rows]),
+        ("correct", pa.bool_(), "", [r.correct for r in rows]),
+    ]
+    return _table(columns)
+
+
+def _table(columns: Sequence[tuple[str, Any, str, list[Any]]]) -> pa.Table:
+    schema = pa.schema([pa.field(name, kind, metadata={"unit": unit}) for name, kind, unit, _ in columns])
+    return pa.Table.from_arrays([pa.array(values, type=kind) for _, kind, _, values in columns], schema=schema)
+
+
+def finite(value: float | None) -> float | None:
+    """The value, or None for infinity and NaN, which JSON and the tables write as null."""
+    return None if value is None or not math.isfinite(value) else float(value)

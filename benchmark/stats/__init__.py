@@ -1,0 +1,1 @@
+"""Statistics of results: intervals, clustered and paired tests, ranks, break points, confidence."""

@@ -1,0 +1,180 @@
+"""Where a solver breaks: the value of a task's condition at which half of its frames succeed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmark.stats.clustered import Resamples, percentile_interval
+from benchmark.stats.frame_metrics import column, sites, succeeded
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import SUCCESS_KM
+
+F8 = NDArray[np.float64]
+
+HALF = 0.5
+INFORMATIVE = (0.05, 0.95)
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """Whether a task's conditions tell solvers apart.
+
+    Attributes
+    ----------
+    n_conditions : int
+    n_informative : int
+        Conditions at which some solver's success lies between 5 % and 95 %.
+    best_at_hardest : float
+        Success of the best solver at the hardest condition.
+    """
+
+    n_conditions: int
+    n_informative: int
+    best_at_hardest: float
+
+    @property
+    def holds(self) -> bool:
+        """At least half of the conditions are informative, and the hardest is too hard for every solver."""
+        return 2 * self.n_informative >= self.n_conditions and self.best_at_hardest < HALF
+
+
+def discrimination(
+    tables: Mapping[str, pd.DataFrame], harder: int = 1, by: str = "condition", limit_km: float = SUCCESS_KM
+) -> Discrimination:
+    """Judge a task by its solvers' tables; `harder` is 1 where a larger condition is harder, -1 where a smaller is."""
+    rates = []
+    for table in tables.values():
+        levels, hits, counts, _ = _counts(table, by, limit_km)
+        rates.append(pd.Series(hits.sum(axis=0) / counts.sum(axis=0), index=levels))
+    if not rates:
+        return Discrimination(0, 0, math.nan)
+    table = pd.concat(rates, axis=1).sort_index(ascending=harder > 0)
+    inside = ((table > INFORMATIVE[0]) & (table < INFORMATIVE[1])).any(axis=1)
+    hardest = float(table.iloc[-1].max()) if len(table) else math.nan
+    return Discrimination(len(table), int(inside.sum()), hardest)
+
+
+def break_point(
+    frames: pd.DataFrame,
+    harder: int = 1,
+    by: str = "condition",
+    limit_km: float = SUCCESS_KM,
+    share: float = HALF,
+    seed: int | None = None,
+) -> Estimate:
+    """Condition at which success falls to one half, with its clustered bootstrap interval.
+
+    Success at each tested value is made to fall with difficulty by isotonic regression; between two tested values it
+    is taken as linear. No shape of the curve is assumed beyond that, so the result says no more than was tested.
+
+    Parameters
+    ----------
+    frames : DataFrame
+    harder : int
+        1 where a larger value of the condition is harder, -1 where a smaller one is.
+    by : str
+        Column of the condition.
+    limit_km : float
+        What counts as success.
+    share : float
+        The success sought.
+    seed : int, optional
+        Of the resamples.
+
+    Returns
+    -------
+    Estimate
+        In the condition's unit. Infinite towards the harder end where success never falls that low, towards the
+        easier end where it is lower from the start; an end of the interval may be infinite by itself. NaN without
+        frames that have a value.
+
+    References
+    ----------
+    M. Ayer, H. D. Brunk, G. M. Ewing, W. T. Reid, E. Silverman, Annals of Mathematical Statistics 26, 641-647, 1955
+    (isotonic regression of proportions); B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993,
+    section 13.3 (percentile intervals respect monotone transformations, to infinity here).
+    """
+    levels, hits, counts, site = _counts(frames, by, limit_km)
+    n = int(counts.sum())
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    if harder < 0:
+        levels, hits, counts = -levels[::-1], hits[:, ::-1], counts[:, ::-1]
+    resamples = Resamples.of(site) if seed is None else Resamples.of(site, seed=seed)
+    value = float(crossing(levels, *isotonic(hits.sum(axis=0)[None], counts.sum(axis=0)[None]), share)[0])
+    drawn = isotonic(resamples.cluster_sums(hits), resamples.cluster_sums(counts))
+    low, high = percentile_interval(crossing(levels, *drawn, share), resamples.n_clusters)
+    low, high = min(low, value), max(high, value)
+    if harder < 0:
+        value, low, high = -value, -high, -low
+    return Estimate(value, low, high, n)
+
+
+def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8, NDArray[np.intp]]:
+    """Tested values, ascending; successes and frames by site and value; the sites' numbers."""
+    values = column(frames, by)
+    known = ~np.isnan(values)
+    levels, place = np.unique(values[known], return_inverse=True)
+    names, site = np.unique(sites(frames)[known], return_inverse=True)
+    hits, counts = np.zeros((len(names), len(levels))), np.zeros((len(names), len(levels)))
+    np.add.at(counts, (site, place), 1.0)
+    np.add.at(hits, (site, place), succeeded(frames, limit_km)[known].astype(np.float64))
+    return levels, hits, counts, np.arange(len(names))
+
+
+def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
+    """Least-squares fit of proportions that do not rise, for each row, by the min-max formula.
+
+    Parameters
+    ----------
+    hits, counts : ndarray, shape (k, n_levels)
+
+    Returns
+    -------
+    fitted, counts : ndarray, shape (k, n_levels)
+        Levels without frames take no part in the fit; they have count 0 and a fitted value of no meaning.
+    """
+    n = hits.shape[1]
+    padded = [np.pad(np.cumsum(x, axis=1), ((0, 0), (1, 0))) for x in (hits, counts)]
+    fitted = np.full(hits.shape, math.inf)
+    for i in range(n):
+        # Minimum over starts a <= i of the maximum over ends b >= i of the mean of levels a to b.
+        for a in range(i + 1):
+            frames = padded[1][:, i + 1 :] - padded[1][:, a : a + 1]
+            mean = (padded[0][:, i + 1 :] - padded[0][:, a : a + 1]) / np.where(frames > 0, frames, 1.0)
+            largest = np.where(frames > 0, mean, -math.inf).max(axis=1)
+            np.minimum(fitted[:, i], np.where(largest == -math.inf, math.inf, largest), out=fitted[:, i])
+    return fitted, counts
+
+
+def crossing(levels: F8, fitted: F8, counts: F8, share: float = HALF) -> F8:
+    """Where a falling curve through the fitted proportions reaches `share`, shape (k,).
+
+    -inf where it is below from the first level on, +inf where it never falls below; the middle of a stretch on which
+    it equals `share`.
+    """
+    found = np.empty(len(fitted))
+    above = np.full(len(fitted), -math.inf)  # last level still above the share, and the first one below it
+    above_rate = np.full(len(fitted), math.nan)
+    below = np.full(len(fitted), math.inf)
+    below_rate = np.full(len(fitted), math.nan)
+    first_equal, last_equal = np.full(len(fitted), math.nan), np.full(len(fitted), math.nan)
+    for i, level in enumerate(levels):
+        rate, tested = fitted[:, i], counts[:, i] > 0
+        higher = tested & (rate > share)
+        above[higher], above_rate[higher] = level, rate[higher]
+        equal = tested & (rate == share)
+        first_equal = np.where(equal & np.isnan(first_equal), level, first_equal)
+        last_equal[equal] = level
+        lower = tested & (rate < share) & np.isinf(below)
+        below[lower], below_rate[lower] = level, rate[lower]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = above + (above_rate - share) / (above_rate - below_rate) * (below - above)
+    found = np.where(np.isinf(above), -math.inf, np.where(np.isinf(below), math.inf, between))
+    return np.where(np.isnan(first_equal), found, (first_equal + last_equal) / 2.0)

@@ -1,0 +1,240 @@
+"""Solvers against each other on the same frames: differences, tests over the family of pairs, ranks with intervals."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmark.errors import ResultsError
+from benchmark.stats.clustered import Resamples, mean_estimate
+from benchmark.stats.frame_metrics import errors_km, fixed, resamples_of, sites, succeeded
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import SUCCESS_KM
+from benchmark.stats.paired_tests import PairedTest, holm, mcnemar_clustered, sign_flip
+from benchmark.stats.power import design_effect, minimum_detectable_difference
+
+F8 = NDArray[np.float64]
+
+SMALLEST_ERROR_KM = 0.001
+"""Errors below a metre count as a metre in a ratio, so that a perfect fix has one."""
+LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two solvers on the same frames.
+
+    Attributes
+    ----------
+    first, second : str
+    n_frames, n_sites : int
+    difference : Estimate
+        Success of the first less that of the second.
+    success_test : PairedTest
+        McNemar's exact test by site.
+    success_p_holm : float
+        Its p-value, adjusted for all pairs of the family.
+    error_ratio : Estimate
+        Geometric mean of the first's error over the second's, over the frames on which both have a fix.
+    error_p : float
+        Of a sign-flip test by site of the logarithm of that ratio.
+    error_p_holm : float
+        Adjusted for all pairs of the family.
+    closer : Estimate
+        Share of all frames on which the first is closer to the truth; refused frames are infinitely far, and a tie (both
+        refused) counts one half.
+    design_effect : float
+        Factor on the variance of the difference that sites make.
+    """
+
+    first: str
+    second: str
+    n_frames: int
+    n_sites: int
+    difference: Estimate
+    success_test: PairedTest
+    success_p_holm: float
+    error_ratio: Estimate
+    error_p: float
+    error_p_holm: float
+    closer: Estimate
+    design_effect: float
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A solver's rank by success, 1 the best, and the interval that holds its true rank.
+
+    All the solvers' intervals hold together with 95 % probability.
+    """
+
+    solver: str
+    rank: int
+    low: int
+    high: int
+
+
+def paired(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Both tables in the order of the first's frames.
+
+    Raises
+    ------
+    ResultsError
+        They are not of the same frames, or one has a frame twice.
+    """
+    for table in (first, second):
+        if table["frame_id"].duplicated().any():
+            raise ResultsError("a table has a frame twice; run `skybench bench run` again")
+    if set(first["frame_id"]) != set(second["frame_id"]):
+        raise ResultsError(
+            "solvers were scored on different frames and cannot be paired; run them on the same task and split"
+        )
+    order = second.set_index("frame_id").loc[first["frame_id"]].reset_index()
+    return first.reset_index(drop=True), order
+
+
+def compare(
+    tables: Mapping[str, pd.DataFrame], limit_km: float = SUCCESS_KM, pairs: Sequence[tuple[str, str]] | None = None
+) -> tuple[Comparison, ...]:
+    """Compare solvers pair by pair; p-values are adjusted by Holm over all pairs.
+
+    Parameters
+    ----------
+    tables : mapping of str to DataFrame
+        Table of frames of each solver.
+    limit_km : float
+        What counts as success.
+    pairs : sequence of (str, str), optional
+        The family; all pairs unless given.
+
+    Raises
+    ------
+    ResultsError
+        The tables are not of the same frames.
+    """
+    family = list(itertools.combinations(tables, 2)) if pairs is None else list(pairs)
+    found = [_compare(a, b, tables[a], tables[b], limit_km) for a, b in family]
+    success = holm([comparison.success_test.p for comparison in found])
+    error = holm([comparison.error_p for comparison in found])
+    return tuple(
+        replace(comparison, success_p_holm=p, error_p_holm=q)
+        for comparison, p, q in zip(found, success, error, strict=True)
+    )
+
+
+def _compare(first: str, second: str, one: pd.DataFrame, two: pd.DataFrame, limit_km: float) -> Comparison:
+    one, two = paired(one, two)
+    site, resamples = sites(one), resamples_of(one)
+    a, b = succeeded(one, limit_km), succeeded(two, limit_km)
+    gap = a.astype(np.float64) - b
+    both = fixed(one) & fixed(two)
+    log_ratio = np.full(len(one), math.nan)
+    errors = [np.maximum(errors_km(table), SMALLEST_ERROR_KM) for table in (one, two)]
+    log_ratio[both] = np.log(errors[0][both] / errors[1][both])
+    closer = np.where(errors[0] == errors[1], 0.5, errors[0] < errors[1])
+    return Comparison(
+        first,
+        second,
+        len(one),
+        resamples.n_clusters,
+        difference_estimate(gap, resamples),
+        mcnemar_clustered(a, b, site),
+        math.nan,
+        _exponential(mean_estimate(log_ratio, resamples)),
+        sign_flip(log_ratio[both], site[both]),
+        math.nan,
+        mean_estimate(closer, resamples, (0.0, 1.0)),
+        design_effect(gap, site),
+    )
+
+
+def difference_estimate(gap: F8, resamples: Resamples) -> Estimate:
+    """Mean of paired differences -1, 0 or 1 with its clustered bootstrap interval.
+
+    Two frames are added to the resampled ones, on one of which each solver alone succeeds: without them few
+    differences would make the interval too short, and none would make it a point.
+
+    References
+    ----------
+    D. G. Bonett, R. M. Price, J. Educational and Behavioral Statistics 37, 479-488, 2012 (the adjustment).
+    """
+    n = len(gap)
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    padded = np.concatenate((gap, [1.0, -1.0]))
+    cluster = np.concatenate((resamples.cluster, resamples.n_clusters + np.arange(2)))
+    widened = Resamples(cluster, resamples.n_clusters + 2, resamples.n_resamples, resamples.seed)
+    found = mean_estimate(padded, widened, (-1.0, 1.0))
+    return Estimate(float(gap.mean()), min(found.low, float(gap.mean())), max(found.high, float(gap.mean())), n)
+
+
+def _exponential(estimate: Estimate) -> Estimate:
+    with np.errstate(over="ignore"):
+        value, low, high = np.exp([estimate.value, estimate.low, estimate.high]).tolist()
+    return Estimate(value, low, high, estimate.n)
+
+
+def ranks(
+    tables: Mapping[str, pd.DataFrame],
+    comparisons: Sequence[Comparison],
+    level: float = LEVEL,
+    limit_km: float = SUCCESS_KM,
+) -> tuple[Rank, ...]:
+    """Ranks by success with joint confidence intervals, best first.
+
+    A solver's true rank is one more than the number of solvers that are better. Those that the tests say are better
+    are at least so many; those that they do not say are worse are at most so many. Holm's adjustment keeps the chance
+    of any false verdict below the level, and with none all intervals hold.
+
+    Parameters
+    ----------
+    tables : mapping of str to DataFrame
+    comparisons : sequence of Comparison
+        All pairs of the tables, from `compare`.
+    level : float
+
+    References
+    ----------
+    M. Mogstad, J. P. Romano, A. M. Shaikh, D. Wilhelm, Review of Economic Studies 91, 476-518, 2024 (confidence sets
+    for ranks from tests of all pairs).
+    """
+    names = list(tables)
+    pairs = {frozenset((c.first, c.second)) for c in comparisons}
+    if missing := [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in pairs]:
+        raise ValueError(f"ranks need the comparison of all pairs; {missing[0]} is missing")
+    rate = {name: float(succeeded(table, limit_km).mean()) for name, table in tables.items()}
+    better, worse = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    for c in comparisons:
+        if c.success_p_holm > level or c.difference.value == 0:
+            continue
+        winner, loser = (c.first, c.second) if c.difference.value > 0 else (c.second, c.first)
+        better[loser] += 1
+        worse[winner] += 1
+    found = [
+        Rank(name, 1 + sum(other > rate[name] for other in rate.values()), 1 + better[name], len(names) - worse[name])
+        for name in names
+    ]
+    return tuple(sorted(found, key=lambda rank: (rank.rank, rank.solver)))
+
+
+def detectable(comparisons: Sequence[Comparison], level: float = LEVEL, power: float = 0.8) -> float:
+    """Smallest true difference of success that a table of comparisons finds with probability `power`.
+
+    For a typical pair of it: the median share of frames on which the two differ and the median design effect, tested
+    at the level of the first step of Holm's procedure. NaN without a pair or where none differ.
+    """
+    if not comparisons:
+        return math.nan
+    discordant = float(
+        np.median([(c.success_test.only_first + c.success_test.only_second) / c.n_frames for c in comparisons])
+    )
+    effect = float(np.median([c.design_effect for c in comparisons]))
+    return minimum_detectable_difference(
+        comparisons[0].n_frames / effect, discordant, level / len(comparisons), power
+    )  # fmt: skip

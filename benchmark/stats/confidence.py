@@ -1,0 +1,288 @@
+"""What a solver's confidence is worth, and whether its covariance is honest.
+
+Confidence: the reliability diagram, the expected calibration error, and the risk-coverage curve. Covariance: the
+normalised estimation error squared and the coverage of error ellipses. All take a table of frames.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from benchmark.stats.clustered import Resamples, expanded_levels, percentile_interval, proportion_estimate
+from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, resamples_of, succeeded
+from benchmark.stats.intervals import CONFIDENCE, Estimate
+
+F8 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+RELIABILITY_BINS = 10
+ELLIPSE_LEVELS = (0.50, 0.95, 0.99)
+NEES_DIMENSIONS = 2
+_GAP_FACTORS = np.linspace(0.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class ReliabilityBin:
+    """Fixes of like confidence.
+
+    Attributes
+    ----------
+    low, high : float
+        Edges of the bin; it holds low < confidence <= high, the first also 0.
+    n : int
+        Fixes in it.
+    confidence : float
+        Their mean confidence.
+    success : Estimate
+        Share of them with an error below the limit of success.
+    """
+
+    low: float
+    high: float
+    n: int
+    confidence: float
+    success: Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class RiskCoverage:
+    """Risk as ever more frames are accepted, from the most confident down.
+
+    Attributes
+    ----------
+    coverage : ndarray, shape (n,)
+        Share of all frames accepted, ascending to 1.
+    risk : ndarray, shape (n,)
+        Share of the accepted frames that are wrong. Refused frames are accepted last and count as wrong.
+    n_fixes : int
+        Frames with a fix, the part of the curve that the solver itself would answer.
+    area : Estimate
+        Area under the curve, the mean risk over all coverages; 0 is perfect.
+    """
+
+    coverage: F8
+    risk: F8
+    n_fixes: int
+    area: Estimate
+
+
+@dataclass(frozen=True)
+class Nees:
+    """Normalised estimation error squared of the fixes that come with a covariance.
+
+    Attributes
+    ----------
+    n : int
+        Fixes.
+    mean : float
+        2 where the covariance is honest; above, it promises too much; below, too little.
+    low, high : float
+        Where the mean lies with 95 % probability if all errors are Gaussian with the covariance claimed.
+    median : float
+        1.386 where it is honest; not moved by a few gross errors.
+    """
+
+    n: int
+    mean: float
+    low: float
+    high: float
+    median: float
+
+
+def _confident(frames: pd.DataFrame) -> tuple[F8, Bools]:
+    confidence = column(frames, "confidence")
+    return confidence, fixed(frames) & ~np.isnan(confidence)
+
+
+def _bins(confidence: F8, n_bins: int) -> NDArray[np.intp]:
+    return np.clip(np.ceil(confidence * n_bins).astype(np.intp) - 1, 0, n_bins - 1)
+
+
+def reliability(frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS) -> tuple[ReliabilityBin, ...]:
+    """Success against confidence, in bins of equal width; empty bins are left out.
+
+    References
+    ----------
+    C. Guo, G. Pleiss, Y. Sun, K. Q. Weinberger, "On Calibration of Modern Neural Networks", ICML 2017, section 2;
+    A. H. Murphy and R. L. Winkler, Applied Statistics 26, 41-47, 1977 (the diagram).
+    """
+    confidence, known = _confident(frames)
+    part = frames[known]
+    confidence, right = confidence[known], succeeded(part)
+    place = _bins(confidence, n_bins)
+    found = []
+    for i in np.unique(place):
+        inside = place == i
+        share = proportion_estimate(right[inside], np.ones(inside.sum()), resamples_of(part[inside]))
+        found.append(
+            ReliabilityBin(i / n_bins, (i + 1) / n_bins, int(inside.sum()), float(confidence[inside].mean()), share)
+        )
+    return tuple(found)
+
+
+def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = RELIABILITY_BINS) -> Estimate:
+    """Expected calibration error over the fixes: the mean gap of success and confidence over the bins of `reliability`.
+
+    The value is that of the sample, as is the custom; the gaps' absolute values make it larger than that of the solver,
+    the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: the smallest error,
+    among solvers whose gaps are those of the sample times a factor, that would not give the sample's error too rarely;
+    the noise of the gaps is taken from the resamples. The upper end, which the bias does not threaten, lies as many
+    standard deviations above the value as the t distribution says.
+
+    References
+    ----------
+    Guo et al. 2017, equation 3. J. Bröcker, Climate Dynamics 39, 655-667, 2012 (the bias). J. Carpenter, J. R.
+    Statist. Soc. B 61, 159-172, 1999 (test inversion with the bootstrap).
+    """
+    confidence, known = _confident(frames)
+    n = int(known.sum())
+    if n == 0:
+        return UNDEFINED
+    gap = np.where(known, succeeded(frames) - np.nan_to_num(confidence), 0.0)
+    place = _bins(np.nan_to_num(confidence), n_bins)
+    gaps = (gap[:, None] * ((place[:, None] == np.arange(n_bins)) & known[:, None])).sum(axis=0) / n
+    sample = float(np.abs(gaps).sum())
+    if resamples.n_clusters < 2:
+        return Estimate(sample, 0.0, 1.0, n)
+    by_bin = np.column_stack((gap[:, None] * (place[:, None] == np.arange(n_bins)) * known[:, None], known))
+    sums = resamples.sums(by_bin)
+    sums = sums[sums[:, -1] > 0]
+    noise = sums[:, :-1] / sums[:, -1:] - gaps
+    errors = np.abs(_GAP_FACTORS[:, None, None] * gaps + noise).sum(axis=2)
+    at_least = (errors >= sample).mean(axis=1)
+    low = _GAP_FACTORS[np.argmax(at_least >= expanded_levels(resamples.n_clusters)[0])]
+    if not noise.any():
+        return Estimate(sample, *percentile_interval([sample], resamples.n_clusters, (0.0, 1.0)), n=n)
+    spread = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, resamples.n_clusters - 1)) * float(errors[-1].std(ddof=1))
+    return Estimate(sample, sample * float(low), min(1.0, sample + spread), n)
+
+
+def overconfidence(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Mean confidence less success over the fixes: above 0 the solver promises too much. Free of bins and of bias."""
+    confidence, known = _confident(frames)
+    n = int(known.sum())
+    if n == 0:
+        return UNDEFINED
+    gap = np.where(known, np.nan_to_num(confidence) - succeeded(frames), 0.0)
+    sums = resamples.sums(np.column_stack((gap, known)))
+    replicates = sums[:, 0] / np.where(sums[:, 1] > 0, sums[:, 1], np.nan)
+    low, high = percentile_interval(replicates, resamples.n_clusters, (-1.0, 1.0))
+    return Estimate(float(gap.sum() / n), low, high, n)
+
+
+def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
+    """Risk-coverage curve and its area; frames of one confidence are accepted in random order, on average.
+
+    Fixes without a confidence come after all that have one. Refused frames come last and count as wrong, so that the
+    curve of every solver ends at coverage 1 and areas can be compared.
+
+    References
+    ----------
+    R. El-Yaniv and Y. Wiener, JMLR 11, 1605-1641, 2010; Y. Geifman and R. El-Yaniv, "Selective Classification for
+    Deep Neural Networks", NeurIPS 2017; Y. Geifman, G. Uziel, R. El-Yaniv, "Bias-Reduced Uncertainty Estimation for
+    Deep Neural Classifiers", ICLR 2019 (the area).
+    """
+    wrong, order, block = _ranked(frames)
+    n = len(frames)
+    if n == 0:
+        return RiskCoverage(np.empty(0), np.empty(0), 0, UNDEFINED)
+    resamples = resamples_of(frames)
+
+    def areas(weights: NDArray[np.uint8]) -> F8:
+        return _curve(weights.astype(np.float64), wrong[order], block)[1]
+
+    risk, area = _curve(np.ones((1, n)), wrong[order], block)
+    low, high = percentile_interval(resamples.frame_weights(order, areas), resamples.n_clusters, (0.0, 1.0))
+    coverage = np.arange(1, n + 1) / n
+    return RiskCoverage(coverage, risk[0], int(fixed(frames).sum()), Estimate(float(area[0]), low, high, n))
+
+
+def _ranked(frames: pd.DataFrame) -> tuple[F8, NDArray[np.intp], NDArray[np.intp]]:
+    """Which frames are wrong; their order from the most confident; where each block of equals starts in that order."""
+    confidence, known = _confident(frames)
+    rank = np.where(known, confidence, np.where(fixed(frames), -1.0, -2.0))
+    order = np.argsort(-rank, kind="stable")
+    block = np.flatnonzero(np.diff(rank[order], prepend=math.inf))
+    return (~succeeded(frames)).astype(np.float64), order, block
+
+
+def _curve(weights: F8, wrong: F8, block: NDArray[np.intp]) -> tuple[F8, F8]:
+    """Risk after each frame, shape (k, n), and its mean by weight, shape (k,), for k weightings of the ordered frames."""
+    if len(block) == 0:
+        return np.empty_like(weights), np.full(len(weights), math.nan)
+    bad = weights * wrong
+    if len(block) < len(wrong):
+        size = np.diff(np.append(block, len(wrong)))
+        total = np.add.reduceat(weights, block, axis=1)
+        share = np.add.reduceat(bad, block, axis=1) / np.maximum(total, 1.0)
+        bad = weights * np.repeat(share, size, axis=1)
+    accepted = np.cumsum(weights, axis=1)
+    risk = np.cumsum(bad, axis=1) / np.maximum(accepted, 1.0)
+    return risk, np.einsum("ij,ij->i", weights, risk) / accepted[:, -1]
+
+
+def nees_values(frames: pd.DataFrame) -> F8:
+    """Squared error in units of the covariance claimed, shape (n,); NaN without a fix or a covariance.
+
+    A covariance that is not positive definite claims certainty in some direction: +inf.
+    """
+    east, north = column(frames, "error_east_km"), column(frames, "error_north_km")
+    ee, en, nn = (column(frames, f"cov_{name}_km2") for name in ("ee", "en", "nn"))
+    determinant = ee * nn - en**2
+    known = fixed(frames) & ~np.isnan(determinant) & ~np.isnan(east) & ~np.isnan(north)
+    proper = known & (ee > 0) & (nn > 0) & (determinant > 0)
+    square = (nn * east**2 - 2.0 * en * east * north + ee * north**2) / np.where(proper, determinant, 1.0)
+    return np.where(proper, square, np.where(known, math.inf, math.nan))
+
+
+def nees(frames: pd.DataFrame, right_only: bool = False, confidence: float = 0.95) -> Nees:
+    """Normalised estimation error squared with the bounds that an honest covariance keeps.
+
+    Parameters
+    ----------
+    frames : DataFrame
+    right_only : bool
+        Over the fixes within the limit of success only: what the covariance is worth once the stars are named right.
+    confidence : float
+
+    References
+    ----------
+    Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
+    section 5.4.2: n times the mean of n values of dimension d is chi-squared with n d degrees of freedom.
+    """
+    values = nees_values(frames)
+    values = values[~np.isnan(values) & (succeeded(frames) if right_only else True)]
+    n = len(values)
+    if n == 0:
+        return Nees(0, math.nan, math.nan, math.nan, math.nan)
+    tail = (1.0 - confidence) / 2.0
+    low, high = (float(stats.chi2.ppf(level, NEES_DIMENSIONS * n)) / n for level in (tail, 1.0 - tail))
+    return Nees(n, float(values.mean()), low, high, float(np.median(values)))
+
+
+def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:
+    """Share of the fixes with a covariance whose truth lies inside the error ellipse of a level; honest: the level."""
+    values = nees_values(frames)
+    inside = values <= stats.chi2.ppf(level, NEES_DIMENSIONS)
+    return proportion_estimate(inside & ~np.isnan(values), ~np.isnan(values), resamples)
+
+
+def _ellipse_at(level: float) -> Metric:
+    name = f"{100 * level:.0f}"
+    return Metric(
+        f"ellipse_{name}", f"{name} % ellipse holds", "", 0, lambda f, r: ellipse_coverage(f, r, level)
+    )  # fmt: skip
+
+
+CALIBRATION_METRICS: tuple[Metric, ...] = (
+    Metric("ece", "calibration error", "", -1, calibration_error),
+    Metric("overconfidence", "overconfidence", "", 0, overconfidence),
+    Metric("risk_coverage_area", "risk-coverage area", "", -1, lambda f, r: risk_coverage(f).area),
+    *(_ellipse_at(level) for level in ELLIPSE_LEVELS),
+)

@@ -1,0 +1,256 @@
+"""Metrics of one solver as functions of its table of frames (docs/benchmark.md defines and sources each).
+
+A table is a pandas data frame with the columns of ``frames.parquet``. Frames without a fix have an infinite error, so
+that refusing never improves a quantile; every rate is one of all frames unless its definition says otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from benchmark.errors import ResultsError
+from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate, quantile_estimate
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import FIX, SUCCESS_KM
+
+F8 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SUCCESS_LEVELS_KM = (1.0, 3.0, 10.0, 30.0)
+UNDEFINED = Estimate(math.nan, math.nan, math.nan, 0)
+KELVINS_PENALTY = 2.0
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number that a table of frames yields.
+
+    Attributes
+    ----------
+    key : str
+        Its name in files.
+    heading : str
+        Its name for people.
+    unit : str
+        Empty for proportions and scores.
+    better : int
+        1 where more is better, -1 where less is, 0 where neither.
+    measure : callable
+        Takes the table and the resamples of its clusters.
+    """
+
+    key: str
+    heading: str
+    unit: str
+    better: int
+    measure: Callable[[pd.DataFrame, Resamples], Estimate]
+
+
+def read_frames(path: Path) -> pd.DataFrame:
+    """Read ``frames.parquet`` without the solver's own account of its stages.
+
+    Raises
+    ------
+    ResultsError
+    """
+    try:
+        columns = [name for name in pq.read_schema(path).names if name != "stage_ms"]
+        table: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas()
+    except (pa.ArrowException, OSError) as error:
+        raise ResultsError(f"{path}: missing or damaged ({error}); run `skybench bench run` again") from error
+    return table
+
+
+def sites(frames: pd.DataFrame) -> NDArray[np.str_]:
+    """Cluster of each frame; a frame without a site is one of its own."""
+    if "site" not in frames:
+        return np.asarray(frames["frame_id"], dtype=str)
+    site = frames["site"].fillna("").astype(str).to_numpy(dtype=str)
+    return np.where(site == "", "frame " + frames["frame_id"].astype(str).to_numpy(dtype=str), site)
+
+
+def resamples_of(frames: pd.DataFrame) -> Resamples:
+    """Resamples of the table's sites."""
+    return Resamples.of(sites(frames))
+
+
+def column(frames: pd.DataFrame, name: str) -> F8:
+    """A numeric column, NaN where the table has none or the cell is empty; shape (n,)."""
+    if name not in frames:
+        return np.full(len(frames), math.nan)
+    return frames[name].to_numpy(dtype=np.float64, na_value=math.nan)
+
+
+def fixed(frames: pd.DataFrame) -> Bools:
+    """Which frames have a fix."""
+    return np.asarray(frames["status"].to_numpy() == FIX)
+
+
+def errors_km(frames: pd.DataFrame) -> F8:
+    """Error of each frame, +inf without a fix."""
+    error = column(frames, "error_km")
+    return np.where(fixed(frames) & ~np.isnan(error), error, math.inf)
+
+
+def succeeded(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> Bools:
+    """Which frames have a fix and an error below the limit."""
+    return np.asarray(errors_km(frames) < limit_km)
+
+
+def success(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
+    """Share of all frames with a fix and an error below the limit."""
+    return proportion_estimate(succeeded(frames, limit_km), np.ones(len(frames)), resamples)
+
+
+def wrong_and_confident(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Share of all frames with a fix that is off by `SUCCESS_KM` or more."""
+    return proportion_estimate(fixed(frames) & ~succeeded(frames), np.ones(len(frames)), resamples)
+
+
+def error_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Estimate:
+    """Quantile of the error over all frames."""
+    return quantile_estimate(errors_km(frames), q, resamples)
+
+
+def star_precision(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Correct matches of all matches claimed."""
+    return proportion_estimate(frames["n_correct"], frames["n_matches"], resamples)
+
+
+def star_recall(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Correct matches of all detections of a star."""
+    return proportion_estimate(frames["n_correct"], frames["n_detected_stars"], resamples)
+
+
+def kelvins_scores(frames: pd.DataFrame) -> F8:
+    """Score of each frame, max((correct - 2 wrong) / max(stars, 1), -1), shape (n,).
+
+    References
+    ----------
+    ESA Advanced Concepts Team, "Star Trackers: First Contact", Kelvins competition, 2016, page "Evaluation"
+    (live.kelvins.esa.int/star-trackers-first-contact/evaluation).
+    """
+    correct = column(frames, "n_correct")
+    wrong = column(frames, "n_matches") - correct
+    stars = np.maximum(column(frames, "n_detected_stars"), 1.0)
+    return np.asarray(np.maximum((correct - KELVINS_PENALTY * wrong) / stars, -1.0))
+
+
+def kelvins(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Mean of the frames' scores."""
+    return mean_estimate(kelvins_scores(frames), resamples, (-1.0, 1.0))
+
+
+def bound_ratios(frames: pd.DataFrame) -> F8:
+    """Error over the root of the trace of the frame's Cramér-Rao bound; +inf without a fix, NaN without a bound."""
+    bound = column(frames, "crlb_km")
+    usable = np.isfinite(bound) & (bound > 0)
+    return np.where(usable, errors_km(frames) / np.where(usable, bound, 1.0), math.nan)
+
+
+def bound_ratio(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Median of `bound_ratios` over all frames that have a bound.
+
+    An estimator that reaches the bound has 0.67 (all of the error in one direction) to 0.83 (a round error ellipse).
+    """
+    return quantile_estimate(bound_ratios(frames), 0.5, resamples)
+
+
+def time_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Estimate:
+    """Quantile of the time per frame, refused frames included."""
+    return quantile_estimate(column(frames, "time_ms"), q, resamples)
+
+
+def peak_memory(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Largest memory over all frames; a largest value has no interval."""
+    memory = column(frames, "peak_memory_mib")
+    known = memory[~np.isnan(memory)]
+    return Estimate(float(known.max()), math.nan, math.nan, len(known)) if len(known) else UNDEFINED
+
+
+def _success_at(limit_km: float) -> Metric:
+    return Metric(
+        f"success_{limit_km:g}km",
+        f"success, {limit_km:g} km",
+        "",
+        1,
+        lambda frames, resamples: success(frames, resamples, limit_km),
+    )
+
+
+METRICS: tuple[Metric, ...] = (
+    *(_success_at(limit) for limit in SUCCESS_LEVELS_KM),
+    Metric("median_error_km", "median error", "km", -1, lambda f, r: error_quantile(f, r, 0.5)),
+    Metric("p90_error_km", "90 % error", "km", -1, lambda f, r: error_quantile(f, r, 0.9)),
+    Metric("wrong_and_confident", "wrong and confident", "", -1, wrong_and_confident),
+    Metric("star_precision", "star-ID precision", "", 1, star_precision),
+    Metric("star_recall", "star-ID recall", "", 1, star_recall),
+    Metric("kelvins_score", "Kelvins score", "", 1, kelvins),
+    Metric("bound_ratio", "error / Cramér-Rao bound", "", -1, bound_ratio),
+    Metric("median_time_ms", "median time", "ms", -1, lambda f, r: time_quantile(f, r, 0.5)),
+    Metric("p95_time_ms", "95 % time", "ms", -1, lambda f, r: time_quantile(f, r, 0.95)),
+    Metric("peak_memory_mib", "peak memory", "MiB", -1, peak_memory),
+)
+
+
+def measure(frames: pd.DataFrame, metrics: Iterable[Metric] = METRICS) -> dict[str, Estimate]:
+    """All metrics of a table, by key; undefined ones (nothing to count) are NaN."""
+    if len(frames) == 0:
+        return {metric.key: UNDEFINED for metric in metrics}
+    resamples = resamples_of(frames)
+    return {metric.key: metric.measure(frames, resamples) for metric in metrics}
+
+
+def measure_by(
+    frames: pd.DataFrame,
+    by: str = "condition",
+    metrics: Sequence[Metric] = METRICS,
+    max_groups: int = 12,
+) -> pd.DataFrame:
+    """Metrics against a circumstance of the frames.
+
+    Parameters
+    ----------
+    frames : DataFrame
+    by : str
+        Column: ``condition``, ``bortle``, ``moon_altitude_deg``, ``true_latitude_deg``, …
+    metrics : sequence of Metric
+    max_groups : int
+        A column with more distinct values is cut into this many groups of like size.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``by`` (the group's value, or the mean of its values), ``from``, ``to`` (least and largest value),
+        ``n_frames``, ``metric``, ``value``, ``low``, ``high``, ``n``; empty where no frame has a value.
+    """
+    values = column(frames, by)
+    rows = []
+    for group in groups_of(values, max_groups):
+        inside = values[group]
+        for key, estimate in measure(frames[group], metrics).items():
+            rows.append(
+                (float(inside.mean()), float(inside.min()), float(inside.max()), int(group.sum()), key, estimate.value,
+                 estimate.low, estimate.high, estimate.n)
+            )  # fmt: skip
+    return pd.DataFrame(rows, columns=[by, "from", "to", "n_frames", "metric", "value", "low", "high", "n"])
+
+
+def groups_of(values: F8, max_groups: int) -> list[Bools]:
+    """Masks of the frames of each distinct value, or of each of `max_groups` groups of like size; NaN in none."""
+    known = values[~np.isnan(values)]
+    distinct = np.unique(known)
+    if len(distinct) <= max_groups:
+        return [values == value for value in distinct]
+    edges = np.unique(np.quantile(known, np.arange(1, max_groups) / max_groups, method="higher"))
+    place = np.searchsorted(edges, values, side="right")
+    return [mask for i in range(len(edges) + 1) if (mask := (place == i) & ~np.isnan(values)).any()]

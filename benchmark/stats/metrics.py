@@ -1,0 +1,120 @@
+"""Scores of frames and their summaries; docs/benchmark.md defines each metric in words."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from benchmark.stats.intervals import Estimate, pooled_proportion, proportion, quantile_estimate
+
+SUCCESS_KM = 10.0
+DEFINITIONS = "skybench-metrics/1"
+
+FIX = "fix"
+REFUSED = "refused"
+ERROR = "error"
+
+
+@dataclass(frozen=True)
+class FrameScore:
+    """One solver's result on one frame, judged.
+
+    Attributes
+    ----------
+    frame_id, index
+        Of the frame.
+    bortle : int or None
+        The frame's Bortle class.
+    width_px, height_px : int
+        Size of the image.
+    status : str
+        ``fix``, ``refused``, or ``error`` (the solver raised or answered nonsense; scored as a refusal).
+    reason : str
+        Empty with a fix.
+    lat_deg, lon_deg : float or None
+        The position claimed, None without a fix.
+    error_km : float
+        Geodesic distance to the truth; +inf without a fix.
+    n_detections, n_detected_stars, n_matches, n_correct : int
+        Star identification, see `benchmark.judge.star_id`.
+    time_ms : float
+        Wall time of detection and solving together.
+    """
+
+    frame_id: str
+    index: int
+    bortle: int | None
+    width_px: int
+    height_px: int
+    status: str
+    reason: str
+    lat_deg: float | None
+    lon_deg: float | None
+    error_km: float
+    n_detections: int
+    n_detected_stars: int
+    n_matches: int
+    n_correct: int
+    time_ms: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The metrics over a set of frames.
+
+    Attributes
+    ----------
+    n_frames, n_fixes, n_refused, n_errors : int
+        Counts; the last three add up to the first.
+    recall : Estimate
+        Share of all frames with a fix and an error below `SUCCESS_KM`.
+    wrong_and_confident : Estimate
+        Share of all frames with a fix and an error of `SUCCESS_KM` or more.
+    median_error_km, p90_error_km : Estimate
+        Quantiles over all frames, without a fix counted as infinite.
+    star_precision, star_recall : Estimate
+        Pooled over frames, see `benchmark.judge.star_id`.
+    median_time_ms, p95_time_ms : Estimate
+        Time per frame, refused frames included.
+    """
+
+    n_frames: int
+    n_fixes: int
+    n_refused: int
+    n_errors: int
+    recall: Estimate
+    wrong_and_confident: Estimate
+    median_error_km: Estimate
+    p90_error_km: Estimate
+    star_precision: Estimate
+    star_recall: Estimate
+    median_time_ms: Estimate
+    p95_time_ms: Estimate
+
+
+def summarise(scores: Sequence[FrameScore]) -> Summary:
+    """Summarise the scores of one solver over a set of frames."""
+    fixed = [score.status == FIX for score in scores]
+    near = [score.error_km < SUCCESS_KM for score in scores]
+    errors_km = [score.error_km for score in scores]
+    times_ms = [score.time_ms for score in scores]
+    correct = [score.n_correct for score in scores]
+    return Summary(
+        n_frames=len(scores),
+        n_fixes=sum(fixed),
+        n_refused=sum(score.status == REFUSED for score in scores),
+        n_errors=sum(score.status == ERROR for score in scores),
+        recall=proportion(near),
+        wrong_and_confident=proportion([fix and not hit for fix, hit in zip(fixed, near, strict=True)]),
+        median_error_km=quantile_estimate(errors_km, 0.5),
+        p90_error_km=quantile_estimate(errors_km, 0.9),
+        star_precision=pooled_proportion(correct, [score.n_matches for score in scores]),
+        star_recall=pooled_proportion(correct, [score.n_detected_stars for score in scores]),
+        median_time_ms=quantile_estimate(times_ms, 0.5),
+        p95_time_ms=quantile_estimate(times_ms, 0.95),
+    )
+
+
+def by_bortle(scores: Sequence[FrameScore]) -> list[tuple[int | None, Summary]]:
+    """Summaries by Bortle class, in ascending order; frames without a class come last, under None."""
+    classes = sorted({score.bortle for score in scores}, key=lambda bortle: math.inf if bortle is None else bortle)
+    return [(bortle, summarise([score for score in scores if score.bortle == bortle])) for bortle in classes]

@@ -1,0 +1,1 @@
+"""What errors of calibration do to a position, `skybench study calibration`."""

@@ -1,0 +1,203 @@
+"""A camera recovered from pictures by differentiating the renderer's star pass, against its Cramer-Rao bound.
+
+A picture is rendered and read out with noise. The recovery is told a camera that is wrong in focal length, distortion and
+attitude, renders the stars through it with derivatives, and follows them until the picture is explained as well as noise
+allows: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
+steps look at both images through a wide Gaussian, and the last at the pixels themselves.
+
+Known are the names and light of the stars, the sky behind them, and the noise. The bound is that of the five camera
+parameters with all of this known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from generator import plugins
+from generator.frame.plan import FramePlan
+from generator.frame.render import RenderedFrame, render_frame
+from generator.frame.scene import scene_dict
+from generator.scenario.file import Scenario
+from generator.seeds import random_stream
+from generator.sensor.detector import saturation_e
+from generator.sky.component import SkyTable
+
+F8 = NDArray[np.float64]
+
+BLURS_PX = (8.0, 4.0, 2.0, 1.0, 0.0)
+COARSE_STEPS, MOST_STEPS = 8, 40
+"""Of a stage through a wide Gaussian, and of the last one, which goes on until it has settled."""
+STARTING_SIGMA = np.array([3e-3, 5e-3, *np.radians([0.15, 0.15, 0.15])])
+"""How wrong the told camera is, one standard deviation: 0.3 % of focal length, 0.005 of k1, 0.15 deg about each axis."""
+SATURATED = 0.8
+"""Pixels whose expectation exceeds this part of saturation say nothing."""
+SETTLED = 1e-3
+"""A step shorter than this part of its standard deviation ends the iteration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """One picture's camera.
+
+    Attributes
+    ----------
+    frame : int
+    start, error, sigma : ndarray, shape (5,)
+        How wrong the told camera and the recovered one are, and the bound's standard deviations, in the order and units of
+        `generator.plugins.star_gradient.PARAMETERS`.
+    nees : float
+        Square of the error in the bound's metric: chi^2 with five degrees of freedom where the bound is reached.
+    steps : int
+    path_px : tuple of float
+        Root mean square distance of the predicted stars from where they are, after each step, px; the start first.
+    """
+
+    frame: int
+    start: F8
+    error: F8
+    sigma: F8
+    nees: float
+    steps: int
+    path_px: tuple[float, ...]
+
+
+def recover_camera(scenario: Scenario, index: int) -> Recovery:
+    """Render a frame, spoil what is known of its camera, and recover it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With a lens model that has a k1, one channel, a Gaussian point spread function and a still camera.
+    index : int
+        Of the frame.
+    """
+    mi = plugins.start()
+    from generator.plugins.star_gradient import DifferentiableStars  # needs Mitsuba's variant
+
+    rendered = render_frame(scenario, index)
+    plan = rendered.plan
+    start = STARTING_SIGMA * random_stream(scenario.seed, "study.gradient_start", index).standard_normal(5)
+    told = spoiled(plan, start)
+    stars = DifferentiableStars(mi.load_dict(scene_dict(told, _black())))
+    observed, background, noise_variance = _electrons(rendered)
+    rays = _rays(plan, rendered)
+    steps, path = 0, [_distance_px(plan, told, np.zeros(5), rays)]
+    values = np.zeros(5)
+    information = np.eye(5)
+    for blur_px in BLURS_PX:
+        for _ in range(COARSE_STEPS if blur_px else MOST_STEPS):
+            model = stars.image(values, blur_px)
+            step, information = _score(model.electrons, model.derivatives, observed, background, noise_variance,
+                                       saturation_e(plan.spec.sensor), blur_px)  # fmt: skip
+            values = values + step
+            steps += 1
+            path.append(_distance_px(plan, told, values, rays))
+            if float(step @ information @ step) < SETTLED**2 * len(values):
+                break
+    error = difference(plan, told, values)
+    covariance = np.linalg.inv(information)
+    return Recovery(
+        index, difference(plan, told, np.zeros(5)), error, np.sqrt(np.diag(covariance)), float(error @ information @ error),
+        steps, tuple(path),
+    )  # fmt: skip
+
+
+def recover_all(scenario: Scenario, n_frames: int, progress: Callable[[], None]) -> tuple[Recovery, ...]:
+    """Recover the camera of each of the first frames by itself."""
+    found = []
+    for index in range(n_frames):
+        found.append(recover_camera(scenario, index))
+        progress()
+    return tuple(found)
+
+
+def spoiled(plan: FramePlan, change: F8) -> FramePlan:
+    """Change a plan's camera: log focal length, k1, and a rotation vector about the camera's axes, shape (5,)."""
+    camera = plan.spec.camera
+    k = (camera.projection.full_k[0] + change[1], *camera.projection.full_k[1:])
+    fields = {"hfov_deg": None, "focal_length_mm": None, "focal_px": camera.f_px * math.exp(change[0]), "k": k}
+    R_cam = Rotation.from_rotvec(change[2:]).as_matrix() @ plan.motion.R_cam
+    spec = plan.spec.model_copy(update={"camera": camera.model_copy(update=fields)})
+    return replace(plan, spec=spec, motion=replace(plan.motion, R_cam=R_cam))
+
+
+def difference(plan: FramePlan, told: FramePlan, values: F8) -> F8:
+    """How far a told camera plus `values` is from a plan's own, shape (5,)."""
+    ours, theirs = plan.spec.camera.projection, told.spec.camera.projection
+    x, y, z = values[2:] / 2
+    turn = Rotation.from_quat([x, y, z, 1.0])
+    off = turn * Rotation.from_matrix(told.motion.R_cam[0]) * Rotation.from_matrix(plan.motion.R_cam[0]).inv()
+    log_f = math.log(theirs.f_px / ours.f_px) + values[0]
+    return np.array([log_f, theirs.full_k[0] - ours.full_k[0] + values[1], *off.as_rotvec()])
+
+
+def _black() -> SkyTable:
+    """A sky without light."""
+    from generator.sky.assembly import whole_sky
+
+    return whole_sky({})
+
+
+def _electrons(rendered: RenderedFrame) -> tuple[F8, F8, float]:
+    """Picture in electrons, the known background in it, and the noise that does not depend on light (variance, e^2)."""
+    sensor, exposure_s = rendered.plan.spec.sensor, rendered.plan.spec.time.exposure_s
+    observed = (rendered.dn.astype(np.float64) - sensor.black_level_dn) * sensor.gain_e_per_dn
+    background = rendered.expected.sky_electrons + sensor.mean_dark_e_s * exposure_s
+    return observed, np.asarray(background, dtype=np.float64), sensor.read_noise_e**2 + sensor.gain_e_per_dn**2 / 12
+
+
+def _score(
+    stars: F8, derivatives: F8, observed: F8, background: F8, noise_variance: float, full_e: float, blur_px: float
+) -> tuple[F8, F8]:
+    """A step of Fisher scoring and the information, of pixels with Poisson light and Gaussian read noise.
+
+    The score of a parameter is sum (observed - expected)/variance x derivative; the information sum derivative x
+    derivative'/variance (Kay, Fundamentals of Statistical Signal Processing, 1993, 3.9, with the variance held).
+    """
+    residual = observed - background - stars
+    if blur_px:
+        # `stars` is wider already.
+        residual = gaussian_filter(observed - background, blur_px) - stars
+    variance = np.maximum(stars + background, 0) + noise_variance
+    weight = np.where(stars + background < SATURATED * full_e, 1 / variance, 0.0)
+    flat = derivatives.reshape(len(derivatives), -1)
+    weighted = flat * weight.ravel()
+    information = weighted @ flat.T
+    step = np.linalg.solve(information + 1e-9 * np.diag(np.diag(information)), weighted @ residual.ravel())
+    return np.asarray(step, dtype=np.float64), information
+
+
+def _rays(plan: FramePlan, rendered: RenderedFrame) -> F8:
+    """Directions (east, north, up) of the stars in the frame, shape (n, 3)."""
+    inside = rendered.expected.fraction_in_frame > 0.5
+    return np.asarray(plan.middle.enu[inside], dtype=np.float64)
+
+
+def _distance_px(plan: FramePlan, told: FramePlan, values: F8, enu: F8) -> float:
+    """Root mean square distance, px, between stars through the true camera and through the told one plus `values`."""
+    places = []
+    off = difference(plan, told, values)
+    for change in (np.zeros(5), off):
+        camera = spoiled(plan, change)
+        rays = enu @ camera.motion.R_cam[0].T
+        r = rays[:, :2] / rays[:, 2:]
+        projection = camera.spec.camera.projection
+        places.append(projection.f_px * r * (1 + projection.full_k[0] * np.sum(r**2, axis=1))[:, None])
+    return float(np.sqrt(np.mean(np.sum((places[1] - places[0]) ** 2, axis=1))))
+
+
+def as_table(found: tuple[Recovery, ...]) -> dict[str, Any]:
+    """Columns of numbers for a file: one row a frame."""
+    columns: dict[str, Any] = {"frame": [one.frame for one in found], "nees": [one.nees for one in found]}
+    for kind in ("start", "error", "sigma"):
+        for place, name in enumerate(("log_f", "k1", "turn_x_rad", "turn_y_rad", "turn_z_rad")):
+            columns[f"{kind}_{name}"] = [float(getattr(one, kind)[place]) for one in found]
+    return columns

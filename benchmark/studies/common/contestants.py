@@ -1,0 +1,95 @@
+"""Contestants of a study: a solver of celnav with choices of the study's own, on prepared detections."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import celnav
+from benchmark.frames.dataset import Frame
+from benchmark.protocol import Answer, Detections, Observation
+from benchmark.provenance import distribution_version
+from benchmark.run.run import SolverOutcome, judge_frame
+from benchmark.solvers.celnav_solver import answer_of
+from celnav.problem import Solver
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """A solver under a name of the study.
+
+    Attributes
+    ----------
+    name : str
+    solver : Solver
+        Of `celnav`.
+    history : celnav.History or None
+        Carried from frame to frame when given; the study says so where it does.
+    """
+
+    name: str
+    solver: Solver
+    history: celnav.History | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """A contestant that is handed its detections instead of an image."""
+
+    contestant: Contestant
+    found: celnav.Detections
+
+    @property
+    def name(self) -> str:
+        return self.contestant.name
+
+    @property
+    def version(self) -> str:
+        return distribution_version()
+
+    @property
+    def detector(self) -> str:
+        return "prepared"
+
+    def detect(self, image: NDArray[np.uint16]) -> Detections:
+        found: Detections = self.found
+        return found
+
+    def solve(self, detections: Detections, observation: Observation) -> Answer:
+        camera = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
+        return answer_of(
+            celnav.solve(
+                self.found,
+                camera,
+                utc=observation.utc,
+                attitude=observation.R_cam,
+                solver=self.contestant.solver,
+                history=self.contestant.history,
+            )
+        )
+
+
+def judge_detections(
+    frame: Frame, detections: celnav.Detections, contestants: Sequence[Contestant], warm_up: bool = False
+) -> tuple[SolverOutcome, ...]:
+    """Judge contestants on detections that are there already; the benchmark's own judge does the work.
+
+    Parameters
+    ----------
+    frame : Frame
+        With its truth.
+    detections : celnav.Detections
+        What all contestants are given.
+    contestants : sequence of Contestant
+    warm_up : bool
+        Answer once without the clock first. A history would learn from it, so contestants with one are not warmed up.
+    """
+    prepared = [_Prepared(contestant, detections) for contestant in contestants]
+    no_image = np.zeros((1, 1), dtype=np.uint16)
+    if warm_up:
+        judge_frame(frame, no_image, [p for p in prepared if p.contestant.history is None])
+    return judge_frame(frame, no_image, prepared)

@@ -1,0 +1,170 @@
+"""Rows of a study: one contestant's judged answer on one frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from benchmark.run.results import write_atomically
+from benchmark.run.run import SolverOutcome
+from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
+from benchmark.stats.metrics import SUCCESS_KM
+
+UNITS = {"depth_mag": "mag", "error_km": "km", "detect_ms": "ms", "solve_ms": "ms"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A contestant's answer on one frame.
+
+    Attributes
+    ----------
+    part : str
+        Experiment of the study.
+    depth_mag : float
+        Limiting magnitude of the frame: the scenario's label for pictures, where the star list ends for centroids.
+    frame_id, contestant, status, reason : str
+    error_km : float
+        Infinite without a fix.
+    n_matches, n_correct : int
+    confidence : float
+        NaN where the solver gives none.
+    detect_ms, solve_ms : float
+    """
+
+    part: str
+    depth_mag: float
+    frame_id: str
+    contestant: str
+    status: str
+    reason: str
+    error_km: float
+    n_matches: int
+    n_correct: int
+    confidence: float
+    detect_ms: float
+    solve_ms: float
+
+    @property
+    def near(self) -> bool:
+        """A fix within 10 km: what the thesis calls recall."""
+        return self.error_km < SUCCESS_KM
+
+    @property
+    def identified(self) -> bool:
+        """Most of the stars claimed are the right ones; of one star, it is."""
+        return 2 * self.n_correct > self.n_matches
+
+
+def row_of(part: str, depth_mag: float, contestant: str, outcome: SolverOutcome, detect_ms: float = 0.0) -> Row:
+    """Take from a judged outcome what the study keeps."""
+    score = outcome.score
+    confidence = outcome.details.confidence
+    return Row(
+        part,
+        depth_mag,
+        score.frame_id,
+        contestant,
+        score.status,
+        score.reason,
+        score.error_km,
+        score.n_matches,
+        score.n_correct,
+        math.nan if confidence is None else confidence,
+        detect_ms,
+        score.time_ms,
+    )
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows that can be asked for; the order is the order in which frames were solved."""
+
+    rows: tuple[Row, ...]
+
+    def of(self, part: str | None = None, contestant: str | None = None, depths: Iterable[float] | None = None) -> Rows:
+        """Keep the rows of an experiment, a contestant, some depths."""
+        wanted = None if depths is None else set(depths)
+        kept = (
+            row
+            for row in self.rows
+            if (part is None or row.part == part)
+            and (contestant is None or row.contestant == contestant)
+            and (wanted is None or row.depth_mag in wanted)
+        )
+        return Rows(tuple(kept))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def near(self) -> NDArray[np.bool_]:
+        """Shape (n,)."""
+        return np.array([row.near for row in self.rows], dtype=bool)
+
+    @property
+    def identified(self) -> NDArray[np.bool_]:
+        """Shape (n,)."""
+        return np.array([row.identified for row in self.rows], dtype=bool)
+
+    @property
+    def errors_km(self) -> NDArray[np.float64]:
+        """Shape (n,), infinite without a fix."""
+        return np.array([row.error_km for row in self.rows], dtype=np.float64)
+
+    @property
+    def confidence(self) -> NDArray[np.float64]:
+        """Shape (n,)."""
+        return np.array([row.confidence for row in self.rows], dtype=np.float64)
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Shape (n,)."""
+        return np.array([row.status == "fix" for row in self.rows], dtype=bool)
+
+    def recall(self) -> Estimate:
+        """Share of frames fixed within 10 km."""
+        return proportion(self.near)
+
+    def id_recall(self) -> Estimate:
+        """Share of frames whose stars are identified."""
+        return proportion(self.identified)
+
+    def median_km(self) -> Estimate:
+        """Median error over all frames, refused ones infinite."""
+        return quantile_estimate(self.errors_km, 0.5)
+
+    def median_solve_ms(self) -> Estimate:
+        """Median time of solving, without detection."""
+        return quantile_estimate([row.solve_ms for row in self.rows], 0.5)
+
+    def p95_solve_ms(self) -> Estimate:
+        """95 % quantile of the time of solving, without detection."""
+        return quantile_estimate([row.solve_ms for row in self.rows], 0.95)
+
+
+def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS) -> None:
+    """Write rows, data classes of one kind, as one Parquet file; units are in the fields' metadata.
+
+    Numbers that are not finite are null.
+    """
+    kinds = {"str": pa.string(), "float": pa.float64(), "int": pa.int32()}
+    fields, columns = [], []
+    for field in dataclasses.fields(rows[0]):
+        values = [getattr(row, field.name) for row in rows]
+        if field.type == "float":
+            values = [value if math.isfinite(value) else None for value in values]
+        fields.append(pa.field(field.name, kinds[str(field.type)], metadata={"unit": units.get(field.name, "")}))
+        columns.append(pa.array(values, type=fields[-1].type))
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.Table.from_arrays(columns, schema=pa.schema(fields)), sink, compression="zstd")
+    write_atomically(path, sink.getvalue().to_pybytes())

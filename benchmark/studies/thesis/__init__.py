@@ -1,0 +1,1 @@
+"""The replication of the thesis' evaluation, `skybench study thesis`."""

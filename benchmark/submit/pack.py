@@ -1,0 +1,206 @@
+"""Frames without their truth, for solvers that run elsewhere; and the truth that they are scored against."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import hmac
+import io
+import json
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from PIL import Image
+
+from benchmark.errors import DatasetError, ResultsError
+from benchmark.frames.dataset import Dataset, Frame, load_image, open_dataset
+from benchmark.frames.record_values import FRAME_FORMAT
+from benchmark.frames.task_frames import TaskFrames, make_task_frames
+from benchmark.run.results import write_atomically
+from benchmark.stats.metrics import REFUSED
+from benchmark.submit.csv_cells import csv_lines
+from benchmark.submit.submission import FRAME_COLUMNS
+from benchmark.tasks.definition import SplitName, load_task, task_names
+from generator.dataset.images import decode
+from generator.dataset.reader import Dataset as Sharded
+from generator.errors import GeneratorError
+
+LISTING = "frames.json"
+TEMPLATE = "answers.csv"
+LARGEST_LISTING_BYTES = 64 * 2**20
+_SHARDED = "manifest.json"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Frames with their truth: of a dataset, or of a split of a task (the other is None)."""
+
+    frames: tuple[Frame, ...]
+    dataset: Dataset | None = None
+    task: TaskFrames | None = None
+
+
+@dataclass(frozen=True)
+class TaskChoice:
+    """Which frames of a task; None: the task's own number a condition (`benchmark.frames.task_frames.make_task_frames`)."""
+
+    split: SplitName
+    per_condition: int | None
+    data: Path
+    workers: int
+
+
+@contextmanager
+def opened(target: str, choice: TaskChoice, progress: Callable[[int], None] = lambda frames: None) -> Iterator[Truth]:
+    """Open a dataset folder, plain or in shards (which are unpacked for the while), or a task by its name.
+
+    Parameters
+    ----------
+    target : str
+        Folder or task.
+    choice : TaskChoice
+        Of a task's frames; those that are missing are rendered.
+    progress : callable
+        Called with the number of a task's frames that have come to hand.
+
+    Raises
+    ------
+    DatasetError, TaskError
+    """
+    folder = Path(target)
+    if not folder.is_dir():
+        if folder.name.partition("@")[0] not in task_names() or folder.name != target:
+            raise DatasetError(f"{target}: neither a dataset folder nor a task ({', '.join(task_names())})")
+        task = load_task(target)
+        per_condition = choice.per_condition or task.definition.frames_per_condition
+        made = make_task_frames(task, choice.split, per_condition, choice.data, choice.workers, progress)
+        yield Truth(made.frames, task=made)
+    elif (folder / _SHARDED).is_file():
+        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
+            try:
+                _unpack(Sharded.open(folder), Path(scratch))
+            except GeneratorError as error:
+                raise DatasetError(str(error)) from error
+            dataset = dataclasses.replace(open_dataset(Path(scratch)), name=folder.resolve().name)
+            yield Truth(dataset.frames, dataset)
+    else:
+        dataset = open_dataset(folder)
+        yield Truth(dataset.frames, dataset)
+
+
+def _unpack(sharded: Sharded, scratch: Path) -> None:
+    codec = sharded.manifest.codec
+    for frame in sharded.stored_frames():
+        name = Path(frame.frame_id).name
+        image = frame.members[codec]
+        (scratch / f"{name}.png").write_bytes(image if codec == "png" else _png(decode(image, codec)))
+        (scratch / f"{name}.json").write_bytes(frame.members["json"])
+    pq.write_table(sharded.stars(), scratch / "stars.parquet")
+
+
+def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
+    """Name of each frame in a set without truth, by frame id.
+
+    A keyed hash of the id (HMAC-SHA-256, RFC 2104), the key being a hash of the truth: who does not have the truth cannot
+    tell which frame is which, and who has it needs nothing else.
+    """
+    digest = hashlib.sha256()
+    for frame in sorted(frames, key=lambda frame: frame.frame_id):
+        place = (frame.conditions.latitude_deg, frame.conditions.longitude_deg)
+        digest.update(f"{frame.frame_id}:{place!r}:".encode())
+        digest.update(np.ascontiguousarray(frame.truth.star_id).tobytes())
+        digest.update(np.ascontiguousarray(frame.truth.uv).tobytes())
+    key = digest.digest()
+    return {
+        frame.frame_id: "test-" + hmac.new(key, frame.frame_id.encode(), hashlib.sha256).hexdigest()[:16]
+        for frame in frames
+    }
+
+
+def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = lambda name: None) -> None:
+    """Write images and what a solver is told of them, and nothing else.
+
+    Parameters
+    ----------
+    frames : sequence of Frame
+        Of a dataset or of a task.
+    out : Path
+        An empty or new folder: for each frame NAME.png and NAME.json, then a form for the answers, then the list.
+    progress : callable
+        Called with the name of each frame written.
+
+    Raises
+    ------
+    DatasetError
+        An image is missing or damaged.
+    ResultsError
+        `out` cannot be used.
+    """
+    names = withheld_names(frames)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if any(out.iterdir()):
+            raise ResultsError(f"{out}: is not empty; choose another folder")
+        listing = []
+        # In the order of the names: not even the files' times tell the order of the frames.
+        for frame in sorted(frames, key=lambda frame: names[frame.frame_id]):
+            name = names[frame.frame_id]
+            image = _png(load_image(frame))
+            write_atomically(out / f"{name}.png", image)
+            write_atomically(out / f"{name}.json", (json.dumps(public_record(name, frame), indent=1) + "\n").encode())
+            listing.append({"frame_id": name, "sha256": hashlib.sha256(image).hexdigest()})
+            progress(name)
+        rows = [(entry["frame_id"], REFUSED, *[""] * (len(FRAME_COLUMNS) - 2)) for entry in listing]
+        write_atomically(out / TEMPLATE, csv_lines([FRAME_COLUMNS, *rows]).encode())
+        write_atomically(out / LISTING, (json.dumps(listing, indent=1) + "\n").encode())
+    except OSError as error:
+        raise ResultsError(f"{error.filename or out}: {error.strerror}; choose another folder") from error
+
+
+def public_record(name: str, frame: Frame) -> dict[str, Any]:
+    """What a solver is told of a frame, under the keys of the frame record; null: the heading is not known."""
+    seen = frame.observation
+    heading = seen.heading_sigma_deg
+    return {
+        "format": FRAME_FORMAT,
+        "frame_id": name,
+        "time": {"utc_mid": seen.utc},
+        "camera": dataclasses.asdict(seen.camera),
+        "attitude": {
+            "R_cam": np.asarray(seen.R_cam).tolist(),
+            "tilt_sigma_deg": seen.tilt_sigma_deg,
+            "heading_sigma_deg": heading if math.isfinite(heading) else None,
+        },
+        "atmosphere": {"pressure_hpa": seen.pressure_hpa, "temperature_c": seen.temperature_c},
+    }
+
+
+def listed_names(folder: Path) -> frozenset[str]:
+    """Names of the frames of a packed set.
+
+    Raises
+    ------
+    DatasetError
+        The folder has no list of frames.
+    """
+    path = folder / LISTING
+    try:
+        if path.stat().st_size > LARGEST_LISTING_BYTES:
+            raise DatasetError(f"{path}: larger than any list of frames")
+        return frozenset(str(entry["frame_id"]) for entry in json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path}: no list of frames; make the set with `skybench bench pack-test`") from error
+
+
+def _png(image: NDArray[np.uint16]) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="PNG")
+    return buffer.getvalue()

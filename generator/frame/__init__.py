@@ -1,0 +1,1 @@
+"""One frame from plan to files: scene, expected electrons, truth, record."""

@@ -1,0 +1,153 @@
+"""Satellites, aircraft and meteors: where they are during the exposure, and how bright.
+
+A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006,
+AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite
+is drawn as bright as the scenario says whether or not it is in the Earth's shadow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+from sgp4.api import Satrec
+
+from generator.errors import ScenarioError
+from generator.places.astrometry import Air, Site
+from generator.places.refraction import refraction_deg
+from generator.places.times import EarthOrientation, Instant
+from generator.scenario.foreground_spec import DirectionSpec, ForegroundSpec, TleSpec, TrailSpec
+
+Floats = NDArray[np.float64]
+
+KEYFRAMES = 65
+FEWEST_PARTS, MOST_PARTS = 64, 4096
+SECONDS_PER_DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class FlyingObjects:
+    """n objects of a frame.
+
+    Attributes
+    ----------
+    number : (n,) int array
+        Place in the scenario.
+    kind : tuple of str
+    v_mag, bv_mag : (n,) arrays
+    directions : (n, k, 3) array
+        Apparent unit vectors (ENU), evenly spaced over the shutter's time.
+    light_curve : (n, m) array
+        Relative brightness in m equal parts of it.
+    """
+
+    number: NDArray[np.int32]
+    kind: tuple[str, ...]
+    v_mag: Floats
+    bv_mag: Floats
+    directions: Floats
+    light_curve: Floats
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+
+def plan_objects(
+    spec: ForegroundSpec, start: Instant, shutter_s: float, site: Site, orientation: EarthOrientation, air: Air
+) -> FlyingObjects:
+    """Objects of a frame whose shutter opens at `start` for `shutter_s`.
+
+    Raises
+    ------
+    ScenarioError
+        An element set that SGP4 cannot propagate.
+    """
+    time = np.linspace(0, shutter_s, KEYFRAMES)
+    flash = min((trail.strobe.flash_s for trail in spec.trails if trail.strobe is not None), default=shutter_s)
+    parts = int(np.clip(np.ceil(8 * shutter_s / flash), FEWEST_PARTS, MOST_PARTS))
+    directions = [trail_directions(trail, time, shutter_s) for trail in spec.trails]
+    curves = [light_curve(trail, shutter_s, parts) for trail in spec.trails]
+    for number, satellite in enumerate(spec.satellites):
+        directions.append(_orbit_directions(satellite, number, start, time, site, orientation, air))
+        curves.append(np.ones(parts))
+    everything: list[TrailSpec | TleSpec] = [*spec.trails, *spec.satellites]
+    return FlyingObjects(
+        number=np.arange(len(everything), dtype=np.int32),
+        kind=tuple(item.kind if isinstance(item, TrailSpec) else "satellite" for item in everything),
+        v_mag=np.array([item.v_mag for item in everything]),
+        bv_mag=np.array([item.bv_mag for item in everything]),
+        directions=np.array(directions).reshape(-1, KEYFRAMES, 3),
+        light_curve=np.array(curves).reshape(-1, parts),
+    )
+
+
+def _unit(direction: DirectionSpec) -> Floats:
+    azimuth, altitude = np.radians([direction.azimuth_deg, direction.altitude_deg])
+    return np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+
+
+def trail_directions(trail: TrailSpec, time_s: Floats, shutter_s: float) -> Floats:
+    """Unit vectors (k, 3) of a trail at times from the start of the exposure."""
+    first, last = _unit(trail.start), _unit(trail.end)
+    end_s = shutter_s if trail.end_s is None else trail.end_s
+    share = ((time_s - trail.start_s) / (end_s - trail.start_s))[:, None]
+    across = last - (last @ first) * first
+    length = np.linalg.norm(across)
+    if length < 1e-12:
+        return np.tile(first, (len(time_s), 1))
+    angle = np.arctan2(length, last @ first)
+    return np.cos(share * angle) * first + np.sin(share * angle) * across / length
+
+
+def light_curve(trail: TrailSpec, shutter_s: float, parts: int) -> Floats:
+    """Mean brightness of a trail, relative to its magnitude, in equal parts of the shutter's time.
+
+    A meteor's brightness rises and falls as a parabola over its path, a first approximation to observed light curves.
+    """
+    fine = 16
+    time = (np.arange(parts * fine) + 0.5) / (parts * fine) * shutter_s
+    end_s = shutter_s if trail.end_s is None else trail.end_s
+    light = ((time >= trail.start_s) & (time <= end_s)).astype(np.float64)
+    if trail.strobe is not None:
+        light *= (time - trail.strobe.first_s) % trail.strobe.period_s < trail.strobe.flash_s
+    if trail.kind == "meteor":
+        share = (time - trail.start_s) / (end_s - trail.start_s)
+        light *= np.maximum(4 * share * (1 - share), 0)
+    return light.reshape(parts, fine).mean(axis=1)
+
+
+def _orbit_directions(
+    satellite: TleSpec, number: int, start: Instant, time_s: Floats, site: Site, orientation: EarthOrientation, air: Air
+) -> Floats:
+    """Apparent unit vectors (k, 3) of a satellite."""
+    try:
+        orbit = Satrec.twoline2rv(satellite.line1, satellite.line2)
+    except ValueError as error:
+        raise ScenarioError(f"foreground.satellites.{number}: not a two-line element set ({error})") from error
+    day = time_s / SECONDS_PER_DAY
+    codes, position_km, _ = orbit.sgp4_array(np.full(len(day), start.utc1), start.utc2 + day)
+    if codes.any() or not np.isfinite(position_km).all():
+        raise ScenarioError(f"foreground.satellites.{number}: SGP4 cannot propagate the elements to this time")
+    sidereal = erfa.gmst82(start.utc1, start.utc2 + day + orientation.ut1_utc_s / SECONDS_PER_DAY)
+    east, north = np.cos(sidereal), np.sin(sidereal)
+    x, y, z = position_km.T
+    fixed = np.stack([east * x + north * y, -north * x + east * y, z], axis=1)
+    longitude, latitude = np.radians([site.longitude_deg, site.latitude_deg])
+    away = fixed - erfa.gd2gc(1, longitude, latitude, site.height_m) / 1000
+    sin_l, cos_l, sin_p, cos_p = np.sin(longitude), np.cos(longitude), np.sin(latitude), np.cos(latitude)
+    axes = np.array(
+        [[-sin_l, cos_l, 0], [-sin_p * cos_l, -sin_p * sin_l, cos_p], [cos_p * cos_l, cos_p * sin_l, sin_p]]
+    )
+    enu = away @ axes.T
+    azimuth = np.arctan2(enu[:, 0], enu[:, 1])
+    altitude_deg = np.degrees(np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1])))
+    lift = refraction_deg(
+        altitude_deg,
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        relative_humidity=air.relative_humidity,
+    )
+    altitude = np.radians(altitude_deg + lift)
+    return np.stack([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)], axis=1)

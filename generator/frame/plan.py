@@ -1,0 +1,207 @@
+"""What a frame needs before any light is computed: times, Earth orientation, and the stars above the horizon."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.frame.flying_objects import FlyingObjects, plan_objects
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
+from generator.light.scintillation import scintillation_factors, scintillation_sigma
+from generator.optics.motion import Motion, plan_motion
+from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
+from generator.places.astrometry import (
+    Air,
+    ApparentPlaces,
+    Site,
+    intermediate_places,
+    observed_places,
+    places_of_date,
+    stars_within,
+)
+from generator.places.catalogue import StarCatalogue, load_catalogue
+from generator.places.ephemeris import planets
+from generator.places.times import EarthOrientation, Instant, earth_orientation
+from generator.places.tycho2 import load_with_tycho2
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.file import Scenario
+from generator.scenario.model import AtmosphereSpec, FrameSpec
+from generator.seeds import random_stream
+from generator.sky.state import SkyState, sky_state
+
+Floats = NDArray[np.float64]
+
+LONGEST_STEP_S = 60.0
+"""Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
+
+SKY_RATE_DEG_S = 15.05 / 3600
+FIELD_MARGIN_DEG = 2.5
+"""More than refraction, aberration, and proper motion over a century move a star."""
+LARGEST_CHROMATIC_SHARE = 2.5
+"""Longest shift of a wavelength band over the point spread function's lateral chromatic shift."""
+
+
+@dataclass(frozen=True)
+class FramePlan:
+    """One frame of a scenario, ready to render.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    index : int
+    spec : FrameSpec
+    utc_start, utc_mid : Instant
+    orientation : EarthOrientation
+        At mid-exposure.
+    stars : StarCatalogue
+        The n stars above the horizon, brighter than the limit, whose light may touch the frame; some lie a few degrees
+        outside of it.
+    ra_deg, dec_deg : (n,) arrays
+        ICRS, proper motion applied to mid-exposure.
+    start, middle, end : ApparentPlaces
+        When the shutter opens, at mid-exposure, and when it closes.
+    directions : (n, k, 3) array
+        Apparent unit vectors (ENU), evenly spaced over the shutter's time.
+    motion : Motion
+        How the camera turns.
+    objects : FlyingObjects
+        Satellites, aircraft and meteors.
+    airmass : (n,) array
+        At mid-exposure; 0 where extinction is off.
+    sky : SkyState
+        At mid-exposure.
+    cloud_optical_depth : (n,) array
+        Along the line of sight to each star; 0 without cloud.
+    scintillation : (n,) array
+        Factor on each star's light; 1 where scintillation is off.
+    """
+
+    scenario: Scenario
+    index: int
+    spec: FrameSpec
+    utc_start: Instant
+    utc_mid: Instant
+    orientation: EarthOrientation
+    stars: StarCatalogue
+    ra_deg: Floats
+    dec_deg: Floats
+    start: ApparentPlaces
+    middle: ApparentPlaces
+    end: ApparentPlaces
+    directions: Floats
+    motion: Motion
+    objects: FlyingObjects
+    airmass: Floats
+    sky: SkyState
+    cloud_optical_depth: Floats
+    scintillation: Floats
+
+    @property
+    def dimmed_v_mag(self) -> Floats:
+        """V of the stars with cloud and scintillation, (n,) array; extinction by clear air is not in it."""
+        return self.stars.v_mag + MAG_PER_OPTICAL_DEPTH * self.cloud_optical_depth - 2.5 * np.log10(self.scintillation)
+
+    @property
+    def frame_id(self) -> str:
+        """Stem of the frame's files."""
+        return f"frame-{self.index:05d}"
+
+
+def plan_frame(scenario: Scenario, index: int) -> FramePlan:
+    """Plan frame `index` of a scenario. It depends on the scenario and the index alone.
+
+    Raises
+    ------
+    TimeRangeError
+        The exposure lies outside the Earth orientation table.
+    """
+    spec = scenario.frame(index)
+    utc_start = Instant.parse(spec.time.utc_start)
+    utc_mid = utc_start.plus(spec.shutter_s / 2)
+    orientation = earth_orientation(utc_mid)
+    site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
+    air = refracting_air(spec.atmosphere)
+    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
+    motion = plan_motion(spec, scenario.seed, index)
+    stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
+    places = intermediate_places(stars, site, utc_mid, orientation)
+    middle = observed_places(places, site, utc_mid, orientation, air)
+    up = np.flatnonzero(middle.enu[:, 2] > 0)
+    stars, places, middle = stars[up], places[up], middle[up]
+    ra_deg, dec_deg = places_of_date(stars, utc_mid)
+    path = [
+        observed_places(places, site, utc_start.plus(float(after)), orientation, air)
+        for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
+    ]
+    scintillation = np.ones(len(stars))
+    if spec.stars.scintillation:
+        sigma = scintillation_sigma(
+            spec.camera.aperture_mm, airmass(middle.altitude_deg), spec.time.exposure_s, spec.site.height_m
+        )
+        scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
+    return FramePlan(
+        scenario=scenario,
+        index=index,
+        spec=spec,
+        utc_start=utc_start,
+        utc_mid=utc_mid,
+        orientation=orientation,
+        stars=stars,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        start=path[0],
+        middle=middle,
+        end=path[-1],
+        directions=np.stack([places.enu for places in path], axis=1),
+        motion=motion,
+        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
+        airmass=airmass(middle.altitude_deg) if spec.atmosphere.extinction else np.zeros(len(stars)),
+        sky=sky,
+        cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(middle.enu),
+        scintillation=scintillation,
+    )
+
+
+def _stars_around(
+    spec: FrameSpec, motion: Motion, sky: SkyState, site: Site, instant: Instant, orientation: EarthOrientation
+) -> StarCatalogue:
+    """Stars and planets that may be above the horizon and in the frame at some time of the exposure, and some more."""
+    catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
+    boresight = motion.R_mid[2]
+    turned = np.degrees(np.arccos(np.clip(motion.R_cam[:, 2] @ boresight, -1, 1))).max()
+    field_deg = field_radius_deg(spec.camera) + turned + spec.shutter_s * SKY_RATE_DEG_S + FIELD_MARGIN_DEG
+    parts = [catalogue]
+    if spec.stars.planets:
+        parts.append(planets(site, instant, orientation))
+    chosen = []
+    for part in parts:
+        wanted = part.v_mag <= spec.stars.limiting_magnitude
+        wanted &= stars_within(part, sky.icrs_from_enu[:, 2], 90 + FIELD_MARGIN_DEG)
+        wanted &= stars_within(part, sky.icrs_from_enu @ boresight, field_deg)
+        chosen.append(part[wanted])
+    return chosen[0].joined(chosen[1]) if len(chosen) > 1 else chosen[0]
+
+
+@functools.lru_cache(maxsize=64)
+def field_radius_deg(camera: CameraSpec) -> float:
+    """Angle from the boresight, deg, beyond which no star's light touches the frame of a camera at rest."""
+    reach_px = PSF_REACH_SIGMAS * equivalent_sigma_px(camera)
+    if camera.psf is not None:
+        drawn_px = camera.psf.support_px + abs(camera.psf.lateral_chromatic_px) * LARGEST_CHROMATIC_SHARE
+        reach_px = max(reach_px, drawn_px)
+    return camera.projection.angle_deg(camera.corner_px + reach_px + 2)
+
+
+def refracting_air(spec: AtmosphereSpec) -> Air:
+    """The air that bends the light; without pressure where refraction is off."""
+    return Air(spec.pressure_hpa if spec.refraction else 0.0, spec.temperature_c, spec.relative_humidity)
+
+
+def dimming_atmosphere(spec: AtmosphereSpec) -> Atmosphere | None:
+    """The atmosphere that dims the light, or None where extinction is off."""
+    if not spec.extinction:
+        return None
+    return Atmosphere(spec.pressure_hpa, spec.aerosol_tau_550, spec.angstrom_exponent, spec.ozone_du)

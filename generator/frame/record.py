@@ -1,0 +1,255 @@
+"""The frame record and the table of stars: what docs/dataset_format.md promises."""
+
+from __future__ import annotations
+
+import functools
+import json
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from generator import __version__
+from generator.frame.plan import FramePlan
+from generator.frame.scene import ExpectedFrame
+from generator.mitsuba_runtime import choose_variant
+from generator.optics.motion import Motion
+from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
+from generator.places.ephemeris import PLANET_ID_BASE
+from generator.scenario.camera_spec import CameraSpec
+from generator.sensor.detector import matched_filter_snr, saturation_e
+
+FORMAT = "skybench-frame/1"
+
+STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
+    ("index", pa.int32(), ""),
+    ("frame_id", pa.string(), ""),
+    ("star_id", pa.int32(), ""),
+    ("hip", pa.int32(), ""),
+    ("hr", pa.int32(), ""),
+    ("kind", pa.string(), ""),
+    ("ra_deg", pa.float64(), "deg"),
+    ("dec_deg", pa.float64(), "deg"),
+    ("v_mag", pa.float32(), "mag"),
+    ("bv_mag", pa.float32(), "mag"),
+    ("azimuth_deg", pa.float64(), "deg"),
+    ("altitude_deg", pa.float64(), "deg"),
+    ("airmass", pa.float32(), "1"),
+    ("u_px", pa.float64(), "px"),
+    ("v_px", pa.float64(), "px"),
+    ("centroid_u_px", pa.float64(), "px"),
+    ("centroid_v_px", pa.float64(), "px"),
+    ("start_u_px", pa.float64(), "px"),
+    ("start_v_px", pa.float64(), "px"),
+    ("end_u_px", pa.float64(), "px"),
+    ("end_v_px", pa.float64(), "px"),
+    ("electrons_e", pa.float32(), "e"),
+    ("fraction_in_frame", pa.float32(), "1"),
+    ("snr", pa.float32(), "1"),
+    ("saturated", pa.bool_(), ""),
+    ("occluded", pa.bool_(), ""),
+    ("cloud_optical_depth", pa.float32(), "1"),
+    ("scintillation", pa.float32(), "1"),
+)
+STAR_SCHEMA = pa.schema(
+    [pa.field(name, kind, nullable=False, metadata={"unit": unit}) for name, kind, unit in STAR_COLUMNS],
+    metadata={"format": "skybench-stars/1"},
+)
+
+
+def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) -> dict[str, Any]:
+    """Return the frame record as JSON-ready data; it holds nothing that depends on the machine or the clock."""
+    spec = plan.spec
+    camera, sensor, air = spec.camera, spec.sensor, spec.atmosphere
+    return {
+        "format": FORMAT,
+        "frame_id": plan.frame_id,
+        "index": plan.index,
+        "scenario": {"name": plan.scenario.name, "sha256": plan.scenario.sha256, "seed": plan.scenario.seed},
+        "site": spec.site.model_dump(),
+        "time": {
+            "utc_start": plan.utc_start.isoformat(),
+            "utc_mid": plan.utc_mid.isoformat(),
+            "exposure_s": spec.time.exposure_s,
+            "ut1_utc_s": plan.orientation.ut1_utc_s,
+            "polar_motion_x_arcsec": plan.orientation.polar_motion_x_arcsec,
+            "polar_motion_y_arcsec": plan.orientation.polar_motion_y_arcsec,
+        },
+        "camera": camera_object(camera),
+        "attitude": attitude_object(plan.motion),
+        "optics": {
+            "aperture_mm": camera.aperture_mm,
+            "transmission": camera.transmission,
+            "psf_sigma_px": equivalent_sigma_px(camera),
+            "pupil": camera.pupil_law,
+            "vignetting": list(camera.vignetting),
+            "image_circle_px": camera.image_circle_px,
+        },
+        "sensor": {
+            "bits": sensor.bits,
+            "gain_e_per_dn": sensor.gain_e_per_dn,
+            "black_level_dn": sensor.black_level_dn,
+            "full_well_e": sensor.full_well_e,
+            "read_noise_e": sensor.read_noise_e,
+            "dark_current_e_s": sensor.mean_dark_e_s,
+            "quantum_efficiency": [
+                {"channel": name, "curve": [list(point) for point in curve]} for name, curve in sensor.channels.items()
+            ],
+            "bayer_pattern": None if sensor.colour is None else sensor.colour.pattern,
+            "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
+            "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
+        },
+        "atmosphere": air.model_dump(),
+        "sky": {
+            "bortle": spec.sky.bortle,
+            "zenith_mag_arcsec2": expected.zenith_mag_arcsec2,
+            "components": list(spec.sky.active_components),
+            "sun_altitude_deg": plan.sky.sun_altitude_deg,
+            "moon_altitude_deg": plan.sky.moon_altitude_deg,
+            "moon_phase_angle_deg": plan.sky.moon.phase_angle_deg,
+        },
+        "stars": {
+            "n_in_field": stars_in_field,
+            "limiting_magnitude": spec.stars.limiting_magnitude,
+            "catalogue": spec.stars.catalogue,
+        },
+        "provenance": {
+            "skybench": __version__,
+            **_versions(),
+            "variant": choose_variant(),
+        },
+    }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Versions of the packages that a frame's bytes depend on (looking them up takes some milliseconds)."""
+    return {name: version(name) for name in ("mitsuba", "drjit", "numpy")}
+
+
+def camera_object(camera: CameraSpec) -> dict[str, Any]:
+    """The description of the camera that solvers read, as in a file camera.json."""
+    projection = camera.projection
+    return {
+        "model": camera.model,
+        "width": camera.width,
+        "height": camera.height,
+        "f_px": projection.f_px,
+        "fy_px": projection.fy_px,
+        "cx_px": projection.cx_px,
+        "cy_px": projection.cy_px,
+        "k": list(projection.full_k),
+        "p": list(projection.full_p),
+    }
+
+
+def attitude_object(motion: Motion) -> dict[str, Any]:
+    """Attitude at mid-exposure, its samples over the shutter's time, and the gyroscope's reading."""
+    imu = motion.imu
+    return {
+        "R_cam": (np.round(motion.R_mid, 15) + 0.0).tolist(),
+        "sample_time_s": motion.time_s.tolist(),
+        "sample_R_cam": (np.round(motion.R_cam, 15) + 0.0).tolist(),
+        "imu_time_s": [] if imu is None else imu.time_s.tolist(),
+        "imu_rate_deg_s": [] if imu is None else imu.rate_deg_s.tolist(),
+        "imu_bias_deg_s": [0.0, 0.0, 0.0] if imu is None else imu.bias_deg_s.tolist(),
+    }
+
+
+def record_bytes(record: dict[str, Any]) -> bytes:
+    """Serialise a frame record: indented UTF-8 JSON without NaN or infinity."""
+    return (json.dumps(record, indent=1, allow_nan=False) + "\n").encode()
+
+
+def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
+    """Return the truth of a frame's stars, one row per star in or near the field (schema: STAR_SCHEMA)."""
+    spec = plan.spec
+    camera, sensor = spec.camera, spec.sensor
+    sigma = equivalent_sigma_px(camera)
+    reach = PSF_REACH_SIGMAS * sigma
+    with np.errstate(invalid="ignore"):
+        seen = (
+            (expected.u_px > -0.5 - reach)
+            & (expected.u_px < camera.width - 0.5 + reach)
+            & (expected.v_px > -0.5 - reach)
+            & (expected.v_px < camera.height - 0.5 + reach)
+        )
+    star_id = plan.stars.star_id
+    rows = np.flatnonzero(seen)
+    # The catalogue is sorted by magnitude already, which a stable sort makes use of.
+    order = np.argsort(_brightness_order(plan.stars.v_mag[rows], star_id[rows]), kind="stable")
+    rows = rows[order]
+    u_px, v_px = expected.u_px[rows], expected.v_px[rows]
+    column = np.clip(np.rint(u_px), 0, camera.width - 1).astype(np.intp)
+    row = np.clip(np.rint(v_px), 0, camera.height - 1).astype(np.intp)
+    pixel = row * camera.width + column
+    sky = expected.sky_electrons.take(pixel).astype(np.float64)
+    electrons = expected.star_electrons[rows]
+    # A star without light at one of these moments (behind something, or outside the lens' range) keeps its middle.
+    centroid, start, end = (
+        [
+            np.where(np.isfinite(place), place, middle)
+            for place, middle in zip(places.T[:, rows], (u_px, v_px), strict=True)
+        ]
+        for places in (expected.centroid_px, expected.start_px, expected.end_px)
+    )
+    saturating_e = saturation_e(sensor) - sensor.mean_dark_e_s * spec.time.exposure_s
+    places = plan.middle[rows]
+    columns = {
+        "index": np.full(len(rows), plan.index),
+        "frame_id": pa.repeat(plan.frame_id, len(rows)),
+        "star_id": star_id[rows],
+        "hip": plan.stars.hip[rows],
+        "hr": plan.stars.hr[rows],
+        "kind": pa.array(["star", "planet"]).take(pa.array((star_id[rows] > PLANET_ID_BASE).astype(np.int8))),
+        "ra_deg": plan.ra_deg[rows],
+        "dec_deg": plan.dec_deg[rows],
+        "v_mag": plan.stars.v_mag[rows],
+        "bv_mag": plan.stars.bv_mag[rows],
+        "azimuth_deg": places.azimuth_deg,
+        "altitude_deg": places.altitude_deg,
+        "airmass": plan.airmass[rows],
+        "u_px": u_px,
+        "v_px": v_px,
+        "centroid_u_px": centroid[0],
+        "centroid_v_px": centroid[1],
+        "start_u_px": start[0],
+        "start_v_px": start[1],
+        "end_u_px": end[0],
+        "end_v_px": end[1],
+        "electrons_e": electrons,
+        "fraction_in_frame": expected.fraction_in_frame[rows],
+        "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
+        "saturated": _around(expected.electrons >= saturating_e).take(pixel),
+        "occluded": expected.occluded[rows],
+        "cloud_optical_depth": plan.cloud_optical_depth[rows],
+        "scintillation": plan.scintillation[rows],
+    }
+    arrays = [_column(columns[field.name], field.type) for field in STAR_SCHEMA]
+    return pa.Table.from_arrays(arrays, schema=STAR_SCHEMA)
+
+
+def _column(values: Any, kind: pa.DataType) -> pa.Array:
+    """A column of the table."""
+    return values if isinstance(values, pa.Array) else pa.array(values.astype(kind.to_pandas_dtype(), copy=False))
+
+
+def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Numbers in the order of the stars' V, in single precision, and of their ids where V is the same."""
+    bits = v_mag.astype(np.float32).view(np.int32).astype(np.int64)
+    # Of negative numbers, the bits rise as the number falls.
+    magnitude = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)
+    return (magnitude << 32) + star_id
+
+
+def _around(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether any of the 3 x 3 pixels around each pixel is marked."""
+    tall = marked.copy()
+    tall[1:] |= marked[:-1]
+    tall[:-1] |= marked[1:]
+    result = tall.copy()
+    result[:, 1:] |= tall[:, :-1]
+    result[:, :-1] |= tall[:, 1:]
+    return result

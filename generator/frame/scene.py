@@ -1,0 +1,350 @@
+"""From a frame plan to a Mitsuba scene, and from the scene to expected electrons and truth."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from generator import plugins
+from generator.frame.flying_objects import FlyingObjects
+from generator.frame.foreground import shape_dicts
+from generator.frame.moon_disk import moon_points
+from generator.frame.plan import FramePlan, dimming_atmosphere
+from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
+from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
+from generator.light.stellar_spectra import colour_row, colour_table
+from generator.optics.psf import psf_table
+from generator.optics.stray_light import with_stray_light
+from generator.plugins.scene_tensors import tensor
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.model import FrameSpec
+from generator.sensor.colour import channel_weights, filter_tile, mosaic
+from generator.sky.assembly import sky_layers, whole_sky
+from generator.sky.clouds import CloudVeil
+from generator.sky.component import SkyTable, blas_threads, metameric
+from generator.sky.moonlight import MOON_BV_MAG
+
+Floats = NDArray[np.float64]
+
+SKY_STEP_PX = 8.0
+"""The diffuse sky is looked at once for so many pixels of motion."""
+MOST_SKY_MOMENTS = 16
+MOST_COVERAGE_MOMENTS = 64
+
+
+@dataclass(frozen=True)
+class ExpectedFrame:
+    """What light does to the sensor, on average.
+
+    Attributes
+    ----------
+    electrons : (height, width) float32 array
+        Expected electrons from stars and sky in each pixel, of the colour that its filter passes.
+    sky_electrons : (height, width) float32 array
+        Those from the sky, and from what stands in front of it.
+    channels : dict of (height, width) float32 arrays
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty where
+        they were not asked for.
+    u_px, v_px : (n,) arrays
+        Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
+        model's range.
+    start_px, end_px : (n, 2) arrays
+        Positions when that row's exposure starts and ends; NaN outside the range or far from the frame.
+    centroid_px : (n, 2) array
+        Mean positions weighted by the light that arrives; NaN where none does.
+    star_electrons : (n,) array
+        Expected electrons over the whole point spread function; of a colour sensor, the mean over its filter pattern.
+    fraction_in_frame : (n,) array
+        Part of them that falls on the sensor.
+    occluded : (n,) bool array
+        Whether something in front of the sky hides more than half of the star's light.
+    objects : StarTruth
+        The same of the plan's flying objects.
+    moon : StarTruth
+        The same of the Moon's disk as one source (n = 1); n = 0 where no Moon is drawn.
+    zenith_mag_arcsec2 : float or None
+        Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
+    layers : dict of (height, width) float32 arrays
+        Parts of `electrons` by name, where they were asked for; they add up to it.
+    """
+
+    electrons: NDArray[np.float32]
+    sky_electrons: NDArray[np.float32]
+    channels: dict[str, NDArray[np.float32]]
+    u_px: Floats
+    v_px: Floats
+    start_px: Floats
+    end_px: Floats
+    centroid_px: Floats
+    star_electrons: Floats
+    fraction_in_frame: Floats
+    occluded: NDArray[np.bool_]
+    objects: StarTruth
+    moon: StarTruth
+    zenith_mag_arcsec2: float | None
+    layers: dict[str, NDArray[np.float32]]
+
+
+def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
+    """Components of a frame's diffuse sky, by name."""
+    with blas_threads().limit(limits=1, user_api="blas"):
+        return sky_layers(plan.spec.sky, dimming_atmosphere(plan.spec.atmosphere), plan.sky)
+
+
+@dataclass(frozen=True)
+class PointLights:
+    """All points of light of a frame: its stars and planets, then the points of the Moon's disk.
+
+    Attributes
+    ----------
+    directions : (n, k, 3) array
+        Apparent unit vectors, evenly spaced over the shutter's time.
+    v_mag, bv_mag, airmass : (n,) arrays
+    """
+
+    directions: Floats
+    v_mag: Floats
+    bv_mag: Floats
+    airmass: Floats
+
+
+def point_lights(plan: FramePlan) -> PointLights:
+    """Stars, planets and the Moon of a frame. The Moon stands still during the exposure at its middle place."""
+    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.airmass)
+    state, spec = plan.sky, plan.spec
+    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= 0:
+        return stars
+    enu, share = moon_points(
+        state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
+    )
+    cloud = np.zeros(len(enu)) if state.clouds is None else state.clouds.slant_depth(enu)
+    path = airmass(state.moon_altitude_deg) if spec.atmosphere.extinction else 0.0
+    return PointLights(
+        np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
+        np.concatenate([stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share) + MAG_PER_OPTICAL_DEPTH * cloud]),
+        np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
+        np.concatenate([stars.airmass, np.full(len(enu), path)]),
+    )
+
+
+def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None) -> dict[str, Any]:
+    """Mitsuba scene dictionary of a frame; needs a running Mitsuba (:func:`generator.plugins.start`).
+
+    Parameters
+    ----------
+    plan : FramePlan
+    sky : SkyTable or None
+        The diffuse sky; None: the frame's own.
+    camera : Sensor or None
+        The frame's camera, where it is already at hand.
+    """
+    mi = plugins.start()
+    spec = plan.spec
+    atmosphere = dimming_atmosphere(spec.atmosphere)
+    sky = whole_sky(frame_layers(plan)) if sky is None else sky
+    points = point_lights(plan)
+    depth = np.zeros_like(GRID_NM) if atmosphere is None else optical_depth(GRID_NM, atmosphere)
+    return {
+        "type": "scene",
+        "integrator": integrator_dict(plan),
+        "sky": sky_dict(sky),
+        "stars": {
+            "type": "skybench_stars",
+            "directions": tensor(points.directions),
+            "v_mag": tensor(points.v_mag),
+            "colour_row": tensor(colour_row(points.bv_mag)),
+            "airmass": tensor(points.airmass),
+            "colour_table": tensor(colour_table()),
+            "optical_depth": tensor(depth[None]),
+        },
+        "camera": camera_dict(plan) if camera is None else camera,
+        **shape_dicts(spec.foreground, mi),
+        **({"objects": objects_dict(plan.objects)} if len(plan.objects) else {}),
+    }
+
+
+def sky_dict(sky: SkyTable) -> dict[str, Any]:
+    """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
+    description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
+    veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
+    if veils:
+        from generator.plugins.clouds import cloud_numbers
+
+        clouds = veils[0].clouds
+        description |= {
+            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in sky.veiled])[None]),
+            "veil_moon_sines": tensor([veil.moon_sine for veil in veils]),
+            "cloud_coarse": tensor(clouds.pattern.coarse),
+            "cloud_fine": tensor(clouds.pattern.fine),
+            "cloud_numbers": tensor(cloud_numbers(clouds)),
+        }
+    return description
+
+
+def objects_dict(objects: FlyingObjects) -> dict[str, Any]:
+    """Things that fly through the sky, as an emitter like the stars'; their magnitudes are those at the ground."""
+    return {
+        "type": "skybench_stars",
+        "directions": tensor(objects.directions),
+        "v_mag": tensor(objects.v_mag),
+        "colour_row": tensor(colour_row(objects.bv_mag)),
+        "airmass": tensor(np.zeros(len(objects))),
+        "colour_table": tensor(colour_table()),
+        "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
+        "light_curve": tensor(objects.light_curve),
+    }
+
+
+def camera_dict(plan: FramePlan) -> dict[str, Any]:
+    """The sensor's part of a scene."""
+    spec, camera = plan.spec, plan.spec.camera
+    projection = camera.projection
+    description: dict[str, Any] = {
+        "type": "skybench_camera",
+        "model": camera.model,
+        "f_px": projection.f_px,
+        "fy_px": projection.fy_px,
+        "cx_px": projection.cx_px,
+        "cy_px": projection.cy_px,
+        "pupil": camera.pupil_law,
+        "aperture_area_m2": math.pi / 4 * (camera.aperture_mm / 1000) ** 2,
+        "exposure_s": spec.time.exposure_s,
+        "read_out_s": spec.sensor.read_out_s(camera.height),
+        "reads_up": spec.sensor.rolling_shutter is not None and spec.sensor.rolling_shutter.direction == "up",
+        "attitude": tensor(plan.motion.R_cam),
+        "film": {
+            "type": "specfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+        },
+    }
+    for name, curve in spec.sensor.channels.items():
+        response = quantum_efficiency(spec, curve)
+        pairs = [(float(wavelength), float(value)) for wavelength, value in zip(GRID_NM, response, strict=True)]
+        description["film"][name] = {"type": "spectrum", "value": pairs}
+    description |= {f"k{i + 1}": value for i, value in enumerate(projection.full_k)}
+    description |= {f"p{i + 1}": value for i, value in enumerate(projection.full_p)}
+    if camera.image_circle_px is not None:
+        description["image_circle_px"] = camera.image_circle_px
+    if camera.vignetting:
+        description |= {"vignetting": tensor(camera.vignetting), "corner_px": camera.corner_px}
+    return description
+
+
+def integrator_dict(plan: FramePlan) -> dict[str, Any]:
+    """The integrator's part of a scene."""
+    spec = plan.spec
+    swept_px = _swept_px(plan)
+    description: dict[str, Any] = {
+        "type": "skybench_integrator",
+        "sky_moments": int(np.clip(math.ceil(swept_px / SKY_STEP_PX), 1, MOST_SKY_MOMENTS)),
+        "lit_samples": spec.foreground.lit_directions,
+        "coverage_moments": int(np.clip(math.ceil(swept_px), 1, MOST_COVERAGE_MOMENTS)),
+    }
+    if spec.camera.psf is None:
+        return description | {"psf_sigma_px": spec.camera.psf_sigma_px}
+    return description | _psf_tensors(spec.camera)
+
+
+@functools.lru_cache(maxsize=1)
+def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
+    """The tabulated point spread function of a camera, for the integrator."""
+    table = psf_table(camera)
+    return {
+        "psf_stamps": tensor(table.by_phase),
+        "psf_shift": tensor(table.shift),
+        "psf_inside": tensor(table.inside),
+        "psf_beyond": tensor(table.beyond),
+    }
+
+
+def _swept_px(plan: FramePlan) -> float:
+    """About how far the camera's motion moves the image during one row's exposure, px."""
+    if len(plan.motion.R_cam) == 1:
+        return 0.0
+    turns = Rotation.from_matrix(plan.motion.R_cam)
+    total_rad = float((turns[1:] * turns[:-1].inv()).magnitude().sum())
+    return total_rad * plan.spec.camera.f_px * plan.spec.time.exposure_s / plan.spec.shutter_s
+
+
+def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None = None) -> Floats:
+    """Electrons per photon at GRID_NM: a curve (points nm, 0-1; the sensor's own unless given) times the transmission."""
+    points = np.array(spec.sensor.quantum_efficiency if curve is None else curve)
+    return spec.camera.transmission * np.interp(GRID_NM, points[:, 0], points[:, 1], left=0, right=0)
+
+
+def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
+    """Render a frame's expected electrons, and what is true of its stars.
+
+    With `layers`, each component by itself too. Without `channels`, pixels of a colour sensor are rendered in their own
+    channel alone, which gives the same electrons in less time.
+    """
+    mi = plugins.start()
+    from generator.plugins.film_response import film_response
+
+    tables = frame_layers(plan)
+    camera = mi.load_dict(camera_dict(plan))
+    camera.film().prepare([])
+    response = film_response(camera).on_grid
+    scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera))
+    integrator = scene.integrator()
+    sensor = plan.spec.sensor
+    # Stray light carries a channel's light to other pixels.
+    apart = sensor.colour is not None and not channels and plan.spec.camera.direct_share == 1
+    names = [] if apart else list(sensor.channels)
+    pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
+    sky = np.array(integrator.diffuse(scene, camera, pattern))
+    zenith = sum(table.zenith_v() for table in tables.values())
+    image = sky
+    parts: dict[str, NDArray[np.float32]] = {}
+    if layers:
+        for name, part in tables.items():
+            alone = mi.load_dict(scene_dict(plan, metameric([part], response), camera))
+            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
+    nothing, pairs = np.zeros(0), np.zeros((0, 2))
+    truths = dict.fromkeys(
+        ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
+    )
+    for emitter in scene.emitters():
+        if emitter.id() not in truths or not emitter.count:
+            continue
+        tracks = integrator.follow(scene, camera, emitter)
+        points = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
+        points = with_stray_light(points, plan.spec.camera)
+        image = image + points
+        if layers:
+            parts[emitter.id()] = mosaic(points, sensor)
+        on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
+        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+        if emitter.id() == "objects":
+            truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
+        truths[emitter.id()] = truth
+    # The emitter holds the Moon's disk behind the stars.
+    truth = truths["stars"].first(len(plan.stars))
+    return ExpectedFrame(
+        electrons=mosaic(image, sensor),
+        sky_electrons=mosaic(sky, sensor),
+        channels={name: np.ascontiguousarray(image[:, :, channel]) for channel, name in enumerate(names)},
+        u_px=truth.u_px,
+        v_px=truth.v_px,
+        start_px=truth.start_px,
+        end_px=truth.end_px,
+        centroid_px=truth.centroid_px,
+        star_electrons=truth.electrons,
+        fraction_in_frame=truth.fraction_in_frame,
+        occluded=truth.occluded,
+        objects=truths["objects"],
+        moon=truths["stars"].together_from(len(plan.stars)),
+        zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,
+        layers=parts,
+    )

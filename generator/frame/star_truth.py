@@ -1,0 +1,159 @@
+"""What is true of the stars in a frame, from where the integrator followed them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from generator.frame.plan import FramePlan
+from generator.optics.psf import FINE_PER_PX, psf_table
+
+Floats = NDArray[np.float64]
+
+WHOLE_SIGMAS = 9.0
+"""A Gaussian this far inside the frame falls on it wholly, to double precision."""
+
+
+@dataclass(frozen=True)
+class StarTruth:
+    """Truth of n stars; the attributes are those of :class:`generator.frame.scene.ExpectedFrame`."""
+
+    u_px: Floats
+    v_px: Floats
+    start_px: Floats
+    end_px: Floats
+    centroid_px: Floats
+    electrons: Floats
+    fraction_in_frame: Floats
+    occluded: NDArray[np.bool_]
+
+    def first(self, count: int) -> StarTruth:
+        """Truth of the first `count` stars."""
+        return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
+
+    def together_from(self, first: int) -> StarTruth:
+        """Truth of what the rows from `first` on are together: one source, or none where there are no such rows."""
+        rows = slice(first, None)
+        electrons = self.electrons[rows]
+        if not len(electrons):
+            return self.first(0)
+        weight = electrons if electrons.sum() > 0 else np.ones(len(electrons))
+
+        def mean(values: Floats) -> Floats:
+            lit = np.isfinite(values.sum(axis=-1) if values.ndim > 1 else values) & (weight > 0)
+            if not lit.any():
+                return np.full((1, *values.shape[1:]), np.nan)
+            return np.average(values[lit], axis=0, weights=weight[lit])[None]
+
+        return StarTruth(
+            mean(self.u_px[rows]),
+            mean(self.v_px[rows]),
+            mean(self.start_px[rows]),
+            mean(self.end_px[rows]),
+            mean(self.centroid_px[rows]),
+            np.array([electrons.sum()]),
+            mean(self.fraction_in_frame[rows]),
+            np.array([self.occluded[rows].mean() > 0.5]),
+        )
+
+
+def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
+    """Truth of stars.
+
+    Parameters
+    ----------
+    plan : FramePlan
+    tracks : generator.plugins.star_tracks.StarTracks
+    on_axis_e : (n, bands) array
+        Each star's electrons on the axis, in the point spread function's wavelength bands.
+    """
+    camera = plan.spec.camera
+    if camera.psf is None:
+        sigma = camera.psf_sigma_px
+        share = share_within(tracks.u, camera.width, sigma) * share_within(tracks.v, camera.height, sigma)
+    else:
+        by_band = np.divide(on_axis_e, on_axis_e.sum(axis=1, keepdims=True), where=on_axis_e > 0, out=0 * on_axis_e)
+        share = np.einsum("mb,mb->m", by_band[tracks.star], _table_shares(plan, tracks))
+    count = len(on_axis_e)
+    in_frame = np.bincount(tracks.star, tracks.weight * share, count)
+    fraction = np.divide(in_frame, tracks.light, out=np.zeros(count), where=tracks.light > 0)
+    return StarTruth(
+        tracks.u_px,
+        tracks.v_px,
+        tracks.start,
+        tracks.end,
+        tracks.centroid,
+        on_axis_e.sum(axis=1) * tracks.light,
+        fraction,
+        tracks.visible_share < 0.5,
+    )
+
+
+def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:
+    """The truth with starts and ends where light first and last comes from, of lights that are dark when the exposure does.
+
+    Parameters
+    ----------
+    truth : StarTruth
+    tracks : generator.plugins.star_splats.StarTracks
+        Their moments are in the order of time, source by source.
+    light_curve : (n, parts) array
+        Relative brightness over the exposure.
+    """
+    start, end = truth.start_px.copy(), truth.end_px.copy()
+    lit, first = np.unique(tracks.star, return_index=True)
+    last = np.append(first[1:], len(tracks.star)) - 1
+    for place, moments, dark in ((start, first, light_curve[:, 0] == 0), (end, last, light_curve[:, -1] == 0)):
+        late = dark[lit]
+        place[lit[late]] = np.stack([tracks.u, tracks.v], axis=1)[moments[late]]
+    return replace(truth, start_px=start, end_px=end)
+
+
+def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
+    """Part of a Gaussian around `position_px` that falls on pixels 0 to size - 1, along one axis."""
+    share = np.ones_like(position_px)
+    inside = (position_px > WHOLE_SIGMAS * sigma_px) & (position_px < size - 1 - WHOLE_SIGMAS * sigma_px)
+    rest = np.flatnonzero(~inside)
+    ends = np.stack([size - 0.5 - position_px[rest], -0.5 - position_px[rest]]) / (math.sqrt(2) * sigma_px)
+    share[rest] = 0.5 * (erf(ends[0]) - erf(ends[1]))
+    return share
+
+
+def _table_shares(plan: FramePlan, tracks: Any) -> Floats:
+    """Part of the tabulated point spread function that falls on the sensor, at m moments, (m, bands) array.
+
+    That of the nearest field node, to a fraction of a pixel; the support's encircled energy where it lies wholly inside.
+    """
+    camera = plan.spec.camera
+    table = psf_table(camera)
+    bands, rows, columns, size = table.stamps.shape[:4]
+    half = (size - 1) / 2
+    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1)).astype(np.intp)
+    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1)).astype(np.intp)
+    shares = table.cumulated[:, :, :, -1, -1].reshape(bands, -1).T[row * columns + column]
+    reach = half / FINE_PER_PX + 1
+    inside = (tracks.u > reach) & (tracks.u < camera.width - 1 - reach)
+    inside &= (tracks.v > reach) & (tracks.v < camera.height - 1 - reach)
+    rest = np.flatnonzero(~inside)
+
+    def edges(position: Floats, extent: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        near = np.clip(np.rint((-0.5 - position) * FINE_PER_PX + half), 0, size)
+        far = np.clip(np.rint((extent - 0.5 - position) * FINE_PER_PX + half) + 1, 0, size)
+        return near.astype(np.intp), far.astype(np.intp)
+
+    left, right = edges(tracks.u[rest], camera.width)
+    top, bottom = edges(tracks.v[rest], camera.height)
+    row, column = row[rest], column[rest]
+    for band, cumulated in enumerate(table.cumulated):
+        shares[rest, band] = (
+            cumulated[row, column, bottom, right]
+            - cumulated[row, column, top, right]
+            - cumulated[row, column, bottom, left]
+            + cumulated[row, column, top, left]
+        )
+    return shares

@@ -1,0 +1,111 @@
+"""What is baked: the air, the wavelengths, the directions and the distances. Their hash names the maps."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BakedAir:
+    """The air of the radiative transfer: two exponential layers over a flat Lambert ground.
+
+    Attributes
+    ----------
+    pressure_hpa : float
+    rayleigh_height_km, aerosol_height_km : float
+        Scale heights. Source of the aerosol's: Masana et al. 2021, MNRAS 501, 5443 (1.54 km).
+    angstrom_exponent, aerosol_albedo : float
+        Of continental aerosol; single-scattering albedo (d'Almeida et al. 1991, "Atmospheric Aerosols"). The phase function
+        is :func:`generator.light.single_scattering.aerosol_phase`.
+    ground_albedo : float
+        Of vegetation and built land.
+    top_km : float
+        Where quadratures end.
+    """
+
+    pressure_hpa: float = 1013.25
+    rayleigh_height_km: float = 8.0
+    aerosol_height_km: float = 1.5
+    angstrom_exponent: float = 1.3
+    aerosol_albedo: float = 0.92
+    ground_albedo: float = 0.15
+    top_km: float = 60.0
+
+
+WAVELENGTHS_NM: Numbers = (380.0, 430.0, 480.0, 530.0, 580.0, 640.0, 720.0, 800.0, 900.0)
+VIEW_ALTITUDES_DEG: Numbers = (2.0, 3.5, 5.5, 8.0, 11.0, 15.0, 20.0, 27.0, 36.0, 48.0, 62.0, 76.0, 90.0)
+
+
+@dataclass(frozen=True)
+class MoonGrid:
+    """Axes of the moonlight map, and how it is computed.
+
+    Attributes
+    ----------
+    aerosol_tau_550, wavelength_nm, moon_altitude_deg, view_altitude_deg, relative_azimuth_deg : tuple of float
+    paths, batches : int
+        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude; each serves all places of the Moon.
+    seed : int
+    """
+
+    aerosol_tau_550: Numbers = (0.03, 0.1, 0.3)
+    wavelength_nm: Numbers = WAVELENGTHS_NM
+    moon_altitude_deg: Numbers = (3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+    view_altitude_deg: Numbers = VIEW_ALTITUDES_DEG
+    relative_azimuth_deg: Numbers = (0.0, 15.0, 30.0, 50.0, 75.0, 105.0, 140.0, 180.0)
+    paths: int = 16_384
+    batches: int = 8
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class CityGrid:
+    """Axes of the kernel of a lamp on the ground, and how it is computed.
+
+    Attributes
+    ----------
+    aerosol_tau_550, wavelength_nm, view_altitude_deg : tuple of float
+    core_km, farthest_km : float
+    distances, azimuths : int
+        Rings around the observer, equal in log(1 + distance / core) out to the farthest, and their parts, equal in the square
+        root of the azimuth from the lamp's.
+    paths, batches : int
+        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude; each serves all places of the lamp.
+    seed : int
+    """
+
+    aerosol_tau_550: Numbers = (0.03, 0.1, 0.3)
+    wavelength_nm: Numbers = WAVELENGTHS_NM
+    view_altitude_deg: Numbers = VIEW_ALTITUDES_DEG
+    core_km: float = 2.0
+    farthest_km: float = 180.0
+    distances: int = 36
+    azimuths: int = 12
+    paths: int = 524_288
+    batches: int = 8
+    seed: int = 2
+
+    def scale(self, distance_km: ArrayLike) -> Floats:
+        """The scale on which rings are equal."""
+        return np.log1p(np.asarray(distance_km, float) / self.core_km)
+
+    @property
+    def edges(self) -> tuple[Floats, Floats]:
+        """Edges of the rings, km, and of their parts, deg."""
+        rings = self.core_km * np.expm1(self.scale(self.farthest_km) * np.linspace(0, 1, self.distances + 1))
+        return rings, 180 * np.linspace(0, 1, self.azimuths + 1) ** 2
+
+
+def content_hash(air: BakedAir, grid: MoonGrid | CityGrid) -> str:
+    """SHA-256 of everything that decides a map's values."""
+    meaning = {"format": 2, "air": dataclasses.asdict(air), type(grid).__name__: dataclasses.asdict(grid)}
+    return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,154 @@
+"""The maps of ``skybench bake``, read, checked and interpolated."""
+
+from __future__ import annotations
+
+import functools
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
+
+from generator.errors import DataFileError
+from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir, CityGrid, MoonGrid, content_hash
+
+Floats = NDArray[np.float64]
+FOLDER = Path(__file__).parents[1] / "data" / "baked"
+MOON_FILE, CITY_FILE = FOLDER / "moonlight.npz", FOLDER / "city_kernel.npz"
+
+_SEARCHED_NM: Floats = np.geomspace(1000.0, 340.0, 500)
+
+
+def read(path: Path, key: str, part: str = "values") -> Floats:
+    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map that was made of something else.
+
+    Raises
+    ------
+    DataFileError
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            found, values = str(stored["key"]), stored[part]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as problem:
+        raise DataFileError(f"{path}: not a baked map ({problem}); run `skybench bake`") from problem
+    if found != key:
+        raise DataFileError(f"{path}: baked from other inputs (key {found[:12]}, not {key[:12]}); run `skybench bake`")
+    return values.astype(np.float64)
+
+
+def moon_map(part: str = "values") -> Floats:
+    """All moonlight over light scattered once in closed form; axes aerosol, wavelength, view, Moon, azimuth of MoonGrid.
+
+    The part 'relative_error' is the Monte Carlo standard error of the light; 'walked' is what the random walks gave.
+    """
+    return read(MOON_FILE, content_hash(BakedAir(), MoonGrid()), part)
+
+
+def city_map(part: str = "values") -> Floats:
+    """Multiply scattered light of a lamp, km^-2 sr^-1 per unit output.
+
+    Axes: pattern, and aerosol, wavelength, view, edges of the rings and of their parts of CityGrid. The part
+    'relative_error' is the Monte Carlo standard error of these values after the fit; 'walked' and 'walked_error' are the
+    random walks' means over the cells and their errors.
+    """
+    return read(CITY_FILE, content_hash(BakedAir(), CityGrid()), part)
+
+
+@functools.cache
+def _log_moon() -> RegularGridInterpolator:
+    """Logarithm of :func:`moon_map` over (view altitude, azimuth), by those of aerosol depth, wavelength, Moon's altitude."""
+    grid = MoonGrid()
+    axes = (np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm), np.log(grid.moon_altitude_deg))
+    return RegularGridInterpolator(axes, np.ascontiguousarray(np.log(np.swapaxes(moon_map(), 2, 3))))
+
+
+def _linear(nodes: Floats, at: Floats) -> Floats:
+    """Matrix (m, n) of linear interpolation from n nodes to m places among them."""
+    place = np.interp(at, nodes, np.arange(len(nodes)))
+    return np.maximum(1 - np.abs(place[:, None] - np.arange(len(nodes))), 0)
+
+
+@functools.cache
+def _log_city() -> CubicSpline:
+    return CubicSpline(np.log(WAVELENGTHS_NM), np.log(np.moveaxis(city_map(), (2, 1), (0, 1))), axis=0)
+
+
+def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Floats, Floats]:
+    """Wavelength and aerosol depth at 550 nm at which the bake's air scatters as another air does at `wavelength_nm`.
+
+    Light of one wavelength knows the air by its optical depths alone, so that thinner air is that of a longer wavelength.
+
+    Returns
+    -------
+    wavelength_nm, aerosol_tau_550 : (n,) arrays
+    """
+    air = BakedAir()
+    wanted = rayleigh_optical_depth(wavelength_nm, max(atmosphere.pressure_hpa, 1.0))
+    baked = rayleigh_optical_depth(_SEARCHED_NM, air.pressure_hpa)
+    same = np.exp(np.interp(np.log(wanted), np.log(baked), np.log(_SEARCHED_NM)))
+    aerosol = aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
+    return same, aerosol / aerosol_optical_depth(same, 1.0, air.angstrom_exponent)
+
+
+def moon_ratio(atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
+    """All moonlight over light scattered once, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
+
+    Linear in the logarithm between the grid's points; outside them the nearest value holds (aerosol depths beyond 0.03 to
+    0.3, Moon below 3 deg, lines of sight below 2 deg).
+    """
+    grid = MoonGrid()
+    wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
+    wavelength = np.clip(wavelength, grid.wavelength_nm[0], grid.wavelength_nm[-1])
+    tau = np.clip(tau, grid.aerosol_tau_550[0], grid.aerosol_tau_550[-1])
+    moon = np.log(np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1]))
+    view = np.log(np.clip(altitude_deg, grid.view_altitude_deg[0], 90.0))
+    relative = np.abs((azimuth_deg + 180) % 360 - 180)
+    points = np.stack([np.log(tau), np.log(wavelength), np.full_like(tau, moon)], axis=-1)
+    by_view = _linear(np.log(grid.view_altitude_deg), view)
+    by_azimuth = _linear(np.array(grid.relative_azimuth_deg), relative)
+    return np.exp(by_view @ _log_moon()(points) @ by_azimuth.T)
+
+
+def city_kernel(atmosphere: Atmosphere) -> Floats:
+    """Logarithm of the lamp's kernel (see :func:`city_map`) in an air, (pattern, wavelength, view, ring, part) array.
+
+    A cubic in the logarithm of wavelength, a parabola in that of aerosol depth; aerosol depths beyond 0.03 to 0.3 take the
+    nearest value.
+    """
+    grid = CityGrid()
+    node = np.log(grid.aerosol_tau_550)
+    wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
+    at = np.clip(np.log(np.maximum(tau, 1e-9)), node[0], node[-1])
+    parabola = np.array(
+        [np.prod([(at - other) / (own - other) for other in node if other != own], axis=0) for own in node]
+    )
+    table = _log_city()(np.log(wavelength))
+    return np.einsum("tw,wt...->w...", parabola, table).swapaxes(0, 1)
+
+
+def city_multiple(kernel: Floats, distance_km: Floats, relative_azimuth_deg: Floats) -> Floats:
+    """Multiply scattered light of lamps, km^-2 sr^-1 per unit output: linear between the kernel's nodes.
+
+    Parameters
+    ----------
+    kernel : (2, w, views, rings, parts) array
+        Of :func:`city_kernel`.
+    distance_km, relative_azimuth_deg : (m,) arrays
+        Of the lamps, the azimuth relative to the line of sight.
+
+    Returns
+    -------
+    (2, w, views, m) array
+    """
+    grid = CityGrid()
+    along = grid.scale(np.minimum(distance_km, grid.farthest_km)) / grid.scale(grid.farthest_km) * grid.distances
+    across = np.sqrt(np.abs((relative_azimuth_deg + 180) % 360 - 180) / 180) * grid.azimuths
+    ring, part = (
+        np.minimum(at.astype(np.intp), last - 1) for at, last in ((along, grid.distances), (across, grid.azimuths))
+    )
+    a, b = along - ring, across - part
+    near = kernel[..., ring, part] * (1 - b) + kernel[..., ring, part + 1] * b
+    far = kernel[..., ring + 1, part] * (1 - b) + kernel[..., ring + 1, part + 1] * b
+    return np.exp(near * (1 - a) + far * a)

@@ -1,0 +1,168 @@
+"""How the camera turns while the shutter is open, and what a gyroscope on it would read.
+
+Body rates are about the camera's axes (x right, y down, z along the boresight): the attitude R (world to camera) obeys
+dR/dt = -[omega]x R. Vibration is a stationary Gaussian process made from its one-sided power spectral density as a sum of
+cosines with Rayleigh amplitudes and uniform phases (Shinozuka & Deodatis 1991, Applied Mechanics Reviews 44, 191). A gimbal's
+jitter is an Ornstein-Uhlenbeck process, drawn with its exact transition (Gillespie 1996, Phys. Rev. E 54, 2084). The
+gyroscope's reading is the mean rate over each sampling interval plus bias and white noise (IEEE Std 952, angle random walk:
+noise density over the square root of the interval).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from generator.scenario.gyro_log import check_motion, read_gyro_log
+from generator.scenario.motion_spec import AXES, GimbalSpec, ImuSpec, MotionSpec, VibrationSpec
+from generator.seeds import random_stream
+
+if TYPE_CHECKING:
+    from generator.scenario.model import FrameSpec
+
+Floats = NDArray[np.float64]
+Stream = Callable[[str], np.random.Generator]
+
+MOST_TONES = 4000
+
+
+@dataclass(frozen=True)
+class ImuReading:
+    """A gyroscope's reading.
+
+    Attributes
+    ----------
+    time_s : (m,) array
+        End of each sampling interval, s from the start of the shutter's time.
+    rate_deg_s : (m, 3) array
+        About x, y, z.
+    bias_deg_s : (3,) array
+        The bias in them.
+    """
+
+    time_s: Floats
+    rate_deg_s: Floats
+    bias_deg_s: Floats
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The camera's attitude over the shutter's time.
+
+    Attributes
+    ----------
+    time_s : (k,) array
+        Evenly spaced, s from the start.
+    R_cam : (k, 3, 3) array
+        ENU to camera.
+    R_mid : (3, 3) array
+        At the middle.
+    imu : ImuReading or None
+    """
+
+    time_s: Floats
+    R_cam: Floats
+    R_mid: Floats
+    imu: ImuReading | None
+
+
+def plan_motion(spec: FrameSpec, seed: int, index: int) -> Motion:
+    """Attitudes of frame `index` of a scenario with root `seed`.
+
+    Raises
+    ------
+    MotionError
+        A gyro log that does not cover the exposure, or vibration too fast for the number of samples.
+    """
+    motion, duration = spec.motion, spec.shutter_s
+    nominal = Rotation.from_matrix(spec.R_cam)
+
+    def stream(name: str) -> np.random.Generator:
+        return random_stream(seed, f"motion.{name}", index)
+
+    if motion.still:
+        time = np.zeros(1)
+        follow = Slerp([0.0, duration], Rotation.concatenate([nominal, nominal]))
+        imu = None if motion.imu is None else _imu_reading(motion.imu, follow, duration, stream)
+        return Motion(time, spec.R_cam[None], spec.R_cam, imu)
+    check_motion(motion, duration)
+    time = np.linspace(0.0, duration, motion.samples)
+    turned = body_rotation(motion, time, duration, stream) * nominal
+    follow = Slerp(time, turned)
+    imu = None if motion.imu is None else _imu_reading(motion.imu, follow, duration, stream)
+    return Motion(time, turned.as_matrix(), follow([duration / 2]).as_matrix()[0], imu)
+
+
+def body_rotation(motion: MotionSpec, time_s: Floats, duration_s: float, stream: Stream) -> Rotation:
+    """Rotations (k) that take the camera frame at rest to the camera frame at each time."""
+    middle = duration_s / 2
+    from_middle = time_s - middle
+    turn = Rotation.from_rotvec(-np.radians(np.outer(from_middle, motion.rate_deg_s)))
+    angles = np.zeros((len(time_s), 3))
+    for axis, coefficients in enumerate(motion.polynomial_deg):
+        angles[:, axis] = sum((c * from_middle ** (i + 1) for i, c in enumerate(coefficients)), np.zeros(len(time_s)))
+    turn = Rotation.from_rotvec(-np.radians(angles)) * turn
+    if motion.gyro_log is not None:
+        turn = _logged_rotation(read_gyro_log(motion.gyro_log), time_s, middle) * turn
+    angles = np.zeros((len(time_s), 3))
+    for number, part in enumerate(motion.vibration):
+        angles[:, AXES.index(part.axis)] += vibration(part, time_s, stream(f"vibration.{number}"))
+    if motion.gimbal is not None:
+        angles += gimbal_jitter(motion.gimbal, time_s, stream("gimbal"))
+    return Rotation.from_rotvec(-np.radians(angles)) * turn
+
+
+def vibration(part: VibrationSpec, time_s: Floats, random: np.random.Generator) -> Floats:
+    """Angle, deg, at times (k,) of a Gaussian process with the part's one-sided power spectral density."""
+    frequency, density = np.array(part.psd_deg2_hz).T
+    span = max(time_s[-1] - time_s[0], 1e-6)
+    # Tones closer than the time's own resolution, so that the process does not repeat within it.
+    count = int(np.clip(np.ceil((frequency[-1] - frequency[0]) * span * 4), 64, MOST_TONES))
+    edges = np.linspace(frequency[0], frequency[-1], count + 1)
+    tones, width = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+    power = np.interp(tones, frequency, density) * width
+    # Normal sine and cosine parts: Rayleigh amplitudes and uniform phases.
+    cosine, sine = random.normal(size=(2, count)) * np.sqrt(power)
+    phase = 2 * np.pi * np.outer(time_s, tones)
+    return np.cos(phase) @ cosine + np.sin(phase) @ sine
+
+
+def gimbal_jitter(gimbal: GimbalSpec, time_s: Floats, random: np.random.Generator) -> Floats:
+    """Angles, deg, (k, 3): an Ornstein-Uhlenbeck process about each axis, stationary from the start."""
+    draws = random.normal(size=(len(time_s), 3)) * gimbal.sigma_deg
+    angles = np.empty_like(draws)
+    angles[0] = draws[0]
+    for step in range(1, len(time_s)):
+        kept = math.exp(-(time_s[step] - time_s[step - 1]) / gimbal.correlation_s)
+        angles[step] = kept * angles[step - 1] + math.sqrt(1 - kept * kept) * draws[step]
+    return angles
+
+
+def _logged_rotation(log: Floats, time_s: Floats, middle_s: float) -> Rotation:
+    """Rotations from mid-exposure, by the log's rates, linear between its rows, with the midpoint rule."""
+    moments = np.unique(np.concatenate([log[:, 0], time_s, [middle_s]]))
+    halfway = (moments[1:] + moments[:-1]) / 2
+    rates = np.stack([np.interp(halfway, log[:, 0], log[:, axis]) for axis in (1, 2, 3)], axis=1)
+    steps = Rotation.from_rotvec(-np.radians(rates) * np.diff(moments)[:, None])
+    turned = [Rotation.identity()]
+    for step in steps:
+        turned.append(step * turned[-1])
+    path = Rotation.concatenate(turned)
+    return path[np.searchsorted(moments, time_s)] * path[int(np.searchsorted(moments, middle_s))].inv()
+
+
+def _imu_reading(imu: ImuSpec, attitude: Callable[[Floats], Rotation], duration_s: float, stream: Stream) -> ImuReading:
+    count = max(1, int(duration_s * imu.rate_hz + 1e-9))
+    edges = np.minimum(np.arange(count + 1) / imu.rate_hz, duration_s)
+    poses = attitude(edges)
+    interval = np.diff(edges)[:, None]
+    true_rate = -np.degrees((poses[1:] * poses[:-1].inv()).as_rotvec()) / interval
+    bias = np.array(imu.bias_deg_s) + imu.bias_sigma_deg_s * stream("imu.bias").normal(size=3)
+    noise = imu.noise_deg_s_rthz / np.sqrt(interval) * stream("imu.noise").normal(size=true_rate.shape)
+    return ImuReading(edges[1:], true_rate + bias + noise, bias)

@@ -1,0 +1,271 @@
+"""Point spread functions of a camera, integrated over pixels, on a grid of field positions and wavelength bands.
+
+Parts of a point spread function convolve, so their transfer functions multiply:
+
+- Gaussian: exp(-2 pi^2 sigma^2 f^2);
+- defocus disk of diameter d: 2 J1(pi d f) / (pi d f);
+- diffraction: the transform of |transform of the pupil|^2, the pupil a unit disk with a phase of Noll's Zernike polynomials
+  (Noll 1976, JOSA 66, 207): Airy's pattern without aberrations (Goodman, Introduction to Fourier Optics, sections 4.4, 6.4);
+- Moffat's profile (Moffat 1969, A&A 3, 455), transformed numerically;
+- a user's stack, transformed numerically;
+- the pixel itself: sinc(f_u) sinc(f_v).
+
+Light beyond the support is not drawn and not renormalised away: the table's sum is the energy encircled by the support.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, special
+
+from generator.light.photometry import GRID_START_NM, GRID_STOP_NM
+from generator.scenario.camera_spec import CameraSpec, DiffractionSpec, MoffatSpec, PsfSpec, PsfStackSpec
+from generator.scenario.psf_stack import read_stack
+
+Floats = NDArray[np.float64]
+
+FINE_PER_PX = 8
+"""Samples of a stamp per pixel."""
+FIELD_NODES = 5
+"""Nodes of the field grid along each axis, where the point spread function varies, that are computed."""
+NODE_REFINEMENT = 9 / 5
+"""Nodes of the table over those: the others are blended linearly."""
+BAND_COUNT = 4
+"""Wavelength bands, where it depends on wavelength."""
+REFERENCE_NM = 550.0
+CHROMATIC_SPAN_NM = 200.0
+MARGIN_PX = 4
+PSF_REACH_SIGMAS = 6.0
+"""Equivalent standard deviations from a star within which its light counts."""
+
+
+@dataclass(frozen=True)
+class PsfTable:
+    """Point spread functions on a grid of field positions, for a few wavelength bands.
+
+    Attributes
+    ----------
+    stamps : (bands, rows, columns, n, n) array
+        Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
+        radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
+    shift : (bands,) array
+    edges_nm : (bands + 1,) array
+        The bands' limits.
+    """
+
+    stamps: NDArray[np.float32]
+    shift: Floats
+    edges_nm: Floats
+
+    @functools.cached_property
+    def cumulated(self) -> Floats:
+        """Light on fine samples before each row and column, (bands, rows, columns, n + 1, n + 1) array.
+
+        Fine samples integrate to the light: each stands for 1/FINE_PER_PX^2 of it, those on the rim for half as much.
+        """
+        size = self.stamps.shape[-1]
+        result = np.zeros((*self.stamps.shape[:3], size + 1, size + 1))
+        result[..., 1:, 1:] = self.stamps
+        result[..., [1, -1], :] *= 0.5
+        result[..., [1, -1]] *= 0.5
+        result /= FINE_PER_PX**2
+        np.cumsum(result, axis=-1, out=result)
+        return np.cumsum(result, axis=-2, out=result)
+
+    @property
+    def by_phase(self) -> NDArray[np.float32]:
+        """The stamps' samples by their place within a pixel first: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
+        *nodes, size, _ = self.stamps.shape
+        side = size // FINE_PER_PX + 1
+        spare = side * FINE_PER_PX - size
+        padded = np.pad(self.stamps, [(0, 0)] * 3 + [(0, spare)] * 2)
+        return padded.reshape(*nodes, side, FINE_PER_PX, side, FINE_PER_PX).transpose(0, 1, 2, 4, 6, 3, 5)
+
+    @functools.cached_property
+    def inside(self) -> Floats:
+        """Light within squares of 1, 3, 5 … px around a star, (radius + 1, bands, rows, columns) array."""
+        middle = self.stamps.shape[-1] // 2
+
+        def square(half: int) -> Floats:
+            first, stop = middle - half, middle + half + 1
+            corners = self.cumulated
+            return (
+                corners[..., stop, stop] - corners[..., first, stop] - corners[..., stop, first]
+                + corners[..., first, first]
+            )  # fmt: skip
+
+        halves = np.arange(FINE_PER_PX // 2, middle + 1, FINE_PER_PX)
+        # The rim of a square counts for half.
+        return np.array([(square(h) + square(h - 1)) / 2 if h < middle else square(h) for h in halves])
+
+    @functools.cached_property
+    def beyond(self) -> Floats:
+        """Largest share of a pixel outside those squares, anywhere in the field and in any band, (radius + 1,) array."""
+        largest = self.stamps.max(axis=(0, 1, 2))
+        from_middle = np.abs(np.arange(len(largest)) - len(largest) // 2)
+        distance = np.maximum(from_middle[:, None], from_middle)
+        halves = np.arange(FINE_PER_PX // 2, len(largest) // 2, FINE_PER_PX)
+        return np.array([*(largest[distance >= half].max() for half in halves), 0.0])
+
+
+@functools.lru_cache(maxsize=2)
+def psf_table(camera: CameraSpec) -> PsfTable:
+    """Tabulate a camera's point spread function (its `psf` section, which must be given)."""
+    psf = camera.psf
+    if psf is None:
+        raise ValueError("the camera has no psf section")
+    bands = BAND_COUNT if psf.diffraction is not None or psf.lateral_chromatic_px else 1
+    edges = np.linspace(GRID_START_NM, GRID_STOP_NM, bands + 1)
+    middles = (edges[1:] + edges[:-1]) / 2
+    nodes = FIELD_NODES if psf.varies else 1
+    projection, corner = camera.projection, camera.corner_px
+    u = np.linspace(-0.5, camera.width - 0.5, nodes) if nodes > 1 else np.array([projection.cx_px])
+    v = np.linspace(-0.5, camera.height - 0.5, nodes) if nodes > 1 else np.array([projection.cy_px])
+    size = (2 * psf.support_px + 1) * FINE_PER_PX + 1
+    stamps = np.zeros((bands, nodes, nodes, size, size), np.float32)
+    for band, wavelength in enumerate(middles):
+        for row in range(nodes):
+            for column in range(nodes):
+                field = complex(u[column] - projection.cx_px, v[row] - projection.cy_px) / corner
+                stamps[band, row, column] = pixel_psf(psf, wavelength, field, camera.pixel_pitch_um)
+    if nodes > 1:
+        # Stars take the nearest node, so there are enough for the steps between them to be small.
+        stamps = ndimage.zoom(stamps, (1, NODE_REFINEMENT, NODE_REFINEMENT, 1, 1), order=1, grid_mode=False)
+    shift = psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM
+    return PsfTable(stamps, shift, edges)
+
+
+@functools.lru_cache(maxsize=64)
+def equivalent_sigma_px(camera: CameraSpec) -> float:
+    """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
+
+    The noise-equivalent area 1 / sum(p^2) of a Gaussian is 4 pi (sigma^2 + 1/12), the pixel included (King 1983, PASP 95,
+    163).
+    """
+    if camera.psf is None:
+        return camera.psf_sigma_px
+    table = psf_table(camera)
+    nodes = table.stamps.shape[1]
+    stamp = table.stamps[len(table.stamps) // 2, nodes // 2, nodes // 2].astype(np.float64)
+    area = stamp.sum() ** 2 / (stamp**2).sum() / FINE_PER_PX**2
+    return float(np.sqrt(max(area / (4 * np.pi) - 1 / 12, 0.04)))
+
+
+def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um: float | None) -> Floats:
+    """Pixel-integrated point spread function.
+
+    Parameters
+    ----------
+    psf : PsfSpec
+    wavelength_nm : float
+    field : complex
+        Field position: distance and direction (u + iv) from the principal point over the corner's distance.
+    pixel_pitch_um : float or None
+        Needed for diffraction.
+
+    Returns
+    -------
+    (n, n) array
+        Share of the light on a pixel whose centre lies (column, row) / FINE_PER_PX - support_px - 0.5 px from the star.
+    """
+    size_px = 2 * (psf.support_px + MARGIN_PX) + 2
+    frequency: Floats = np.fft.fftfreq(size_px * FINE_PER_PX, 1 / FINE_PER_PX).astype(np.float64)
+    fu, fv = np.meshgrid(frequency, frequency)
+    f = np.hypot(fu, fv)
+    transfer = np.sinc(fu) * np.sinc(fv) * np.exp(-2 * (np.pi * psf.gaussian_sigma_px * f) ** 2) + 0j
+    if psf.defocus_disk_px:
+        argument = np.pi * psf.defocus_disk_px * f
+        transfer *= np.where(argument > 1e-9, 2 * special.j1(argument) / np.maximum(argument, 1e-9), 1)
+    if psf.moffat is not None:
+        transfer *= _moffat_transfer(psf.moffat, f)
+    if psf.diffraction is not None and pixel_pitch_um is not None:
+        transfer *= _pupil_transfer(psf.diffraction, wavelength_nm, field, pixel_pitch_um, frequency)
+    if psf.stack is not None:
+        transfer *= _stack_transfer(psf.stack, field, frequency)
+    image = np.fft.fftshift(np.fft.ifft2(transfer).real) * FINE_PER_PX**2
+    middle = len(frequency) // 2
+    half = psf.support_px * FINE_PER_PX + FINE_PER_PX // 2
+    # Ringing of the band limit may leave values just below zero; a pixel receives no negative light.
+    return np.maximum(image[middle - half : middle + half + 1, middle - half : middle + half + 1], 0)
+
+
+def _moffat_transfer(moffat: MoffatSpec, f: Floats) -> Floats:
+    """Moffat's transfer function: 2/Gamma(b-1) (pi a f)^(b-1) K_(b-1)(2 pi a f), its Hankel transform in closed form.
+
+    Gradshteyn & Ryzhik, 6.565.4.
+    """
+    scale = moffat.fwhm_px / (2 * np.sqrt(2 ** (1 / moffat.beta) - 1))
+    x = 2 * np.pi * scale * np.maximum(f, 1e-6)
+    order = moffat.beta - 1
+    value = 2 / special.gamma(order) * (x / 2) ** order * special.kv(order, x)
+    return np.where(f > 1e-6, value, 1.0)
+
+
+def _pupil_transfer(
+    diffraction: DiffractionSpec, wavelength_nm: float, field: complex, pixel_pitch_um: float, frequency: Floats
+) -> NDArray[np.complex128]:
+    """Transfer function of a circular pupil with aberrations.
+
+    Without aberrations in closed form; with them the pupil is sampled so finely that its transform covers the grid.
+    """
+    cutoff = 1000 * pixel_pitch_um / (wavelength_nm * diffraction.f_number)
+    radius, angle = abs(field), np.angle(field)
+    waves = REFERENCE_NM / wavelength_nm
+    defocus = diffraction.defocus_waves * waves
+    coma = diffraction.coma_waves * waves * radius
+    astigmatism = diffraction.astigmatism_waves * waves * radius**2
+    fu, fv = np.meshgrid(frequency, frequency)
+    if not (defocus or coma or astigmatism):
+        s = np.minimum(np.hypot(fu, fv) / cutoff, 1)
+        return (2 / np.pi) * (np.arccos(s) - s * np.sqrt(1 - s * s)) + 0j
+    # Autocorrelation of the pupil, by transforms over a grid whose step is a fixed part of the pupil's radius.
+    samples = 192
+    step = 4.0 / samples
+    axis = (np.arange(samples) - samples // 2) * step
+    x, y = np.meshgrid(axis, axis)
+    rho, theta = np.hypot(x, y), np.arctan2(y, x) - angle
+    phase = defocus * np.sqrt(3) * (2 * rho**2 - 1)
+    phase = phase + coma * np.sqrt(8) * (3 * rho**3 - 2 * rho) * np.cos(theta)
+    phase = phase + astigmatism * np.sqrt(6) * rho**2 * np.cos(2 * theta)
+    inside = np.clip(0.5 + (1 - rho) / step, 0, 1)
+    pupil = inside * np.exp(2j * np.pi * phase)
+    padded = np.zeros((2 * samples, 2 * samples), complex)
+    padded[:samples, :samples] = pupil
+    correlation = np.fft.fftshift(np.fft.ifft2(np.abs(np.fft.fft2(padded)) ** 2))
+    correlation = correlation / correlation[samples, samples].real
+    # A shift of two pupil radii is the cut-off frequency.
+    passed = np.hypot(fu, fv) < cutoff
+    places = [samples + 2 * f[passed] / cutoff / step for f in (fv, fu)]
+    transfer = np.zeros(fu.shape, complex)
+    transfer.real[passed] = ndimage.map_coordinates(correlation.real, places, order=3)
+    transfer.imag[passed] = ndimage.map_coordinates(correlation.imag, places, order=3)
+    return transfer
+
+
+def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> NDArray[np.complex128]:
+    """Transfer function of a user's stack at a field position: blended between neighbours and turned with the field."""
+    images = read_stack(stack.file, stack.oversampling)
+    place = min(abs(field), 1.0) * (len(images) - 1)
+    lower = min(int(place), max(len(images) - 2, 0))
+    upper = min(lower + 1, len(images) - 1)
+    image = (1 - (place - lower)) * images[lower] + (place - lower) * images[upper]
+    # Turned so that the stack's +u axis points away from the principal point.
+    angle = float(np.angle(field))
+    middle = (np.array(image.shape) - 1) / 2
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    if abs(field) > 1e-6 and len(images) > 1:
+        image = ndimage.affine_transform(image, turn, middle - turn @ middle, order=3)
+    image = np.maximum(image, 0)
+    image = image / image.sum()
+    rows = (np.arange(image.shape[0]) - middle[0]) / stack.oversampling
+    columns = (np.arange(image.shape[1]) - middle[1]) / stack.oversampling
+    down = np.exp(-2j * np.pi * np.outer(frequency, rows))
+    across = np.exp(-2j * np.pi * np.outer(columns, frequency))
+    # Samples stand for the band-limited function through them: their spectrum repeats beyond this frequency.
+    beyond = np.abs(frequency) >= stack.oversampling / 2
+    down[beyond], across[:, beyond] = 0, 0
+    return down @ image @ across

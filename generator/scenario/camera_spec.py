@@ -1,0 +1,249 @@
+"""The scenario's ``camera`` section: projection, pupil, vignetting and point spread."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+
+from generator.scenario.projection import MODELS, Projection, ProjectionError
+from generator.scenario.psf_stack import read_stack
+from generator.scenario.strict import File, Fraction, Numbers, Strict, listed
+
+Waves = Annotated[float, Field(ge=-5, le=5)]
+LEAST_DIRECT_SHARE = 0.4
+FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
+
+
+class MoffatSpec(Strict):
+    """Moffat's profile (1 + (r/a)^2)^-beta."""
+
+    fwhm_px: Annotated[float, Field(ge=0.5, le=50)]
+    """Full width at half maximum, px."""
+    beta: Annotated[float, Field(gt=1.1, le=20)]
+    """Exponent; small ones have wide wings."""
+
+
+class DiffractionSpec(Strict):
+    """A circular pupil with aberrations that grow from the axis; Airy's pattern without them.
+
+    Wavefront in waves at 550 nm over the unit pupil (Noll's normalised Zernike polynomials, rms): defocus Z4 everywhere,
+    coma Z7/Z8 along the field's radius growing with it, astigmatism Z5/Z6 growing with its square; stated for the corner.
+    """
+
+    f_number: Annotated[float, Field(ge=0.7, le=64)]
+    """Focal ratio."""
+    defocus_waves: Waves = 0.0
+    coma_waves: Waves = 0.0
+    astigmatism_waves: Waves = 0.0
+
+    @property
+    def varies(self) -> bool:
+        """Whether it differs over the field."""
+        return bool(self.coma_waves or self.astigmatism_waves)
+
+
+class PsfStackSpec(Strict):
+    """Measured or computed point spread functions at equally spaced distances from the principal point."""
+
+    file: File
+    """FITS cube (n, rows, columns), or EXR whose channels in alphabetical order are the n functions."""
+    oversampling: Annotated[int, Field(ge=1, le=32)]
+    """Samples of the stack per pixel."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> PsfStackSpec:
+        read_stack(self.file, self.oversampling)
+        return self
+
+
+class PsfSpec(Strict):
+    """Point spread function: the convolution of the parts that are given."""
+
+    gaussian_sigma_px: Annotated[float, Field(ge=0.0, le=20)] = 0.0
+    moffat: MoffatSpec | None = None
+    diffraction: DiffractionSpec | None = None
+    defocus_disk_px: Annotated[float, Field(ge=0, le=50)] = 0.0
+    """Diameter of the geometric blur disk, px."""
+    stack: PsfStackSpec | None = None
+    lateral_chromatic_px: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """How much further from the principal point 650 nm falls than 450 nm, at the frame's corner, px; linear in both."""
+    support_px: Annotated[int, Field(ge=2, le=60)] = 12
+    """Light is drawn up to this distance (along u and v) from a star; what falls outside is not drawn."""
+
+    @model_validator(mode="after")
+    def _something(self) -> PsfSpec:
+        if not (self.gaussian_sigma_px or self.moffat or self.diffraction or self.defocus_disk_px or self.stack):
+            raise ValueError("give at least one of gaussian_sigma_px, moffat, diffraction, defocus_disk_px, stack")
+        return self
+
+    @property
+    def varies(self) -> bool:
+        """Whether it differs over the field."""
+        return self.stack is not None or (self.diffraction is not None and self.diffraction.varies)
+
+
+class BloomSpec(Strict):
+    """Light scattered in the lens into wide wings 1 / (1 + (r / core_px)^slope) around every point of light."""
+
+    share: Annotated[float, Field(gt=0, le=0.5)]
+    """Of the light, 0-0.5."""
+    core_px: Annotated[float, Field(ge=0.5, le=100)] = 2.0
+    """Where the wings set in, px."""
+    slope: Annotated[float, Field(ge=1, le=6)] = 2.0
+    """Exponent of the wings."""
+    reach_px: Annotated[int, Field(ge=2, le=1000)] = 200
+    """Where they end, px."""
+
+
+class GhostSpec(Strict):
+    """Light reflected twice in the lens: an even disk at a multiple of the point's distance from the principal point."""
+
+    share: Annotated[float, Field(gt=0, le=0.1)]
+    """Of the light, 0-0.1."""
+    magnification: Annotated[float, Field(ge=-10, le=10)]
+    """The disk's distance from the principal point over the point's own; negative on the other side."""
+    diameter_px: Annotated[float, Field(ge=2, le=500)]
+    """Of the disk, px; at least twice the magnification."""
+
+    @model_validator(mode="after")
+    def _without_gaps(self) -> GhostSpec:
+        if self.diameter_px < 2 * abs(self.magnification):
+            raise ValueError(f"diameter_px: found {self.diameter_px:g}, expected at least twice the magnification")
+        return self
+
+
+def _field_fits_model(hfov_deg: float | None, info: ValidationInfo) -> float | None:
+    limits = {"pinhole": 180.0, "orthographic": 180.0, "equidistant": 360.0, "equisolid": 360.0, "stereographic": 360.0}
+    model = info.data.get("model")
+    if hfov_deg is not None and model is not None:
+        if model not in limits:
+            raise ValueError(f"{model} has no simple field of view; give f_px, or focal_length_mm and pixel_pitch_um")
+        if hfov_deg >= limits[model]:
+            raise ValueError(f"found float {hfov_deg}, expected a value < {limits[model]:g} for the model {model}")
+    return hfov_deg
+
+
+class CameraSpec(Strict):
+    """Optics: a projection behind an entrance pupil."""
+
+    preset: str | None = None
+    """Camera whose values hold where none are given: see generator.scenario.camera_presets."""
+    model: Literal[MODELS] = "pinhole"  # type: ignore[valid-type]
+    """Projection."""
+    width: Annotated[int, Field(ge=8, le=16384)]
+    """Columns, pixels."""
+    height: Annotated[int, Field(ge=8, le=16384)]
+    """Rows, pixels."""
+    hfov_deg: Annotated[float | None, AfterValidator(_field_fits_model), Field(gt=0)] = None
+    """Horizontal field of view, edge to edge, deg; or give f_px, or focal_length_mm and pixel_pitch_um."""
+    focal_px: Annotated[float, Field(gt=0, le=1e6)] | None = Field(default=None, alias="f_px")
+    """Focal length, px."""
+    focal_length_mm: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    """Focal length, mm."""
+    pixel_pitch_um: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Distance between pixel centres along u, micrometres."""
+    pixel_aspect: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Focal length in px along v over that along u."""
+    principal_u_px: float | None = Field(default=None, alias="cx_px")
+    """Principal point; the frame's middle unless given."""
+    principal_v_px: float | None = Field(default=None, alias="cy_px")
+    """Principal point; the frame's middle unless given."""
+    k: Numbers = ()
+    """Radial distortion: up to k1..k6 (brown_conrady), k1..k4 (kannala_brandt)."""
+    p: Numbers = ()
+    """Tangential distortion: p1, p2 (brown_conrady)."""
+    image_circle_px: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Radius around the principal point beyond which no light falls, px."""
+    aperture_mm: Annotated[float, Field(gt=0, le=1000)]
+    """Diameter of the entrance pupil, mm."""
+    pupil: Literal["cosine", "constant"] | None = None
+    """Natural vignetting: the pupil's projected area falls with the cosine off axis, or stays, as in fisheye lenses, whose
+    pupil turns towards the light. Unless given, constant for the fisheye models."""
+    vignetting: Numbers = ()
+    """Factor 1 + a1 q + a2 q^2 + … on the light, q the squared distance from the principal point over that of the corner."""
+    transmission: Fraction = 0.9
+    """Of the lens and filters, 0-1."""
+    psf_sigma_px: Annotated[float, Field(ge=0.2, le=20)] = 0.8
+    """Standard deviation of the Gaussian point spread function, px, where `psf` is not given."""
+    psf: PsfSpec | None = None
+    """Another point spread function."""
+    # Left out of the scenario's hash where they are not given, as if there were no such keys.
+    bloom: BloomSpec | None = Field(default=None, exclude_if=lambda bloom: bloom is None)
+    """Scatter in the lens."""
+    ghosts: Annotated[tuple[GhostSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(
+        default=(), exclude_if=lambda ghosts: not ghosts
+    )
+    """Reflections in the lens."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraSpec:
+        ways = [self.hfov_deg is not None, self.focal_px is not None, self.focal_length_mm is not None]
+        if sum(ways) != 1:
+            raise ValueError("give exactly one of hfov_deg, f_px, and focal_length_mm with pixel_pitch_um")
+        if self.focal_length_mm is not None and self.pixel_pitch_um is None:
+            raise ValueError("focal_length_mm needs pixel_pitch_um")
+        if self.psf is not None and self.psf.diffraction is not None and self.pixel_pitch_um is None:
+            raise ValueError("psf.diffraction needs pixel_pitch_um")
+        if self.direct_share < LEAST_DIRECT_SHARE:
+            raise ValueError(
+                f"bloom and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
+                f"{1 - LEAST_DIRECT_SHARE:.2g} together"
+            )
+        try:
+            self.projection.check_frame(self.width, self.height, self.image_circle_px)
+        except ProjectionError as error:
+            raise ValueError(str(error)) from error
+        for step in range(101):
+            factor = 1 + sum(a * (step / 100) ** (i + 1) for i, a in enumerate(self.vignetting))
+            if not 0 <= factor <= 1 + 1e-9:
+                raise ValueError(f"vignetting: found a factor {factor:.3g} inside the frame, expected 0 to 1")
+        return self
+
+    @property
+    def direct_share(self) -> float:
+        """Part of the light that goes neither into bloom nor into ghosts."""
+        return 1 - (self.bloom.share if self.bloom else 0.0) - sum(ghost.share for ghost in self.ghosts)
+
+    @property
+    def f_px(self) -> float:
+        """Focal length along u, px."""
+        if self.focal_px is not None:
+            return self.focal_px
+        if self.hfov_deg is not None:
+            half = math.radians(self.hfov_deg / 2)
+            radius = {
+                "pinhole": math.tan,
+                "equidistant": lambda t: t,
+                "equisolid": lambda t: 2 * math.sin(t / 2),
+                "stereographic": lambda t: 2 * math.tan(t / 2),
+                "orthographic": math.sin,
+            }[self.model](half)
+            return self.width / 2 / radius
+        if self.focal_length_mm is None or self.pixel_pitch_um is None:
+            raise ValueError("no focal length")
+        return 1000 * self.focal_length_mm / self.pixel_pitch_um
+
+    @property
+    def projection(self) -> Projection:
+        """The projection's numbers."""
+        return Projection(
+            model=self.model,
+            f_px=self.f_px,
+            fy_px=self.f_px * self.pixel_aspect,
+            cx_px=(self.width - 1) / 2 if self.principal_u_px is None else self.principal_u_px,
+            cy_px=(self.height - 1) / 2 if self.principal_v_px is None else self.principal_v_px,
+            k=self.k,
+            p=self.p,
+        )
+
+    @property
+    def corner_px(self) -> float:
+        """Distance of the frame's furthest corner from the principal point, px."""
+        return self.projection.corner_px(self.width, self.height)
+
+    @property
+    def pupil_law(self) -> str:
+        """``cosine`` or ``constant``."""
+        return self.pupil or ("constant" if self.model in FISHEYES else "cosine")

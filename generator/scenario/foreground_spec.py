@@ -1,0 +1,143 @@
+"""The scenario's ``foreground`` section: what stands in front of the sky, and what flies through it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.io import verify_checksum
+
+from generator.scenario.horizon_profile import read_profile
+from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
+
+Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+def _readable_mesh(file: InputFile) -> InputFile:
+    from generator.scenario.mesh_file import (
+        read_mesh,  # loads Mitsuba, which scenarios without meshes need not wait for
+    )
+
+    read_mesh(file)
+    return file
+
+
+def _closed_mesh(closed: bool, info: ValidationInfo) -> bool:
+    from generator.scenario.mesh_file import read_mesh
+
+    if closed and "file" in info.data:
+        file = info.data["file"]
+        open_edges = read_mesh(file).open_edges
+        if open_edges:
+            raise ValueError(
+                f"'{file.path}' is not closed: {open_edges} edges do not join exactly two faces; "
+                "mend it, or say closed: false for an open sheet"
+            )
+    return closed
+
+
+class ShapeSpec(Strict):
+    """A mesh, in metres: x east, y north, z up; the camera is at the origin."""
+
+    file: Annotated[File, AfterValidator(_readable_mesh)]
+    """PLY or OBJ."""
+    translate_m: Annotated[tuple[Metres, Metres, Metres], BeforeValidator(listed)] = (0.0, 0.0, 0.0)
+    """Moves the mesh after scaling."""
+    scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    reflectance: Fraction = 0.15
+    """Diffuse, 0-1."""
+    closed: Annotated[bool, AfterValidator(_closed_mesh)] = Field(default=True, validate_default=True)
+    """Whether the mesh must be a closed solid; terrain and skylines may be open sheets (false)."""
+
+
+class HorizonSpec(Strict):
+    """A horizon profile around the camera."""
+
+    file: File
+    """CSV with the columns azimuth_deg, elevation_deg; linear in between, closed around the circle."""
+    distance_m: Annotated[float, Field(ge=1, le=1e6)] = 1000.0
+    """Of the wall that the profile becomes."""
+    reflectance: Fraction = 0.15
+    """Diffuse, 0-1."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> HorizonSpec:
+        read_profile(self.file)
+        return self
+
+
+class DirectionSpec(Strict):
+    """An apparent direction."""
+
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
+    altitude_deg: Annotated[float, Field(ge=-90, le=90)]
+
+
+class StrobeSpec(Strict):
+    """Flashes of an aircraft's anti-collision light; `v_mag` is the brightness within a flash."""
+
+    period_s: Annotated[float, Field(gt=0, le=100)] = 1.0
+    flash_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    first_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
+    """When a flash starts, from the start of the exposure."""
+
+
+class TrailSpec(Strict):
+    """Something bright that crosses the sky on a great circle at constant speed."""
+
+    kind: Literal["satellite", "aircraft", "meteor"]
+    start: DirectionSpec
+    """Where it is at `start_s`."""
+    end: DirectionSpec
+    """Where it is at `end_s`."""
+    start_s: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
+    """From the start of the exposure; the light is off before."""
+    end_s: Annotated[float, Field(ge=-3600, le=7200)] | None = None
+    """From the start of the exposure; its end unless given. The light is off after."""
+    v_mag: Annotated[float, Field(ge=-20, le=12)]
+    """Apparent V at the ground; of a meteor, at its maximum."""
+    bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+    strobe: StrobeSpec | None = None
+
+    @model_validator(mode="after")
+    def _sensible(self) -> TrailSpec:
+        if self.end_s is not None and self.end_s <= self.start_s:
+            raise ValueError("end_s must come after start_s")
+        if self.strobe is not None and self.kind != "aircraft":
+            raise ValueError("strobe: only an aircraft has one")
+        return self
+
+
+class TleSpec(Strict):
+    """A satellite on the orbit of a two-line element set."""
+
+    line1: Annotated[str, Field(min_length=69, max_length=69)]
+    line2: Annotated[str, Field(min_length=69, max_length=69)]
+    v_mag: Annotated[float, Field(ge=-20, le=12)]
+    """Apparent V at the ground."""
+    bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @model_validator(mode="after")
+    def _element_set(self) -> TleSpec:
+        try:
+            verify_checksum(self.line1, self.line2)
+            orbit = Satrec.twoline2rv(self.line1, self.line2)
+        except ValueError as error:
+            raise ValueError(f"not a two-line element set ({str(error).splitlines()[0]})") from error
+        if not (self.line1.startswith("1 ") and self.line2.startswith("2 ") and self.line1[2:7] == self.line2[2:7]):
+            raise ValueError("not a two-line element set (lines 1 and 2 of one satellite)")
+        if orbit.error:
+            raise ValueError(f"not a two-line element set ({SGP4_ERRORS.get(orbit.error, 'unusable elements')})")
+        return self
+
+
+class ForegroundSpec(Strict):
+    """What stands in front of the sky, and what flies through it."""
+
+    horizon: HorizonSpec | None = None
+    shapes: Annotated[tuple[ShapeSpec, ...], Field(max_length=100), BeforeValidator(listed)] = ()
+    lit_directions: Annotated[int, Field(ge=0, le=1024)] = 16
+    """Directions of the sky from which geometry is lit, a power of two; 0 leaves black silhouettes."""
+    trails: Annotated[tuple[TrailSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
+    satellites: Annotated[tuple[TleSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()

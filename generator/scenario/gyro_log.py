@@ -1,0 +1,62 @@
+"""Gyro logs, and whether a motion can be made as the scenario asks for it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.scenario.motion_spec import MotionSpec
+from generator.scenario.strict import InputFile
+
+Floats = NDArray[np.float64]
+
+LARGEST_LOG_ROWS = 2_000_000
+
+
+class MotionError(ValueError):
+    """The motion cannot be made as asked for; the message starts with the key."""
+
+
+def check_motion(motion: MotionSpec, duration_s: float) -> None:
+    """Refuse what cannot be made: raises MotionError."""
+    fastest = max((point[0] for part in motion.vibration for point in part.psd_deg2_hz if point[1] > 0), default=0.0)
+    needed = math.ceil(2 * fastest * duration_s) + 1
+    if needed > motion.samples:
+        raise MotionError(
+            f"motion.samples: found {motion.samples}, but vibration up to {fastest:g} Hz over {duration_s:g} s needs {needed}"
+        )
+    if motion.gyro_log is not None:
+        log = read_gyro_log(motion.gyro_log)
+        if log[0, 0] > 1e-9 or log[-1, 0] < duration_s - 1e-9:
+            raise MotionError(
+                f"motion.gyro_log: '{motion.gyro_log.path}' covers {log[0, 0]:g} to {log[-1, 0]:g} s, "
+                f"but the shutter is open from 0 to {duration_s:g} s"
+            )
+
+
+@functools.lru_cache(maxsize=8)
+def read_gyro_log(file: InputFile) -> Floats:
+    """Read a gyro log: CSV with a header t, wx, wy, wz (s, deg/s); returns (n, 4).
+
+    Raises
+    ------
+    MotionError
+        Not such a table, or its times do not increase.
+    """
+    text = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
+    header = [name.strip() for name in text[0].split(",")] if text else []
+    if header != ["t", "wx", "wy", "wz"] or not 3 <= len(text) <= LARGEST_LOG_ROWS:
+        raise MotionError(
+            f"motion.gyro_log: '{file.path}' has the columns {header}, expected t, wx, wy, wz and 2 rows or more"
+        )
+    try:
+        log = np.array([[float(cell) for cell in line.split(",")] for line in text[1:] if line.strip()])
+    except ValueError as error:
+        raise MotionError(f"motion.gyro_log: '{file.path}' holds something that is not a number ({error})") from error
+    if log.ndim != 2 or log.shape[1] != 4 or not np.isfinite(log).all() or (np.diff(log[:, 0]) <= 0).any():
+        raise MotionError(f"motion.gyro_log: '{file.path}': needs four finite numbers per row and increasing times")
+    return log

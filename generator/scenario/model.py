@@ -1,0 +1,254 @@
+"""The scenario: what a user asks for, as frozen, validated data.
+
+A scenario describes one frame, or many by *sweeps*: any value may be replaced by ``{sweep: [a, b, c]}``. Sweeps multiply
+(cartesian, the last written varies fastest); sweeps that share a ``zip`` name advance together. Reading files is
+:mod:`generator.scenario.file`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from generator.light.lamps import GARSTANG_HORIZON_SHARE, LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
+from generator.places.times import Instant
+from generator.scenario.camera_presets import with_preset
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.foreground_spec import ForegroundSpec
+from generator.scenario.gyro_log import check_motion
+from generator.scenario.motion_spec import MotionSpec
+from generator.scenario.sensor_spec import SensorSpec
+from generator.scenario.strict import Fraction, Strict
+
+
+def _check_utc(text: str) -> str:
+    Instant.parse(text)
+    return text
+
+
+Utc = Annotated[str, AfterValidator(_check_utc)]
+
+
+class SiteSpec(Strict):
+    """Where the camera stands (WGS84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Geodetic latitude, deg."""
+    longitude_deg: Annotated[float, Field(ge=-180, le=360)]
+    """Longitude, deg, east positive."""
+    height_m: Annotated[float, Field(ge=-500, le=20000)] = 0.0
+    """Height above the ellipsoid, m."""
+
+
+class TimeSpec(Strict):
+    """When, and for how long, the shutter is open."""
+
+    utc_start: Utc
+    """Start of the exposure, ISO 8601 with Z."""
+    exposure_s: Annotated[float, Field(gt=0, le=3600)]
+    """Length of the exposure, s."""
+
+
+class Pointing(Strict):
+    """Where the boresight points; at roll 0 the image's up is towards the zenith along the vertical circle."""
+
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
+    """From north through east, deg."""
+    altitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Apparent altitude, deg."""
+    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Clockwise turn of the camera about its boresight, deg."""
+
+
+class AtmosphereSpec(Strict):
+    """The air above the site."""
+
+    pressure_hpa: Annotated[float, Field(ge=0, le=1100)] = 1010.0
+    """At the site, hPa."""
+    temperature_c: Annotated[float, Field(ge=-90, le=60)] = 10.0
+    """At the site, deg C."""
+    relative_humidity: Fraction = 0.5
+    """0-1."""
+    aerosol_tau_550: Annotated[float, Field(ge=0, le=5)] = 0.1
+    """Vertical optical depth of aerosol at 550 nm."""
+    angstrom_exponent: Annotated[float, Field(ge=-1, le=4)] = 1.3
+    """Of the aerosol."""
+    ozone_du: Annotated[float, Field(ge=0, le=1000)] = 300.0
+    """Column of ozone, Dobson units."""
+    refraction: bool = True
+    """Bend the light."""
+    extinction: bool = True
+    """Dim the light."""
+
+
+COMPONENTS = ("airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight")
+"""Parts of the diffuse sky, in the order in which they are added."""
+
+
+def _check_lamps(lamps: dict[str, float]) -> dict[str, float]:
+    unknown = sorted(set(lamps) - set(lamp_spectra()))
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is not one of the lamps {sorted(lamp_spectra())}")
+    if not sum(lamps.values()) > 0:
+        raise ValueError("the lamps' shares must add up to more than 0")
+    return lamps
+
+
+def _as_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+class CitySpec(Strict):
+    """A disk of lamps."""
+
+    distance_km: Annotated[float, Field(ge=0, le=LARGEST_DISTANCE_KM)]
+    """From the observer to the middle of the city, km."""
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
+    """Of the middle, deg."""
+    radius_km: Annotated[float, Field(gt=0, le=20)]
+    """Of the disk, km."""
+    upward_mlm: Annotated[float, Field(gt=0, le=1e7)] = 100.0
+    """Light that leaves the city upwards, megalumen; relative where bortle or zenith_mag_arcsec2 is given."""
+    horizon_share: Fraction = GARSTANG_HORIZON_SHARE
+    """Part of the upward light in Garstang's pattern near the horizon; the rest is Lambert."""
+    lamps: Annotated[dict[str, Annotated[float, Field(ge=0)]], AfterValidator(_check_lamps)] = Field(
+        default_factory=lambda: dict(LAMP_MIX)
+    )
+    """Shares of the lamps' light in V."""
+
+    def city(self) -> City:
+        """The same as the sky model takes it."""
+        lamps = tuple(self.lamps.items())
+        return City(self.distance_km, self.azimuth_deg, self.radius_km, self.upward_mlm, self.horizon_share, lamps)
+
+
+class CloudSpec(Strict):
+    """A layer of thin cloud."""
+
+    altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
+    """Above the site, km."""
+    mean_optical_depth: Annotated[float, Field(ge=0, le=50)] = 0.5
+    """Of a vertical ray, mean over the layer."""
+    coverage: Annotated[float, Field(gt=0, le=1)] = 0.7
+    """Part of the layer that is cloud, 0-1."""
+    spectral_slope: Annotated[float, Field(ge=-5, le=-1)] = -8 / 3
+    """Exponent of the two-dimensional power spectrum."""
+    outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
+    """Size beyond which the field does not grow rougher, km."""
+    wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
+    """Speed of the layer, m/s."""
+    wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
+    """Where it moves to, deg."""
+
+
+class SkySpec(Strict):
+    """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; nothing for a black sky."""
+
+    bortle: Annotated[int, Field(ge=1, le=9)] | None = None
+    """Bortle class: a place, and the zenith brightness of the table in docs/physics.md, as zenith_mag_arcsec2 gives it."""
+    zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
+    """Total brightness of the zenith of this very frame without Moon, twilight and cloud, V mag/arcsec^2."""
+    cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None
+    """Layout of cities instead of the default one."""
+    components: (
+        Annotated[
+            tuple[Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"], ...],
+            BeforeValidator(_as_tuple),
+        ]
+        | None
+    ) = None
+    """Parts of the sky that shine; all of them if nothing else is said."""
+    solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
+    """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
+    clouds: CloudSpec | None = None
+    """A layer of thin cloud."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> SkySpec:
+        if self.bortle is not None and self.zenith_mag_arcsec2 is not None:
+            raise ValueError("give either bortle or zenith_mag_arcsec2, not both")
+        return self
+
+    @property
+    def active_components(self) -> tuple[str, ...]:
+        """Names of the components that shine."""
+        if self.components is not None:
+            return self.components
+        return COMPONENTS if self.bortle or self.zenith_mag_arcsec2 is not None or self.cities else ()
+
+
+class StarsSpec(Strict):
+    """Which stars are drawn."""
+
+    limiting_magnitude: Annotated[float, Field(ge=-2, le=15)] = 9.0
+    """Faintest star or planet that is drawn, Johnson V, whatever the sky. How bright the sky is: sky.bortle."""
+    catalogue: Literal["ybsc+hipparcos", "tycho2"] = "ybsc+hipparcos"
+    """Source; tycho2 needs Debian's kstars-data-extra-tycho2 and adds its stars to the default's."""
+    planets: bool = True
+    """Draw Mercury, Venus and Mars to Neptune."""
+    scintillation: bool = False
+    """Let each star's light vary as the air makes it in one exposure; off, so that electrons_e is the mean."""
+
+
+def _named_attitude(value: object) -> object:
+    if isinstance(value, str):
+        if value not in NAMED_ATTITUDES:
+            raise ValueError(
+                f"found {value!r}, expected one of {sorted(NAMED_ATTITUDES)} or azimuth_deg, altitude_deg and roll_deg"
+            )
+        return NAMED_ATTITUDES[value]
+    return value
+
+
+NAMED_ATTITUDES = {"zenith-north-up": Pointing(azimuth_deg=180.0, altitude_deg=90.0)}
+Attitude = Annotated[Pointing, BeforeValidator(_named_attitude)]
+
+
+class FrameSpec(Strict):
+    """One frame, every value fixed."""
+
+    site: SiteSpec
+    time: TimeSpec
+    attitude: Attitude = NAMED_ATTITUDES["zenith-north-up"]
+    """``zenith-north-up``, or azimuth, altitude and roll."""
+    camera: CameraSpec
+    sensor: SensorSpec = SensorSpec()
+    motion: MotionSpec = MotionSpec()
+    foreground: ForegroundSpec = ForegroundSpec()
+    atmosphere: AtmosphereSpec = AtmosphereSpec()
+    sky: SkySpec = SkySpec()
+    stars: StarsSpec = StarsSpec()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, tree: object) -> object:
+        return with_preset(tree)
+
+    @model_validator(mode="after")
+    def _motion_covers_the_exposure(self) -> FrameSpec:
+        check_motion(self.motion, self.shutter_s)
+        return self
+
+    @property
+    def shutter_s(self) -> float:
+        """Time from the start of the exposure of the first row to the end of that of the last, s."""
+        return self.time.exposure_s + self.sensor.read_out_s(self.camera.height)
+
+    @property
+    def R_cam(self) -> NDArray[np.float64]:
+        """Rotation ENU to camera, (3, 3), as the scenario asks for it; motion during the exposure comes on top."""
+        return pointing_matrix(self.attitude)
+
+
+def pointing_matrix(pointing: Pointing) -> NDArray[np.float64]:
+    """Rotation ENU to camera (3, 3) of a boresight direction and a roll about it."""
+    azimuth, altitude, roll = np.radians([pointing.azimuth_deg, pointing.altitude_deg, pointing.roll_deg])
+    boresight = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+    up = np.array([-np.sin(azimuth) * np.sin(altitude), -np.cos(azimuth) * np.sin(altitude), np.cos(altitude)])
+    right = np.cross(boresight, up)
+    turned_right = np.cos(roll) * right - np.sin(roll) * up
+    turned_down = -(np.sin(roll) * right + np.cos(roll) * up)
+    return np.stack([turned_right, turned_down, boresight])

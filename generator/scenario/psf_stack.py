@@ -1,0 +1,71 @@
+"""Reading a user's stack of point spread functions: a FITS cube or an EXR with one channel per function."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.scenario.strict import InputFile
+
+MOST_FUNCTIONS = 64
+LARGEST_SIDE_PX = 120
+
+
+class StackError(ValueError):
+    """The stack cannot be used."""
+
+
+@functools.lru_cache(maxsize=8)
+def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
+    """Read a stack, each function normalised to sum 1.
+
+    Parameters
+    ----------
+    file : InputFile
+    oversampling : int
+        Samples per pixel.
+
+    Returns
+    -------
+    (n, size, size) array
+
+    Raises
+    ------
+    StackError
+        It is not a stack of square, odd-sized, non-negative images of a usable size.
+    """
+    name = Path(file.location)
+    try:
+        stack = _read_fits(name) if name.suffix.lower() in (".fits", ".fit", ".fts") else _read_exr(name)
+    except (OSError, RuntimeError, TypeError, KeyError, ValueError) as error:
+        raise StackError(f"found '{file.path}', which cannot be read as FITS or EXR ({error})") from error
+    if stack.ndim == 2:
+        stack = stack[None]
+    shape = stack.shape
+    if stack.ndim != 3 or shape[1] != shape[2] or shape[1] % 2 == 0 or not 1 <= shape[0] <= MOST_FUNCTIONS:
+        raise StackError(
+            f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}"
+        )
+    if not 3 <= shape[1] <= LARGEST_SIDE_PX * oversampling:
+        raise StackError(f"found a side of {shape[1]} samples, expected 3 to {LARGEST_SIDE_PX * oversampling}")
+    if not np.isfinite(stack).all() or stack.min() < 0 or (stack.sum(axis=(1, 2)) <= 0).any():
+        raise StackError("found values that are negative or not finite, or a function without light")
+    return stack / stack.sum(axis=(1, 2), keepdims=True)
+
+
+def _read_fits(name: Path) -> NDArray[np.float64]:
+    from astropy.io import fits
+
+    with fits.open(name, memmap=False) as content:
+        return np.array(content[0].data, dtype=np.float64)
+
+
+def _read_exr(name: Path) -> NDArray[np.float64]:
+    import OpenEXR
+
+    with OpenEXR.File(str(name), separate_channels=True) as content:
+        channels = content.channels()
+        return np.array([channels[key].pixels for key in sorted(channels)], dtype=np.float64)

@@ -1,0 +1,142 @@
+"""The scenario's ``sensor`` section: what turns photons into DN."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from generator.scenario.strict import QE_CURVES, Curve, Fraction, Strict, listed
+
+COLOURS = ("blue", "green", "red")
+"""Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""
+
+
+class ColourSpec(Strict):
+    """A Bayer filter array."""
+
+    pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = "RGGB"
+    """Colours of the first 2 x 2 pixels, row by row."""
+    red: Curve = QE_CURVES["cmos-red"]
+    green: Curve = QE_CURVES["cmos-green"]
+    blue: Curve = QE_CURVES["cmos-blue"]
+
+
+class ShutterSpec(Strict):
+    """A rolling shutter: rows start and end their exposures one after the other."""
+
+    line_time_us: Annotated[float, Field(gt=0, le=1e6)]
+    """Between one row and the next, microseconds."""
+    direction: Literal["down", "up"] = "down"
+    """``down`` reads the first row (v = 0) first."""
+
+
+class TelegraphSpec(Strict):
+    """Random telegraph noise, the tail of the read noise."""
+
+    fraction: Fraction
+    """Of the pixels that have it."""
+    amplitude_e: Annotated[float, Field(gt=0, le=1000)]
+    """Mean of the exponentially distributed amplitudes, electrons."""
+
+
+class CosmicRaySpec(Strict):
+    """Charged particles that cross the silicon."""
+
+    rate_s: Annotated[float, Field(ge=0, le=1e6)]
+    """Particles per second over the whole sensor."""
+    charge_e_px: Annotated[float, Field(gt=0, le=1e6)] = 200.0
+    """Mean charge left per pixel of track, electrons."""
+    length_px: Annotated[float, Field(gt=0, le=1000)] = 4.0
+    """Mean length of a track, px."""
+
+
+class DevelopSpec(Strict):
+    """An 8-bit picture beside the raw one: demosaic, white balance, gamma."""
+
+    white_balance: Annotated[tuple[float, float, float], BeforeValidator(listed)] | None = None
+    """Factors of red, green, blue; without it, grey-world factors."""
+    exposure: Annotated[float, Field(gt=0, le=1e4)] = 1.0
+    """Factor before the gamma curve; 1 maps the largest DN to white."""
+    gamma: Literal["srgb", "linear"] = "srgb"
+
+
+class SensorSpec(Strict):
+    """What turns photons into DN."""
+
+    quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
+    """A named curve, a list of [nm, 0-1], or a CSV file (wavelength_nm, quantum_efficiency), linear in between, zero outside.
+    A colour sensor uses its own three."""
+    colour: ColourSpec | None = None
+    """A Bayer filter array; without it the sensor is monochrome."""
+    rolling_shutter: ShutterSpec | None = None
+    """Without it all rows are exposed at once."""
+    full_well_e: Annotated[float, Field(gt=0, le=1e7)] = 15000.0
+    """Electrons at which a pixel saturates."""
+    blooming: bool = False
+    """Whether charge above the full well runs along the column."""
+    read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
+    """Rms, electrons."""
+    telegraph: TelegraphSpec | None = None
+    row_noise_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """Rms of an offset per row that is new in every frame, electrons."""
+    column_noise_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """Rms of an offset per column that is new in every frame, electrons."""
+    dsnu_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """Rms of a fixed offset per pixel (EMVA 1288's DSNU), electrons."""
+    prnu: Annotated[float, Field(ge=0, le=0.3)] = 0.0
+    """Rms of a fixed relative response per pixel (EMVA 1288's PRNU)."""
+    dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
+    """Electrons per second and pixel at `dark_reference_c`."""
+    temperature_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
+    """Of the sensor, deg C."""
+    dark_reference_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
+    """Temperature at which the dark current is stated, deg C."""
+    dark_doubling_c: Annotated[float, Field(gt=1, le=50)] = 6.0
+    """Rise of the temperature that doubles the dark current, deg C."""
+    hot_pixel_fraction: Fraction = 0.0
+    """Of the pixels that are hot."""
+    hot_pixel_e_s: Annotated[float, Field(ge=0, le=1e6)] = 100.0
+    """Mean of the hot pixels' exponentially distributed extra dark current at `dark_reference_c`, e/s."""
+    dead_pixel_fraction: Fraction = 0.0
+    """Of the pixels without any response."""
+    cosmic_rays: CosmicRaySpec | None = None
+    gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
+    """Electrons per DN."""
+    black_level_dn: Annotated[int, Field(ge=0, le=32768)] = 64
+    """DN without signal."""
+    bits: Annotated[int, Field(ge=8, le=16)] = 12
+    """Of the analogue-to-digital converter."""
+    noise: bool = True
+    """False gives the expected signal, quantised, without any random effect."""
+    develop: DevelopSpec | None = None
+    """Write an 8-bit developed picture as well."""
+    hud: bool = False
+    """Draw a head-up display over the picture, with its mask."""
+
+    @model_validator(mode="after")
+    def _black_level_fits(self) -> SensorSpec:
+        if self.black_level_dn >= 2**self.bits - 1:
+            raise ValueError(f"black_level_dn {self.black_level_dn} leaves no range below {2**self.bits - 1} DN")
+        return self
+
+    @property
+    def channels(self) -> dict[str, tuple[tuple[float, float], ...]]:
+        """Quantum efficiency curves by the film's channel names, in their order."""
+        if self.colour is None:
+            return {"electrons": self.quantum_efficiency}
+        return {name: getattr(self.colour, name) for name in COLOURS}
+
+    @property
+    def dark_factor(self) -> float:
+        """Dark current at the sensor's temperature over that at the reference."""
+        return 2.0 ** ((self.temperature_c - self.dark_reference_c) / self.dark_doubling_c)
+
+    @property
+    def mean_dark_e_s(self) -> float:
+        """Dark current of a normal pixel at the sensor's temperature, e/s."""
+        return self.dark_current_e_s * self.dark_factor
+
+    def read_out_s(self, height: int) -> float:
+        """Time between the exposures' starts of the first and the last row, s."""
+        return 0.0 if self.rolling_shutter is None else self.rolling_shutter.line_time_us * 1e-6 * (height - 1)

@@ -1,0 +1,108 @@
+"""From expected electrons to DN: the sensor's effects in order (:mod:`generator.sensor`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.scenario.sensor_spec import SensorSpec
+from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
+from generator.sensor.effect import Effect, Exposure, NoiseStream
+from generator.sensor.readout import Converter, FixedOffset, LineNoise, ReadNoise, TelegraphNoise
+
+
+def effects(sensor: SensorSpec) -> list[Effect]:
+    """The sensor's effects in the order in which they act; those without a size are left out.
+
+    Source of the model: EMVA Standard 1288, release 4.0, section 2 (linear camera model).
+    """
+    on = sensor.noise
+    chain: list[Effect] = []
+    if on and (sensor.prnu or sensor.dead_pixel_fraction):
+        chain.append(PhotoResponse(sensor.prnu, sensor.dead_pixel_fraction))
+    chain.append(PhotonNoise(on))
+    hot = sensor.hot_pixel_fraction if on else 0.0
+    if sensor.mean_dark_e_s or hot:
+        chain.append(DarkCurrent(sensor.mean_dark_e_s, hot, sensor.hot_pixel_e_s * sensor.dark_factor, on))
+    if on and sensor.cosmic_rays is not None:
+        rays = sensor.cosmic_rays
+        chain.append(CosmicRays(rays.rate_s, rays.charge_e_px, rays.length_px))
+    chain.append(FullWell(sensor.full_well_e, sensor.blooming))
+    if on and sensor.dsnu_e:
+        chain.append(FixedOffset(sensor.dsnu_e))
+    if on and sensor.read_noise_e:
+        chain.append(ReadNoise(sensor.read_noise_e))
+    if on and sensor.telegraph is not None:
+        chain.append(TelegraphNoise(sensor.telegraph.fraction, sensor.telegraph.amplitude_e))
+    if on and (sensor.row_noise_e or sensor.column_noise_e):
+        chain.append(LineNoise(sensor.row_noise_e, sensor.column_noise_e))
+    chain.append(Converter(sensor.gain_e_per_dn, sensor.black_level_dn, sensor.bits))
+    return chain
+
+
+def expose(
+    electrons: NDArray[np.float32],
+    exposure_s: float,
+    sensor: SensorSpec,
+    stream: NoiseStream,
+    unit: NoiseStream | None = None,
+) -> NDArray[np.uint16]:
+    """Read out a sensor.
+
+    Parameters
+    ----------
+    electrons : (..., height, width) array
+        Expected electrons from light.
+    exposure_s : float
+    sensor : SensorSpec
+    stream : callable
+        Gives the random generator of a named stream of this frame.
+    unit : callable, optional
+        Gives that of a named stream of this very sensor, the same in all its frames; `stream` unless given.
+
+    Returns
+    -------
+    (..., height, width) uint16 array
+        DN, 0 to 2^bits - 1.
+    """
+    exposure = Exposure(exposure_s, stream, unit or stream)
+    signal = np.asarray(electrons, dtype=np.float32)
+    for effect in effects(sensor):
+        signal = effect.apply(signal, exposure)
+    return signal.astype(np.uint16)
+
+
+def saturation_e(sensor: SensorSpec) -> float:
+    """Electrons at which a pixel reaches full well or the largest DN, whichever comes first."""
+    return min(sensor.full_well_e, (2**sensor.bits - 1 - sensor.black_level_dn) * sensor.gain_e_per_dn)
+
+
+def matched_filter_snr(
+    star_e: NDArray[np.float64],
+    sky_e_px: NDArray[np.float64],
+    psf_sigma_px: float,
+    exposure_s: float,
+    sensor: SensorSpec,
+) -> NDArray[np.float64]:
+    """Signal-to-noise ratio of stars under a matched filter to a Gaussian point spread function.
+
+    The filter's noise-equivalent area is 4 pi sigma^2, sigma including the pixel's own width (King 1983, PASP 95, 163).
+
+    Parameters
+    ----------
+    star_e : (n,) array
+        Expected electrons of each star.
+    sky_e_px : (n,) array
+        Expected electrons of the sky in a pixel at each star.
+    psf_sigma_px, exposure_s : float
+    sensor : SensorSpec
+
+    Returns
+    -------
+    (n,) array
+    """
+    area_px = 4 * np.pi * (psf_sigma_px**2 + 1 / 12)
+    lines = sensor.row_noise_e**2 + sensor.column_noise_e**2
+    readout = sensor.read_noise_e**2 + lines + sensor.dsnu_e**2 + sensor.gain_e_per_dn**2 / 12
+    per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + readout
+    return star_e / np.sqrt(star_e + area_px * per_pixel)
