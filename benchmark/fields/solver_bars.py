@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import celnav
-from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, Field, make_field, project
-from benchmark.judge.geodesy import geodesic_km
+from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, Field, make_field
+from benchmark.judge.cramer_rao import (
+    EXACT,
+    VERTICAL,
+    covariance_bound,
+    information_on_position,
+    median_error_km,
+    turn_derivatives,
+)
+from benchmark.judge.geodesy import east_north_km, geodesic_km
 
 F8 = NDArray[np.float64]
 WRONG_KM = 10.0
@@ -88,46 +96,14 @@ def solve_field(condition: Condition, field: Field, solver: str = "skybench") ->
 
 
 def bound_km(condition: Condition, field: Field) -> float:
-    """Median error at the Cramer-Rao bound, exact attitude or vertical, identities known, refraction neglected.
-
-    From the derivatives of the true stars' positions by a turn of the sky; the median of a two-dimensional Gaussian
-    with these variances is found by the mean of its axes (within 2 % for axis ratios up to 3).
-    """
+    """Median error at the Cramér-Rao bound for centroids of the condition's noise, the stars named; NaN without noise."""
     if condition.noise_px == 0:
         return math.nan
     uv = field.uv[field.star_id != 0]
-    camera = camera_of(condition)
-    rays = camera.to_rays(uv) @ field.R_cam
-    h = 1e-6
-    information = np.zeros((3, 3))
-    columns = [
-        (project((rays + h * np.cross(axis, rays)) @ field.R_cam.T, condition, condition.f_px)
-         - project((rays - h * np.cross(axis, rays)) @ field.R_cam.T, condition, condition.f_px)) / (2 * h)
-        for axis in np.eye(3)
-    ]  # fmt: skip
-    design = np.stack(columns, axis=2).reshape(-1, 3)
-    information = design.T @ design / condition.noise_px**2
-    tangent = math.tan(math.radians(field.lat_deg))
-    if condition.exact_attitude:
-        moves = np.array([[0.0, 1.0], [-1.0, 0.0], [-tangent, 0.0]])
-        covariance = np.linalg.inv(moves.T @ information @ moves)
-    else:
-        covariance = np.linalg.inv(information)[:2, :2]
-    a, b = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0)) * 6371.0
-    return _median_radius(float(a), float(b))
-
-
-def _median_radius(a: float, b: float) -> float:
-    """Median length of a Gaussian vector with axes a and b, by quadrature over its direction."""
-    angle = (np.arange(64) + 0.5) / 64 * 2 * math.pi
-    inverse = (np.cos(angle) / max(a, 1e-12)) ** 2 + (np.sin(angle) / max(b, 1e-12)) ** 2
-    low, high = 0.0, 4 * max(a, b)
-    for _ in range(50):
-        middle = (low + high) / 2
-        # Probability within the radius: the mean over directions of (1 - exp(-r^2 q / 2)) / (q a b).
-        inside = float(np.mean((1 - np.exp(-0.5 * middle**2 * inverse)) / inverse)) / (max(a, 1e-12) * max(b, 1e-12))
-        low, high = (middle, high) if inside < 0.5 else (low, middle)
-    return (low + high) / 2
+    by_turn = turn_derivatives(camera_of(condition), field.R_cam, uv)
+    places = np.broadcast_to(np.eye(2) / condition.noise_px**2, (len(uv), 2, 2))
+    prior = EXACT if condition.exact_attitude else VERTICAL
+    return median_error_km(covariance_bound(information_on_position(by_turn, places, field.lat_deg, prior)))
 
 
 def measure(condition: Condition, n_fields: int, seed: int, solver: str = "skybench") -> Measured:
@@ -143,10 +119,7 @@ def measure(condition: Condition, n_fields: int, seed: int, solver: str = "skybe
         if fix.ok:
             error = geodesic_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg)
             if fix.cov_km2 is not None:
-                north = math.radians(fix.lat_deg - field.lat_deg) * 6367
-                turn = math.remainder(fix.lon_deg - field.lon_deg, 360.0)
-                east = math.radians(turn) * 6378 * math.cos(math.radians(field.lat_deg))
-                offset = np.array([east, north])
+                offset = np.array(east_north_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg))
                 chi2 = float(offset @ np.linalg.solve(fix.cov_km2, offset))
             if len(fix.matches):
                 right = float(np.mean(field.star_id[fix.matches[:, 0]] == fix.matches[:, 1]))

@@ -14,6 +14,7 @@ from functools import lru_cache
 import erfa
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from celnav.catalog import StarCatalog, load_catalog
 from celnav.earth_rotation import EarthOrientation, earth_orientation
@@ -141,10 +142,8 @@ def random_attitude(rng: np.random.Generator, tilt_deg: float) -> F8:
     tilt = math.radians(tilt_deg) * math.sqrt(rng.random())
     c, s = math.cos(heading), math.sin(heading)
     zenith_camera = np.array([[-c, s, 0.0], [-s, -c, 0.0], [0.0, 0.0, 1.0]])
-    x, y = math.cos(toward), math.sin(toward)
-    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + math.sin(tilt) * cross + (1 - math.cos(tilt)) * (cross @ cross)
-    return np.asarray(turn @ zenith_camera)
+    turn = Rotation.from_rotvec([tilt * math.cos(toward), tilt * math.sin(toward), 0.0])
+    return np.asarray(turn.as_matrix() @ zenith_camera)
 
 
 def project(dirs: F8, condition: Condition, f_px: float) -> F8:

@@ -1,21 +1,17 @@
-"""The Cramér-Rao bound of a frame: no unbiased solver's position can scatter less than its stars' photons allow.
+"""The Cramér-Rao bound: no unbiased solver's position can scatter less than what its stars' places hold on it.
 
-From the noise of the pixels to the position in three steps. (1) A star of E electrons in a Gaussian of width s on a
-background whose variance is b per pixel gives Fisher information on its place; for Poisson and read noise it has the
-closed form of `centroid_information`. (2) The camera's projection turns the place's information into that on the
+From the noise of the pixels to the position in three steps. (1) A star's pixels give Fisher information on its place
+(`benchmark.judge.place_information`). (2) The camera's projection turns the place's information into that on the
 direction of the sky. (3) Moving east or north turns the sky; where the attitude is not known exactly, its error turns
 the sky as well, and the information on position is what is left when it is taken out (Schur's complement).
 
-The stars are taken as named, apart from each other and unsaturated, the camera and the time as known, the background as
-known: what really happens is worse, so the bound stays one. Refraction's own change of the scale (below 1 % at 10
-degrees of altitude) is left out. Stars whose middle lies outside the frame are left out, those near its edge count
-whole: on average over places the two make up for each other.
+The stars are taken as named, the camera and the time as known: what really happens is worse, so the bound stays one.
+Refraction's own change of the scale (below 1 % at 10 degrees of altitude) is left out. Stars whose middle lies outside
+the frame are left out, those near its edge count whole: on average over places the two make up for each other.
 
 References
 ----------
-I. R. King, PASP 95, 163-168, 1983 (noise-equivalent area). K. A. Winick, J. Opt. Soc. Am. A 3, 1809-1815, 1986
-(Cramér-Rao bounds of a spot's place on a pixel detector). S. Thomas et al., MNRAS 371, 323-336, 2006 (photon and read
-noise of centroids). S. M. Kay, Fundamentals of Statistical Signal Processing I, 1993, sections 3.9 and 10.8.
+S. M. Kay, Fundamentals of Statistical Signal Processing I, 1993, sections 3.9 and 10.8.
 """
 
 from __future__ import annotations
@@ -27,32 +23,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy.special import erf, spence
+from scipy.optimize import brentq
+from scipy.special import erf
+from scipy.stats import norm
 
 import celnav
-from benchmark.judge.geodesy import WGS84_A_M, WGS84_F
-from benchmark.protocol import CameraRecord
+from benchmark.judge.geodesy import radii_of_curvature_km
+from benchmark.judge.place_information import StarLight, place_information
 
 F8 = NDArray[np.float64]
 
-PIXEL_VARIANCE_PX2 = 1.0 / 12.0
-# A streak shorter than this share of the point spread function's width costs less than 0.1 % of the information.
-_SHORTEST_STREAK = 0.1
-_REACH_SIGMAS = 6.0
-_NODES = 24
-"""Of a streak's quadrature, in each of two directions: exact to 2e-5 for streaks to 60 standard deviations."""
+_NODES = 48
+"""Of the quadrature for a median: exact to 1e-6 for axis ratios to 1000."""
 
 
 @dataclass(frozen=True)
 class AttitudePrior:
-    """How well the solver was told its attitude.
+    """How well the solver knows its attitude.
 
     Attributes
     ----------
     tilt_deg : float
         Standard deviation of the tilt about each horizontal axis; 0: exact.
     heading_deg : float
-        Standard deviation of the heading; 0: exact, infinite: not known at all (the vertical alone was told).
+        Standard deviation of the heading; 0: exact, infinite: unknown (only the vertical is given).
     """
 
     tilt_deg: float = 0.0
@@ -63,151 +57,70 @@ EXACT = AttitudePrior()
 VERTICAL = AttitudePrior(heading_deg=math.inf)
 
 
-@dataclass(frozen=True, eq=False)
-class StarLight:
-    """What the truth says of a frame's light, and how it was seen.
+def displacement_turns(latitude_deg: float) -> F8:
+    """Turns of the sky that a displacement of the observer makes, shape (3, 2).
 
-    Attributes
+    Going north turns the sky about east, from north to up; going east turns it about the Earth's axis, which is by -1
+    about north and by -tan(latitude) about up.
+
+    Returns
+    -------
+    ndarray, shape (3, 2)
+        Turns about east, north and up (right-handed, rad) per kilometre east and per kilometre north, on WGS84.
+    """
+    east_km, north_km = radii_of_curvature_km(latitude_deg)
+    tangent = math.tan(math.radians(latitude_deg))
+    return np.column_stack((np.array([0.0, -1.0, -tangent]) / east_km, np.array([1.0, 0.0, 0.0]) / north_km))
+
+
+def turn_derivatives(camera: celnav.Camera, R_cam: F8, uv: F8) -> F8:
+    """Derivatives of stars' places by a turn of the sky about east, north and up, px/rad.
+
+    Parameters
     ----------
-    uv : ndarray, shape (n, 2)
-        Stars' places at mid-exposure, px.
-    electrons_e : ndarray, shape (n,)
-        Expected electrons of each star.
-    background_e2 : ndarray, shape (n,)
-        Variance per pixel at each star of everything but its own light (sky, dark current, read-out), e^2.
-    streak_px : ndarray, shape (n, 2)
-        From where the star's light starts to where it ends; 0 where nothing moves.
-    psf_sigma_px : float
-        Width of the point spread function, without the pixel's.
-    camera : CameraRecord
+    camera : celnav.Camera
     R_cam : ndarray, shape (3, 3)
         ENU to camera.
-    latitude_deg : float
+    uv : ndarray, shape (n, 2)
+        Places of the stars, px.
+
+    Returns
+    -------
+    ndarray, shape (n, 2, 3)
+        NaN outside the frame and where the projection has no derivative.
     """
-
-    uv: F8
-    electrons_e: F8
-    background_e2: F8
-    streak_px: F8
-    psf_sigma_px: float
-    camera: CameraRecord
-    R_cam: F8
-    latitude_deg: float
-
-
-def centroid_information(electrons_e: F8, background_e2: F8, sigma_px: float) -> F8:
-    r"""Fisher information on a star's place along each axis, 1/px^2, shape (n,).
-
-    For the mean mu = E / (2 pi s^2) exp(-r^2 / (2 s^2)) per pixel and the variance mu + b,
-
-    .. math:: F = \int (d\mu/dx)^2 / (\mu + b) = (E / s^2) [1 + \beta Li_2(-1/\beta)],  \beta = 2 \pi s^2 b / E,
-
-    with the dilogarithm Li_2; s^2 includes 1/12 px^2 of the pixel's own width. Its limits are the known ones: the
-    variance is s^2 / E for photons alone (King 1983; Thomas et al. 2006, equation 8) and 8 pi s^4 b / E^2 for
-    background alone (King 1983).
-
-    Parameters
-    ----------
-    electrons_e, background_e2 : ndarray, shape (n,)
-    sigma_px : float
-        Without the pixel's own width.
-    """
-    variance = sigma_px**2 + PIXEL_VARIANCE_PX2
-    bright = np.maximum(electrons_e, 1e-12)
-    beta = 2.0 * math.pi * variance * background_e2 / bright
-    return np.asarray(bright / variance * _photon_share(beta))
-
-
-def _photon_share(beta: F8) -> F8:
-    """1 + beta Li_2(-1/beta): 1 without background, 1/(4 beta) for much of it."""
-    safe = np.maximum(beta, 1e-12)
-    # Where the two terms nearly cancel, the series of the dilogarithm: 1/(4 b) - 1/(9 b^2) + 1/(16 b^3) - …
-    x = 1.0 / np.maximum(safe, 50.0)
-    series = sum((-1.0) ** k * x ** (k - 1) / k**2 for k in range(2, 9))
-    return np.where(safe < 50.0, 1.0 + safe * spence(1.0 + 1.0 / np.minimum(safe, 50.0)), series)
-
-
-def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, length_px: F8) -> F8:
-    """Fisher information along and across a streak, shape (n, 2), 1/px^2.
-
-    The light of a star that moves evenly by `length_px` is the Gaussian smeared over that length. Integrated by
-    Gauss-Legendre quadrature over the half plane of one end, where the derivative along the streak is, and over the
-    streak's middle, where it is not.
-
-    Parameters
-    ----------
-    electrons_e, background_e2, length_px : ndarray, shape (n,)
-    sigma_px : float
-        Without the pixel's own width.
-    """
-    sigma = math.sqrt(sigma_px**2 + PIXEL_VARIANCE_PX2)
-    nodes, weights = leggauss(_NODES)
-    half = length_px / 2.0
-    split = np.maximum(half - _REACH_SIGMAS * sigma, 0.0)
-    y = 0.5 * _REACH_SIGMAS * sigma * (nodes + 1.0)
-    wy = 0.5 * _REACH_SIGMAS * sigma * weights
-    across = np.exp(-0.5 * (y / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
-    found = np.zeros((len(electrons_e), 2))
-    for low, high in ((np.zeros_like(half), split), (split, half + _REACH_SIGMAS * sigma)):
-        x = low[:, None] + 0.5 * (high - low)[:, None] * (nodes + 1.0)
-        wx = 0.5 * (high - low)[:, None] * weights
-        ends = [(x + sign * half[:, None]) / sigma for sign in (1.0, -1.0)]
-        along = (erf(ends[0] / math.sqrt(2.0)) - erf(ends[1] / math.sqrt(2.0))) / (2.0 * length_px[:, None])
-        slope = (np.exp(-0.5 * ends[0] ** 2) - np.exp(-0.5 * ends[1] ** 2)) / (
-            math.sqrt(2.0 * math.pi) * sigma * length_px[:, None]
-        )
-        e, b = electrons_e[:, None, None], background_e2[:, None, None]
-        noise = e * along[:, :, None] * across + b
-        # Four quarters of the plane are alike.
-        area = 4.0 * wx[:, :, None] * wy / np.maximum(noise, 1e-300)
-        found[:, 0] += np.sum(area * (e * slope[:, :, None] * across) ** 2, axis=(1, 2))
-        found[:, 1] += np.sum(area * (e * along[:, :, None] * across * y / sigma**2) ** 2, axis=(1, 2))
-    return found
-
-
-def place_information(light: StarLight) -> F8:
-    """Fisher information on each star's place, shape (n, 2, 2), 1/px^2."""
-    length = np.hypot(*light.streak_px.T)
-    moving = length > _SHORTEST_STREAK * light.psf_sigma_px
-    still = centroid_information(light.electrons_e, light.background_e2, light.psf_sigma_px)
-    found = np.asarray(still[:, None, None] * np.eye(2))
-    if moving.any():
-        rows = np.flatnonzero(moving)
-        # A quadrature of one star takes some 4 * _NODES^2 numbers.
-        for part in np.array_split(rows, math.ceil(len(rows) / 200)):
-            along, across = streak_information(
-                light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
-            ).T
-            t = light.streak_px[part] / length[part, None]
-            n = np.column_stack((-t[:, 1], t[:, 0]))
-            found[part] = (
-                along[:, None, None] * t[:, :, None] * t[:, None, :]
-                + across[:, None, None] * n[:, :, None] * n[:, None, :]
-            )
-    return found
-
-
-def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
-    """Fisher information on the horizontal position, east-north, shape (2, 2), 1/km^2."""
-    camera = celnav.Camera.from_dict(dataclasses.asdict(light.camera))
-    rays = camera.to_rays(light.uv)
-    seen = camera.in_frame(light.uv) & np.isfinite(rays).all(axis=1) & np.isfinite(light.background_e2)
+    rays = camera.to_rays(uv)
+    found = np.full((len(uv), 2, 3), math.nan)
+    seen = camera.in_frame(uv) & np.isfinite(rays).all(axis=1)
     uv_by_ray = camera.project_with_derivatives(rays[seen])[1]
-    enu = rays[seen] @ light.R_cam
-    # A turn w moves the direction d by w x d, and g (w x d) = w (d x g): by turns about east, north, up.
-    by_turn = np.cross(enu[:, None, :], uv_by_ray @ light.R_cam)
-    places = place_information(_part(light, seen))
-    usable = np.isfinite(by_turn).all(axis=(1, 2))
+    # A turn w moves the direction d by w x d, and g (w x d) = w (d x g).
+    found[seen] = np.cross((rays[seen] @ R_cam)[:, None, :], uv_by_ray @ R_cam)
+    return found
+
+
+def information_on_position(by_turn: F8, places: F8, latitude_deg: float, prior: AttitudePrior = EXACT) -> F8:
+    """Fisher information that stars' places hold on the horizontal position.
+
+    Parameters
+    ----------
+    by_turn : ndarray, shape (n, 2, 3)
+        See `turn_derivatives`; stars with NaN count nothing.
+    places : ndarray, shape (n, 2, 2)
+        Information on each star's place, 1/px^2.
+    latitude_deg : float
+        Of the observer.
+    prior : AttitudePrior
+        How well the attitude is known.
+
+    Returns
+    -------
+    ndarray, shape (2, 2)
+        East-north, 1/km^2.
+    """
+    usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(places).all(axis=(1, 2))
     by_turn, weighted = by_turn[usable], places[usable] @ by_turn[usable]
     turning = by_turn.reshape(-1, 3).T @ weighted.reshape(-1, 3)
-    # The observer's way north turns the sky about east, from north to up; his way east turns it about the pole.
-    lat = math.radians(light.latitude_deg)
-    curvature = 1.0 - WGS84_F * (2.0 - WGS84_F) * math.sin(lat) ** 2
-    a_km = WGS84_A_M / 1000.0
-    north_radius, east_radius = a_km * (1.0 - WGS84_F) ** 2 / curvature**1.5, a_km / math.sqrt(curvature)
-    moves = np.column_stack(
-        (np.array([0.0, -1.0, -math.tan(lat)]) / east_radius, np.array([1.0, 0.0, 0.0]) / north_radius)
-    )
+    moves = displacement_turns(latitude_deg)
     sigmas = np.radians([prior.tilt_deg, prior.tilt_deg, prior.heading_deg])
     free = np.flatnonzero(sigmas > 0)
     information = np.asarray(moves.T @ turning @ moves)
@@ -218,6 +131,23 @@ def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     return np.asarray((information + information.T) / 2.0)
 
 
+def covariance_bound(information: F8) -> F8:
+    """Inverse of a position's information, shape (2, 2), km^2; infinite where it does not determine the position."""
+    values, vectors = np.linalg.eigh(information)
+    if values[0] <= 1e-12 * max(values[1], 1e-300):
+        return np.full((2, 2), math.inf)
+    return np.asarray((vectors / values) @ vectors.T)
+
+
+def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
+    """Fisher information of a frame's light on the horizontal position, east-north, shape (2, 2), 1/km^2."""
+    camera = celnav.Camera.from_dict(dataclasses.asdict(light.camera))
+    by_turn = turn_derivatives(camera, light.R_cam, light.uv)
+    usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(light.background_e2)
+    places = place_information(light.take(usable))
+    return information_on_position(by_turn[usable], places, light.latitude_deg, prior)
+
+
 def position_bound(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     """Cramér-Rao bound on the covariance of the horizontal position.
 
@@ -226,18 +156,14 @@ def position_bound(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     light : StarLight
         Of the frame, see `benchmark.judge.frame_bounds`.
     prior : AttitudePrior
-        What the solver was told.
+        How well the solver knows its attitude.
 
     Returns
     -------
     ndarray, shape (2, 2)
         East-north, km^2; infinite where the stars do not determine the position.
     """
-    information = position_information(light, prior)
-    values, vectors = np.linalg.eigh(information)
-    if values[0] <= 1e-12 * max(values[1], 1e-300):
-        return np.full((2, 2), math.inf)
-    return np.asarray((vectors / values) @ vectors.T)
+    return covariance_bound(position_information(light, prior))
 
 
 def bound_km(light: StarLight, prior: AttitudePrior = EXACT) -> float:
@@ -245,17 +171,21 @@ def bound_km(light: StarLight, prior: AttitudePrior = EXACT) -> float:
     return math.sqrt(float(np.trace(position_bound(light, prior))))
 
 
-def background_variance(electrons_e: F8, snr: F8, sigma_px: float) -> F8:
-    """Variance per pixel of all but the star's own light, e^2, that a matched-filter signal-to-noise ratio holds.
+def median_error_km(covariance_km2: F8) -> float:
+    """Median length of a Gaussian error of zero mean with a covariance, shape (2, 2); infinite if that is infinite.
 
-    The truth table's ratio is E / sqrt(E + 4 pi (s^2 + 1/12) b); NaN for a star without light.
+    With a <= b the standard deviations along the axes, the length is below r with the probability that the component
+    along b is r sin(t), times that of a component along a within r cos(t), integrated over t by quadrature.
     """
-    area = 4.0 * math.pi * (sigma_px**2 + PIXEL_VARIANCE_PX2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.where(snr > 0, (electrons_e / snr) ** 2, math.nan)
-    return np.asarray(np.maximum(total - electrons_e, 0.0) / area)
+    if not np.isfinite(covariance_km2).all():
+        return math.inf
+    a, b = np.sqrt(np.linalg.eigvalsh(covariance_km2))
+    nodes, weights = leggauss(_NODES)
+    angle = math.pi / 4.0 * (nodes + 1.0)
 
+    def beyond_half(radius: float) -> float:
+        density = norm.pdf(radius / b * np.sin(angle)) * radius / b * np.cos(angle)
+        within = erf(radius * np.cos(angle) / (math.sqrt(2.0) * a))
+        return math.pi / 2.0 * float(weights @ (density * within)) - 0.5
 
-def _part(light: StarLight, rows: NDArray[np.bool_]) -> StarLight:
-    names = ("uv", "electrons_e", "background_e2", "streak_px")
-    return dataclasses.replace(light, **{name: getattr(light, name)[rows] for name in names})
+    return float(brentq(beyond_half, 0.0, 4.0 * b))

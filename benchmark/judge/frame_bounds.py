@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmark.frames.dataset import Frame, true_observation
 from benchmark.frames.record_values import optional_number, read_record
-from benchmark.judge.cramer_rao import AttitudePrior, StarLight, background_variance, bound_km
+from benchmark.judge.cramer_rao import AttitudePrior, bound_km
+from benchmark.judge.place_information import StarLight, background_variance
 
 
 def light_of(frame: Frame) -> StarLight | None:

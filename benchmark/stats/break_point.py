@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from benchmark.stats.clustered import Resamples, percentile_interval
 from benchmark.stats.frame_metrics import column, sites, succeeded
@@ -129,7 +130,7 @@ def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8,
 
 
 def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
-    """Least-squares fit of proportions that do not rise, for each row, by the min-max formula.
+    """Least-squares fit of proportions that do not rise, for each row.
 
     Parameters
     ----------
@@ -140,16 +141,14 @@ def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
     fitted, counts : ndarray, shape (k, n_levels)
         Levels without frames take no part in the fit; they have count 0 and a fitted value of no meaning.
     """
-    n = hits.shape[1]
-    padded = [np.pad(np.cumsum(x, axis=1), ((0, 0), (1, 0))) for x in (hits, counts)]
-    fitted = np.full(hits.shape, math.inf)
-    for i in range(n):
-        # Minimum over starts a <= i of the maximum over ends b >= i of the mean of levels a to b.
-        for a in range(i + 1):
-            frames = padded[1][:, i + 1 :] - padded[1][:, a : a + 1]
-            mean = (padded[0][:, i + 1 :] - padded[0][:, a : a + 1]) / np.where(frames > 0, frames, 1.0)
-            largest = np.where(frames > 0, mean, -math.inf).max(axis=1)
-            np.minimum(fitted[:, i], np.where(largest == -math.inf, math.inf, largest), out=fitted[:, i])
+    fitted = np.full(hits.shape, math.nan)
+    for row, tested in zip(range(len(hits)), counts > 0, strict=True):
+        successes, frames = hits[row, tested], counts[row, tested]
+        if len(frames):
+            blocks = isotonic_regression(successes / frames, weights=frames, increasing=False).blocks
+            # From sums of whole numbers, so that a block whose share is one half has exactly that.
+            share = np.add.reduceat(successes, blocks[:-1]) / np.add.reduceat(frames, blocks[:-1])
+            fitted[row, tested] = np.repeat(share, np.diff(blocks))
     return fitted, counts
 
 

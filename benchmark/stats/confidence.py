@@ -126,8 +126,32 @@ def reliability(frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS) -> tuple[R
     return tuple(found)
 
 
+def expected_calibration_error(confidence: F8, success: Bools, n_bins: int = RELIABILITY_BINS) -> float:
+    """Mean distance between confidence and success over the bins of `reliability`, weighted by their fixes.
+
+    Parameters
+    ----------
+    confidence : ndarray, shape (n,)
+        0 to 1.
+    success : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    float
+        NaN without fixes.
+
+    References
+    ----------
+    M. P. Naeini, G. F. Cooper, M. Hauskrecht, AAAI 2015, 2901-2907; Guo et al. 2017, equation 3.
+    """
+    if len(confidence) == 0:
+        return math.nan
+    gaps = np.bincount(_bins(confidence, n_bins), weights=success - confidence, minlength=n_bins)
+    return float(np.abs(gaps).sum()) / len(confidence)
+
+
 def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = RELIABILITY_BINS) -> Estimate:
-    """Expected calibration error over the fixes: the mean gap of success and confidence over the bins of `reliability`.
+    """Expected calibration error over the fixes (`expected_calibration_error`) with its interval.
 
     The value is that of the sample, as is the custom; the gaps' absolute values make it larger than that of the solver,
     the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: the smallest error,
@@ -146,12 +170,12 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
         return UNDEFINED
     gap = np.where(known, succeeded(frames) - np.nan_to_num(confidence), 0.0)
     place = _bins(np.nan_to_num(confidence), n_bins)
-    gaps = (gap[:, None] * ((place[:, None] == np.arange(n_bins)) & known[:, None])).sum(axis=0) / n
-    sample = float(np.abs(gaps).sum())
+    sample = expected_calibration_error(confidence[known], succeeded(frames)[known], n_bins)
     if resamples.n_clusters < 2:
         return Estimate(sample, 0.0, 1.0, n)
-    by_bin = np.column_stack((gap[:, None] * (place[:, None] == np.arange(n_bins)) * known[:, None], known))
-    sums = resamples.sums(by_bin)
+    by_bin = gap[:, None] * (place[:, None] == np.arange(n_bins))
+    gaps = by_bin.sum(axis=0) / n
+    sums = resamples.sums(np.column_stack((by_bin, known)))
     sums = sums[sums[:, -1] > 0]
     noise = sums[:, :-1] / sums[:, -1:] - gaps
     errors = np.abs(_GAP_FACTORS[:, None, None] * gaps + noise).sum(axis=2)

@@ -22,10 +22,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.judge.cramer_rao import displacement_turns
+
 F8 = NDArray[np.float64]
 
-WGS84_A_KM = 6378.137
-WGS84_E2 = 0.00669437999014
 EARTH_RATE_RAD_S = 7.292115e-5
 """Turn of the Earth against the stars per second of UT1 (IERS Conventions 2010, table 1.1)."""
 
@@ -103,12 +103,6 @@ class Estimator:
     noise_px: float = 0.1
 
 
-def radii_km(latitude_deg: float) -> tuple[float, float]:
-    """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km (Torge, Geodesy, 2001, 4.1.3)."""
-    w = 1 - WGS84_E2 * math.sin(math.radians(latitude_deg)) ** 2
-    return WGS84_A_KM / math.sqrt(w), WGS84_A_KM * (1 - WGS84_E2) / w**1.5
-
-
 def turning_derivatives(view: View) -> F8:
     """Derivatives of pinhole positions by a turn of the sky about the camera's axes, px/rad, shape (n, 2, 3).
 
@@ -151,13 +145,11 @@ def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
     free = np.arange(3, design.shape[2])
     normal[free, free] += (estimator.noise_px / np.array(estimator.free_sigmas)) ** 2
     turn = np.linalg.solve(normal, rows.T @ seen)[:3] + misfit.turn_rad
+    moves = displacement_turns(view.latitude_deg)
     if estimator.horizon == "vertical alone":
-        east, north = -turn[1], turn[0]
-    else:
-        information = np.linalg.inv(np.linalg.inv(normal)[:3, :3])
-        moves = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.tan(math.radians(view.latitude_deg)), 0.0]])
-        east, north = np.linalg.solve(moves.T @ information @ moves, moves.T @ information @ turn)
-    return np.array([east, north]) * radii_km(view.latitude_deg)
+        return np.asarray(np.linalg.solve(moves[:2], turn[:2]))
+    information = np.linalg.inv(np.linalg.inv(normal)[:3, :3])
+    return np.asarray(np.linalg.solve(moves.T @ information @ moves, moves.T @ information @ turn))
 
 
 def _to_angle(view: View) -> F8:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import celnav
 from benchmark.frames.dataset import Frame, load_image, open_dataset
+from benchmark.judge.geodesy import east_north_km
 from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration.bias import Estimator, View
 from benchmark.studies.calibration.faults import (
@@ -128,10 +129,7 @@ def offset_km(frame: StudyFrame, contestant: str, told: Told) -> F8:
         )  # fmt: skip
     if not fix.ok:
         return np.full(2, math.nan)
-    east_km, north_km = bias.radii_km(frame.latitude_deg)
-    turn = math.radians(math.remainder(fix.lon_deg - frame.longitude_deg, 360.0))
-    east = east_km * math.cos(math.radians(frame.latitude_deg)) * turn
-    return np.array([east, north_km * math.radians(fix.lat_deg - frame.latitude_deg)])
+    return np.array(east_north_km(frame.latitude_deg, frame.longitude_deg, fix.lat_deg, fix.lon_deg))
 
 
 def shifts_of(

@@ -5,37 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from benchmark.stats.confidence import expected_calibration_error
 from benchmark.stats.intervals import proportion
 from benchmark.studies.common.page_model import Answer, Cell, Number, Table
 from benchmark.studies.common.records import Rows
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis.rendered import PART
-
-
-def calibration_error(confidence: NDArray[np.float64], success: NDArray[np.bool_], bins: int = 10) -> float:
-    """Expected calibration error: mean distance between confidence and success over equal bins, weighted by frames.
-
-    Parameters
-    ----------
-    confidence : ndarray, shape (n,)
-        0 to 1.
-    success : ndarray of bool, shape (n,)
-
-    References
-    ----------
-    M. P. Naeini, G. F. Cooper, M. Hauskrecht, AAAI 2015, 2901-2907.
-    """
-    if len(confidence) == 0:
-        return math.nan
-    place = np.minimum((confidence * bins).astype(np.int64), bins - 1)
-    total = 0.0
-    for number_of_bin in np.unique(place):
-        inside = place == number_of_bin
-        total += float(inside.mean()) * abs(float(confidence[inside].mean()) - float(success[inside].mean()))
-    return total
 
 
 def h8(rows: Rows) -> Answer:
@@ -56,7 +33,7 @@ def h8(rows: Rows) -> Answer:
         if len(good) and len(bad):
             test = stats.mannwhitneyu(good, bad, alternative="two-sided")
             auc, p = float(test.statistic) / (len(good) * len(bad)), float(test.pvalue)
-        error = calibration_error(kept.confidence, right)
+        error = expected_calibration_error(kept.confidence, right)
         misses.append(error)
         confident = kept.confidence >= np.median(kept.confidence) if len(kept) else np.empty(0, bool)
         body.append(

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark.judge.geodesy import MEAN_RADIUS_KM
 from benchmark.report.formatting import number, percent
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
 from benchmark.stats.metrics import SUCCESS_KM
@@ -28,7 +29,6 @@ from benchmark.studies.thesis.centroids import (
 )
 from benchmark.studies.thesis.rendered import PART
 
-EARTH_KM = 6371.0
 THESIS_MEDIAN_KM = 6.80
 
 
@@ -46,10 +46,10 @@ def swap_error_km(off_axis_deg: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     ndarray
-        km on a sphere of 6371 km.
+        km, on a sphere of the Earth's mean radius.
     """
     theta = np.radians(np.asarray(off_axis_deg, dtype=np.float64))
-    return np.asarray(EARTH_KM * (theta - np.arctan(2 * np.tan(theta / 2))))
+    return np.asarray(MEAN_RADIUS_KM * (theta - np.arctan(2 * np.tan(theta / 2))))
 
 
 def median_text(estimate: Estimate) -> str:

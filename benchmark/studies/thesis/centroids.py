@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
@@ -268,16 +269,6 @@ def _true_star_fixes(site: int, stars: StarList) -> list[TrueStarFix]:
     fixes = [TrueStarFix("choice", name, site, _error_km(made, rows)) for name, rows in chosen.items()]
     turn = random_stream(4, "study.attitude_error", stars.plan.index).normal(0.0, 1.0, 3)
     for sigma_deg in ATTITUDE_ERRORS_DEG:
-        wrong = R_cam @ rotation(np.radians(sigma_deg) * turn)
+        wrong = R_cam @ Rotation.from_rotvec(sigma_deg * turn, degrees=True).as_matrix()
         fixes.append(TrueStarFix("attitude", f"{sigma_deg:g}", site, _error_km(made, order, wrong)))
     return fixes
-
-
-def rotation(vector: F8) -> F8:
-    """Return the rotation matrix of a rotation vector, shape (3,), in radians (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)

@@ -2,7 +2,14 @@ import math
 
 import pytest
 
-from benchmark.judge.geodesy import WGS84_A_M, WGS84_B_M, east_north_km, geodesic_km
+from benchmark.judge.geodesy import (
+    MEAN_RADIUS_KM,
+    WGS84_A_KM,
+    WGS84_E2,
+    east_north_km,
+    geodesic_km,
+    radii_of_curvature_km,
+)
 
 # Metres. The first two are printed in Karney (2013), tables 2 and 4; the last is Flinders Peak to Buninyong, the test
 # line of the Geocentric Datum of Australia manual (54 972.271 m); the others are values of GeographicLib 2.1.
@@ -33,7 +40,7 @@ def test_matches_published_geodesics_within_a_millimetre(points, metres):
 
 
 def test_a_degree_of_the_equator_is_an_arc_of_its_circle():
-    assert geodesic_km(0.0, 0.0, 0.0, 1.0) == pytest.approx(math.radians(1.0) * WGS84_A_M / 1000.0, rel=1e-12)
+    assert geodesic_km(0.0, 0.0, 0.0, 1.0) == pytest.approx(math.radians(1.0) * WGS84_A_KM, rel=1e-12)
 
 
 def test_coincident_points_are_at_no_distance():
@@ -51,7 +58,7 @@ def test_never_longer_than_half_a_meridian():
         for lat in (-60.0, -5.0, 0.0, 0.2, 30.0):
             distance = geodesic_km(lat, 0.0, -lat + 0.1, lon)
             assert distance <= 20_003.931459 + 1e-6
-            assert distance > math.pi * WGS84_B_M / 1000.0 - 1200.0
+            assert distance > math.pi * WGS84_A_KM * math.sqrt(1.0 - WGS84_E2) - 1200.0
 
 
 @pytest.mark.parametrize("bad", [(math.nan, 0, 0, 0), (0, math.inf, 0, 0), (90.1, 0, 0, 0), (0, 0, -91, 0)])
@@ -73,3 +80,17 @@ def test_direction_of_nearly_antipodal_points():
     east, north = east_north_km(-30.0, 0.0, 29.9, 179.8)
     assert math.degrees(math.atan2(east, north)) == pytest.approx(161.890524, abs=1e-4)
     assert east_north_km(10.0, 20.0, 10.0, 20.0) == (0.0, 0.0)
+
+
+def test_constants_and_radii_of_wgs84():
+    """NIMA TR8350.2: a, e^2 and the mean radius; a short way along a meridian and a parallel has the radii."""
+    assert WGS84_A_KM == 6378.137
+    assert pytest.approx(6.69437999014e-3, rel=1e-12) == WGS84_E2
+    assert pytest.approx(6371.0087714, abs=1e-7) == MEAN_RADIUS_KM
+    for latitude in (0.0, 37.0, -71.0):
+        east_km, north_km = radii_of_curvature_km(latitude)
+        step = 1e-3
+        north = geodesic_km(latitude - step, 10.0, latitude + step, 10.0)
+        east = geodesic_km(latitude, 10.0 - step, latitude, 10.0 + step)
+        assert north == pytest.approx(north_km * math.radians(2 * step), rel=1e-8)
+        assert east == pytest.approx(east_km * math.cos(math.radians(latitude)) * math.radians(2 * step), rel=1e-8)

@@ -17,17 +17,20 @@ from benchmark.judge.cramer_rao import (
     EXACT,
     VERTICAL,
     AttitudePrior,
-    StarLight,
-    background_variance,
     bound_km,
-    centroid_information,
-    place_information,
+    median_error_km,
     position_bound,
     position_information,
-    streak_information,
 )
 from benchmark.judge.frame_bounds import bound_of, light_of
 from benchmark.judge.geodesy import geodesic_km
+from benchmark.judge.place_information import (
+    StarLight,
+    background_variance,
+    centroid_information,
+    place_information,
+    streak_information,
+)
 from benchmark.protocol import CameraRecord
 
 SEED = 1618
@@ -243,6 +246,17 @@ def test_knowing_less_never_helps():
     assert bound_km(streaked) > bound_km(light)
     outside = dataclasses.replace(light, uv=light.uv + 5000)
     assert (position_information(outside) == 0).all()
+
+
+def test_the_median_of_a_gaussian_error():
+    """Rayleigh's median for a circle, the normal distribution's for a line, and random draws between the two."""
+    assert median_error_km(9.0 * np.eye(2)) == pytest.approx(3.0 * math.sqrt(2.0 * math.log(2.0)), rel=1e-9)
+    assert median_error_km(np.diag([1e-4, 4.0])) == pytest.approx(2.0 * stats.norm.ppf(0.75), rel=1e-3)
+    covariance = np.array([[2.0, 1.1], [1.1, 1.0]])
+    draws = rng_for(7).multivariate_normal(np.zeros(2), covariance, 40_000)
+    below = np.count_nonzero(np.hypot(*draws.T) < median_error_km(covariance))
+    assert stats.binomtest(below, len(draws), 0.5).pvalue > FALSE_ALARM
+    assert median_error_km(np.full((2, 2), math.inf)) == math.inf
 
 
 def test_the_background_is_that_in_the_ratio():

@@ -13,6 +13,7 @@ from benchmark.stats.comparison import compare, detectable, paired, ranks
 from benchmark.stats.confidence import (
     calibration_error,
     ellipse_coverage,
+    expected_calibration_error,
     nees,
     nees_values,
     overconfidence,
@@ -178,6 +179,16 @@ def test_reliability_and_calibration_error_by_hand():
     assert found.low <= found.value <= found.high
     assert overconfidence(frames, resamples_of(frames)).value == pytest.approx((2.85 - 3) / 5)
     assert math.isnan(calibration_error(frames.iloc[5:], resamples_of(frames.iloc[5:])).value)
+
+
+def test_expected_calibration_error_by_hand():
+    """Ten fixes at 0.95, seven right: 0.25 off; ten at 0.55, five right: 0.05 off. An edge belongs to the bin below it."""
+    confidence = np.array([0.95] * 10 + [0.55] * 10)
+    success = np.array([True] * 7 + [False] * 3 + [True] * 5 + [False] * 5)
+    assert expected_calibration_error(confidence, success) == pytest.approx(0.15)
+    assert expected_calibration_error(np.array([0.45, 0.5]), np.array([True, False])) == pytest.approx(0.025)
+    assert expected_calibration_error(np.array([0.5, 0.55]), np.array([True, False])) == pytest.approx(0.525)
+    assert math.isnan(expected_calibration_error(np.empty(0), np.empty(0, bool)))
 
 
 def test_risk_coverage_by_hand():

@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from benchmark.judge.geodesy import radii_of_curvature_km
 from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration.bias import Estimator, View
@@ -74,7 +75,7 @@ class World:
 
     def solve(self, observed, told_rays, turn=(0.0, 0.0, 0.0), estimator=EXACT, camera=(0.0,) * 5, k1=0.0):
         """Position (east, north of the truth, km) by least squares on pixels or angles; `told_rays(lat, lon)` predicts."""
-        east_km, north_km = bias.radii_km(self.lat)
+        east_km, north_km = radii_of_curvature_km(self.lat)
 
         def residuals(x):
             lat, lon = (

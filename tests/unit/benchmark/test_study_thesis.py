@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import celnav
@@ -24,9 +23,8 @@ from benchmark.studies.common.records import Row, Rows, write_rows
 from benchmark.studies.common.svg_plot import Axis, Series, plot
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
-from benchmark.studies.thesis.answers_confidence import calibration_error
 from benchmark.studies.thesis.answers_position import swap_error_km
-from benchmark.studies.thesis.centroids import DISTURBANCES, disturb, rotation, sites_of
+from benchmark.studies.thesis.centroids import DISTURBANCES, disturb, sites_of
 from benchmark.studies.thesis.disturbed import CLEAR, SETTINGS, disturbed_scenario
 from benchmark.studies.thesis.rendered import half_depth, study_scenario
 from benchmark.studies.thesis.study import run_study
@@ -181,12 +179,6 @@ def test_disturbed_pictures_differ_in_their_disturbance_alone():
         assert state.moon.phase_angle_deg < 10
 
 
-def test_rotation_is_scipys():
-    vector = np.array([0.3, -0.2, 0.5])
-    np.testing.assert_allclose(rotation(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
-    np.testing.assert_array_equal(rotation(np.zeros(3)), np.eye(3))
-
-
 def test_half_depth_by_hand():
     """Bins of 0.25 mag: all found to 5.0, six of ten in the bin to 5.25, four of ten in the next."""
     mags = np.concatenate((np.linspace(4.0, 4.999, 100), np.full(20, 5.1), np.full(20, 5.3)))
@@ -194,14 +186,6 @@ def test_half_depth_by_hand():
     assert half_depth(mags, found) == 5.25
     assert half_depth(mags[:100], found[:100]) == pytest.approx(4.999)
     assert math.isnan(half_depth(mags, np.zeros(140, bool)))
-
-
-def test_calibration_error_by_hand():
-    """Ten frames at 0.95, seven right: 0.25 off; ten at 0.55, five right: 0.05 off."""
-    confidence = np.array([0.95] * 10 + [0.55] * 10)
-    success = np.array([True] * 7 + [False] * 3 + [True] * 5 + [False] * 5)
-    assert calibration_error(confidence, success) == pytest.approx(0.15)
-    assert math.isnan(calibration_error(np.empty(0), np.empty(0, bool)))
 
 
 def test_confidence_bins_by_hand():
