@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 from rich.table import Table
 
@@ -13,6 +12,7 @@ from benchmark.judge.star_id import BLEND_SHARE, MATCH_RADIUS_PX, TRACE_SNR
 from benchmark.report import charts
 from benchmark.report.contact_sheet import MAX_FRAMES, make_cards
 from benchmark.report.formatting import HEADLINE
+from benchmark.report.templates import render_page
 from benchmark.run.results import SolverResult, read_results, write_atomically
 from benchmark.stats.metrics import DEFINITIONS, SUCCESS_KM
 
@@ -87,15 +87,9 @@ def _commands(out: Path, results: Sequence[SolverResult]) -> list[str]:
 
 
 def _render(out: Path, results: Sequence[SolverResult], commands: Sequence[str]) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("benchmark"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     cards = make_cards(out, results)
-    return environment.get_template("report.html").render(
+    return render_page(
+        "report.html",
         results=results,
         provenance=results[0].provenance,
         n_frames=results[0].overall.n_frames,

@@ -10,11 +10,9 @@ import shutil
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from benchmark.frames.preview import preview_webp
 from benchmark.report.show.source import Source, open_source, spread
 from benchmark.report.show.star_names import star_name
+from benchmark.report.templates import read_sheet, render_page
 from generator.errors import GeneratorError
 from generator.files import write_bytes
 
@@ -229,10 +228,6 @@ def _choice(value: object) -> str:
 
 
 def _page(source: Source, shown: list[dict[str, Any]]) -> str:
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    templates = resources.files("benchmark").joinpath("templates")
     content = {
         "frames": shown,
         "numbers": [_histogram(source.frames, condition) for condition in _varying(source.frames, NUMBERS)],
@@ -245,15 +240,16 @@ def _page(source: Source, shown: list[dict[str, Any]]) -> str:
             {"column": c.column, "title": c.title, "unit": c.unit, "decimals": c.decimals} for c in (*NUMBERS, *CHOICES)
         ],
     }
-    return environment.from_string(templates.joinpath("show.html").read_text(encoding="utf-8")).render(
+    return render_page(
+        "show.html",
         scenario=source.scenario,
         sha256=source.scenario_sha256,
         total=len(source.frames),
         shown=len(shown),
         most_stars=MOST_STARS,
         content=content,
-        style=Markup(templates.joinpath("show.css").read_text(encoding="utf-8")),
-        script=Markup(templates.joinpath("show.js").read_text(encoding="utf-8")),
+        style=Markup(read_sheet("show.css")),
+        script=Markup(read_sheet("show.js")),
     )
 
 

@@ -11,9 +11,9 @@ from PIL import Image, UnidentifiedImageError
 
 from benchmark.errors import ResultsError
 from benchmark.frames.preview import encode_webp
+from benchmark.report.overlay import Overlay, draw_overlay
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.frame_source import FrameSource
-from benchmark.run.result_tables import DetectionRow
 
 # Of a card's words and tags in the page.
 _CARD_BYTES = 1200
@@ -24,7 +24,7 @@ _WIDTHS_PX = (720, 540, 400, 300, 220)
 
 @dataclass(frozen=True)
 class Card:
-    """One solver's worst frame; marks are SVG path data in the frame's pixels, centres at integers."""
+    """One solver's worst frame and what it made of it."""
 
     anchor: str
     label: str
@@ -35,13 +35,7 @@ class Card:
     image_uri: str
     width_px: int
     height_px: int
-    view_box: str
-    dot_px: str
-    stroke_px: str
-    truth: str
-    found: str
-    right: str
-    wrong: str
+    overlay: Overlay
 
 
 def make_cards(board: Board, source: FrameSource, budget_bytes: int) -> list[Card]:
@@ -70,8 +64,7 @@ def make_cards(board: Board, source: FrameSource, budget_bytes: int) -> list[Car
     for number, entry, picture in shown:
         try:
             bare = _card(entry, source, number)
-            marks = sum(map(len, (bare.truth, bare.found, bare.right, bare.wrong))) + _CARD_BYTES
-            fitted = _fit(picture, budget_bytes // len(shown) - marks)
+            fitted = _fit(picture, budget_bytes // len(shown) - bare.overlay.size - _CARD_BYTES)
         except (UnidentifiedImageError, OSError) as error:
             raise ResultsError(
                 f"{entry.stored.folder}: the picture of a frame is not readable ({error}); run `skybench bench run` again"
@@ -99,7 +92,6 @@ def _card(entry: Entry, source: FrameSource, number: int) -> Card:
     row = frames[frames["frame_id"] == worst.frame_id].iloc[0]
     width, height = int(row["width_px"]), int(row["height_px"])
     rows = entry.stored.detections_of(worst.frame_id)
-    radius = max(width / 90.0, 2.5)
     return Card(
         anchor=f"worst-{number}",
         label=entry.label,
@@ -110,13 +102,7 @@ def _card(entry: Entry, source: FrameSource, number: int) -> Card:
         image_uri="",
         width_px=width,
         height_px=height,
-        view_box=f"-0.5 -0.5 {width} {height}",
-        dot_px=f"{max(width / 130.0, 2.0):.1f}",
-        stroke_px=f"{max(width / 300.0, 1.0):.1f}",
-        truth="".join(_plus(u, v, 0.7 * radius) for u, v in source.true_stars(entry.stored, worst.frame_id)),
-        found="".join(f"M{one.u_px:.0f} {one.v_px:.0f}h.1" for one in rows if one.star_id is None),
-        right="".join(_ring(one, radius) for one in rows if one.correct),
-        wrong="".join(_cross(one, radius) for one in rows if one.star_id is not None and not one.correct),
+        overlay=draw_overlay(width, height, rows, source.true_stars(entry.stored, worst.frame_id)),
     )
 
 
@@ -127,18 +113,3 @@ def _counts(correct: int, matches: int, detections: int) -> str:
 
 def _uri(picture: bytes) -> str:
     return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
-
-
-def _ring(row: DetectionRow, radius: float) -> str:
-    r, d = f"{radius:.0f}", f"{2.0 * round(radius):.0f}"
-    return f"M{row.u_px - radius:.0f} {row.v_px:.0f}a{r} {r} 0 1 0 {d} 0a{r} {r} 0 1 0-{d} 0"
-
-
-def _plus(u: float, v: float, radius: float) -> str:
-    r, d = f"{radius:.0f}", f"{2.0 * round(radius):.0f}"
-    return f"M{u - radius:.0f} {v:.0f}h{d}m-{r}-{r}v{d}"
-
-
-def _cross(row: DetectionRow, radius: float) -> str:
-    d = f"{1.6 * radius:.0f}"
-    return f"M{row.u_px - 0.8 * radius:.0f} {row.v_px - 0.8 * radius:.0f}l{d} {d}m0-{d}l-{d} {d}"

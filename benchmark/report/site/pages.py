@@ -7,7 +7,6 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from benchmark.report.site.site_view import (
     solver_page,
 )
 from benchmark.report.site.tree import read_tree
+from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import write_atomically
 from benchmark.stats.confidence import RiskCoverage
 from benchmark.stats.intervals import Estimate
@@ -163,24 +163,17 @@ def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> 
 def render_figure(boards: Sequence[Board]) -> str:
     """The leaderboard as one picture, SVG."""
     view = make_view(boards, make_styles(boards), ".")
-    return leaderboard_svg(view, _read("palette.css"), _read("figure.css"))
+    return leaderboard_svg(view, read_sheet("palette.css"), read_sheet("figure.css"))
 
 
 def style_sheet() -> str:
     """All of the site's style, as it stands in each page."""
-    return "\n".join(_read(name) for name in _SHEETS)
+    return "\n".join(read_sheet(name) for name in _SHEETS)
 
 
 def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("benchmark"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    style, script = style_sheet(), _read("site/site.js")
-    environment.globals.update(
+    style, script = style_sheet(), read_sheet("site/site.js")
+    pages = environment(
         style=Markup(style),
         style_hash=_hash(style),
         script=Markup(script),
@@ -200,11 +193,7 @@ def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
         interval=interval,
         thousands=lambda n: f"{n:,}".replace(",", "\N{THIN SPACE}"),
     )
-    return lambda name: environment.get_template(f"site/{name}")
-
-
-def _read(name: str) -> str:
-    return resources.files("benchmark").joinpath("templates", *name.split("/")).read_text(encoding="utf-8")
+    return lambda name: pages.get_template(f"site/{name}")
 
 
 def _hash(text: str) -> str:

@@ -17,6 +17,7 @@ from scipy import stats
 
 from benchmark import provenance
 from benchmark.report.formatting import number
+from benchmark.report.templates import render_page
 from benchmark.run.results import write_atomically
 from benchmark.studies.calibration import figures as figures
 from benchmark.studies.calibration import run as run
@@ -25,7 +26,6 @@ from benchmark.studies.calibration.camera_by_gradient import Recovery, as_table,
 from benchmark.studies.calibration.faults import FAULTS
 from benchmark.studies.calibration.summary import Shifts
 from benchmark.studies.common.centroid_frames import list_stars
-from benchmark.studies.common.page import render_page
 from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import write_rows

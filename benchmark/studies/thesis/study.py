@@ -13,8 +13,8 @@ from markupsafe import Markup
 from benchmark import provenance
 from benchmark.errors import DatasetError
 from benchmark.report.formatting import number
+from benchmark.report.templates import render_page
 from benchmark.run.results import write_atomically
-from benchmark.studies.common.page import render_page
 from benchmark.studies.common.page_model import Answer, Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import Rows, write_rows

@@ -1,0 +1,52 @@
+"""The one way to make a page: Jinja templates and style sheets of `benchmark/templates`, with everything escaped."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import jinja2
+
+PAGES = "benchmark"
+"""Package whose folder ``templates`` holds the pages."""
+
+
+def environment(**shared: object) -> jinja2.Environment:
+    """Where templates come from; values are escaped, and a name without a value is an error.
+
+    Parameters
+    ----------
+    **shared : object
+        Values and functions that all pages made from it see, imported macros included.
+    """
+    made = jinja2.Environment(
+        loader=jinja2.PackageLoader(PAGES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals.update(shared)
+    return made
+
+
+def render_page(template: str, **values: object) -> str:
+    """Render a page of ``benchmark/templates``: one HTML file.
+
+    Parameters
+    ----------
+    template : str
+        Name of the file, from the folder of templates.
+    **values : object
+        What the template names; text is escaped, `markupsafe.Markup` is not.
+
+    Raises
+    ------
+    jinja2.UndefinedError
+        The template names a value that is missing.
+    """
+    return environment().get_template(template).render(**values)
+
+
+def read_sheet(name: str) -> str:
+    """Read a style sheet or script beside the templates, as it stands."""
+    return resources.files(PAGES).joinpath("templates", *name.split("/")).read_text(encoding="utf-8")
