@@ -13,13 +13,14 @@ from benchmark.cli import bench as bench_cli
 from benchmark.cli import datasets as dataset_cli
 from benchmark.cli import speed as speed_cli
 from benchmark.cli import studies as study_cli
-from benchmark.cli.errors import fail
+from benchmark.cli.errors import InterruptibleGroup, fail
 
 app = typer.Typer(
     help="Render synthetic night skies, solve them, and compare solvers.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
+    cls=InterruptibleGroup,
 )
 app.add_typer(bench_cli.app, name="bench")
 app.command(epilog="Example: skybench plan scenes/thesis_mag.yaml")(dataset_cli.plan)
@@ -53,8 +54,20 @@ def render(
     layers: Annotated[
         bool, typer.Option("--layers", help="Write each component of the light as its own EXR too.")
     ] = False,
+    exr: Annotated[
+        bool | None,
+        typer.Option(
+            "--exr/--no-exr", help="Write the expected electrons; default: for images of up to 20 megapixels."
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the frames that the folder holds, of whatever scenario.")
+    ] = False,
 ) -> None:
-    """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars."""
+    """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars.
+
+    Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command.
+    """
     from generator.errors import GeneratorError
     from generator.scenario.file import load_scenario
 
@@ -64,7 +77,9 @@ def render(
 
         with frame_progress() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
-            render_dataset(loaded, out, lambda frame: progress.advance(task), layers)
+            render_dataset(
+                loaded, out, lambda index: progress.advance(task), layers=layers, exr=exr, overwrite=overwrite
+            )
     except GeneratorError as error:
         fail(error)
     typer.echo(f"{loaded.frame_count} {'frame' if loaded.frame_count == 1 else 'frames'} in {out}")
@@ -120,7 +135,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for results and report.")] = Path("results/demo"),
 ) -> None:
     """Render a small dataset, solve it with two solvers, and write the report."""
-    render(scenario, frames)
+    render(scenario, frames, layers=False, exr=None, overwrite=False)
     bench_cli.run(frames, list(DEMO_SOLVERS), out)
     bench_cli.report(out)
 

@@ -93,7 +93,10 @@ def generate(
     out: Annotated[str, typer.Option("--out", help="Folder (or URL such as s3://…); a begun dataset is continued.")],
     frames: Annotated[str, typer.Option("--frames", metavar="FIRST:STOP", help="Frames to make, STOP excluded.")] = "",
     split: Annotated[str, typer.Option("--split", help="Name of the split.")] = "train",
-    shard_size: Annotated[int, typer.Option("--shard-size", min=1, help="Frames per shard.")] = 100,
+    shard_size: Annotated[
+        int | None,
+        typer.Option("--shard-size", min=1, help="Frames per shard; default: 100, fewer for fewer than 3200 frames."),
+    ] = None,
     exr: Annotated[bool, typer.Option("--exr", help="Store the expected electrons too.")] = False,
     codec: Annotated[str, typer.Option("--codec", help="png, or jxl (lossless JPEG XL).")] = "png",
     workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
@@ -107,7 +110,7 @@ def generate(
 ) -> None:
     """Make a dataset in shards; killed and started again, it goes on where it was."""
     from generator.dataset.generate import generate as make
-    from generator.dataset.layout import DatasetSpec
+    from generator.dataset.layout import DatasetSpec, natural_shard_size
     from generator.dataset.run import Part
     from generator.dataset.shard import ShardReport
     from generator.scenario.file import load_scenario
@@ -123,7 +126,7 @@ def generate(
         loaded = load_scenario(scenario)
         chosen = _range(frames, loaded.frame_count)
         index, count = _part(part)
-        spec = DatasetSpec(split, shard_size, exr, codec)
+        spec = DatasetSpec(split, shard_size or natural_shard_size(loaded.frame_count), exr, codec)
         done = failed = 0
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TaskProgressColumn(show_speed=True),
                    TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from generator.errors import GeneratorError
@@ -13,6 +14,8 @@ CARD = "README.md"
 CROISSANT = "croissant.json"
 FIGURES = "card"
 DEFAULT_SHARD_SIZE = 100
+SHARDS_OF_A_SMALL_SET = 32
+"""Up to so many processes share a set of fewer than 32 times 100 frames."""
 CODECS = ("png", "jxl")
 TABLES = ("frames", "stars", "objects")
 """Tables of a dataset; each is a folder of Parquet files, one per shard."""
@@ -105,6 +108,14 @@ class Shard:
     def log(self) -> str:
         """Path of the log."""
         return f"logs/{self.split}/{self.stem}.log"
+
+
+def natural_shard_size(frame_count: int) -> int:
+    """Frames per shard where nobody asks for a size: small sets are cut so that many processes have work.
+
+    It depends on the number of frames alone, not on the machine: whoever runs or continues a scenario gets the same shards.
+    """
+    return min(DEFAULT_SHARD_SIZE, math.ceil(frame_count / SHARDS_OF_A_SMALL_SET))
 
 
 def divide(scenario: Scenario, spec: DatasetSpec, first: int, stop: int) -> list[Shard]:

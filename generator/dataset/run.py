@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -147,11 +149,15 @@ def _pool_round(
 ) -> Iterator[ShardReport]:
     """Give all waiting shards to a pool of processes; ends early, with shards left waiting, when a worker dies."""
     context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager:
+    others = set(multiprocessing.active_children())
+    with deaf_to_interrupts():
+        manager = context.Manager()
+    with manager:
         done = manager.Queue()
         pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, target, done))
         try:
-            futures = {pool.submit(_work, shard): shard for shard, _ in waiting.values()}
+            with deaf_to_interrupts():
+                futures = {pool.submit(_work, shard): shard for shard, _ in waiting.values()}
             open_futures: set[Future[ShardReport]] = set(futures)
             while open_futures:
                 finished, open_futures = wait(open_futures, timeout=POLL_S, return_when=FIRST_COMPLETED)
@@ -161,8 +167,22 @@ def _pool_round(
         except BrokenProcessPool:
             for index, (shard, tries) in list(waiting.items()):
                 waiting[index] = (shard, tries + 1)
+        except KeyboardInterrupt:
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Hold back SIGINT; processes started meanwhile never see it, so Ctrl-C is this process's to handle."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _drain(done: Any, progress: Callable[[int], None]) -> None:

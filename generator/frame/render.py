@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
+from generator.frame.folder import FrameFolder
 from generator.frame.object_table import object_table
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.png import png16
-from generator.frame.record import STAR_SCHEMA, frame_record, record_bytes, star_table
+from generator.frame.record import frame_record, record_bytes, star_table
 from generator.frame.scene import ExpectedFrame, render_expected
 from generator.scenario.file import Scenario
 from generator.seeds import random_stream
@@ -28,9 +28,8 @@ from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
 
 PNG_COMPRESSION = 2
-TEMPORARY = ("frame-*", ".frame-*", ".stars-*", ".objects-*")
-STARS_FILE = "stars.parquet"
-OBJECTS_FILE = "objects.parquet"
+LARGEST_EXR_PX = 20_000_000
+"""Above this an EXR file takes 80 MB and more."""
 
 
 @dataclass(frozen=True)
@@ -133,11 +132,12 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
             file.write(str(temporary))
 
 
-def write_frame(folder: Path, frame: RenderedFrame) -> None:
+def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> None:
     """Write a frame's image, expected electrons and record; the record last, as a mark that the frame is whole."""
     stem = frame.plan.frame_id
     write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
-    write_exr(folder / f"{stem}.exr", frame)
+    if exr:
+        write_exr(folder / f"{stem}.exr", frame)
     if frame.developed is not None:
         write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
     if frame.hud is not None:
@@ -145,70 +145,58 @@ def write_frame(folder: Path, frame: RenderedFrame) -> None:
     write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
 
 
-def write_stars(folder: Path, tables: Sequence[pa.Table]) -> None:
-    """Write the truth tables of all frames as one Parquet file."""
-    table = pa.concat_tables(tables) if tables else STAR_SCHEMA.empty_table()
-    with atomic_path(folder / STARS_FILE) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
-
-
-def prepare_folder(folder: Path) -> None:
-    """Make the folder for a dataset; refuse one that holds something else.
-
-    Frames of an earlier run are replaced; its table of stars is removed first, so that a folder never looks finished while
-    it is being written.
-
-    Raises
-    ------
-    GeneratorError
-        The folder cannot be written, or holds files that are not a dataset's.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        strangers = [
-            path.name
-            for path in folder.iterdir()
-            if path.name not in (STARS_FILE, OBJECTS_FILE)
-            and not path.name.startswith(("frame-", ".frame-", ".stars-", ".objects-"))
-        ]
-        if strangers:
-            raise GeneratorError(f"{folder}: holds other files ({sorted(strangers)[0]}, …); choose an empty folder")
-        for old in [folder / STARS_FILE, folder / OBJECTS_FILE, *(p for mark in TEMPORARY for p in folder.glob(mark))]:
-            old.unlink(missing_ok=True)
-    except OSError as error:
-        raise GeneratorError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
-
-
 def render_dataset(
     scenario: Scenario,
     folder: Path,
-    progress: Callable[[RenderedFrame], None] = lambda frame: None,
+    progress: Callable[[int], None] = lambda index: None,
+    *,
     layers: bool = False,
+    exr: bool | None = None,
+    overwrite: bool = False,
 ) -> None:
-    """Render all frames of a scenario into a folder; `progress` is called with each frame once it is written.
+    """Render those frames of a scenario that a folder does not hold yet.
 
-    With `layers`, the expected electrons of each component of the sky, and of the stars, are written beside the sum.
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        Made if missing. Frames of the same scenario in it are kept: an interrupted run is continued.
+    progress : callable
+        Called with the index of each frame once it is there.
+    layers : bool
+        Write the expected electrons of each component of the sky, and of the stars, beside the sum.
+    exr : bool, optional
+        Write the expected electrons; by default for images of up to LARGEST_EXR_PX pixels.
+    overwrite : bool
+        Replace frames that the folder holds.
 
     Raises
     ------
     GeneratorError
         With what to do about it.
     """
-    prepare_folder(folder)
-    tables, objects = [], []
+    with_exr = layers or (writes_exr(scenario) if exr is None else exr)
+    place = FrameFolder(folder, scenario)
+    place.open(overwrite)
     try:
-        for index in range(scenario.frame_count):
-            frame = render_frame(scenario, index, layers)
-            write_frame(folder, frame)
-            tables.append(frame.stars)
-            if frame.objects.num_rows:
-                objects.append(frame.objects)
-            progress(frame)
-        if objects:
-            with atomic_path(folder / OBJECTS_FILE) as temporary:
-                pq.write_table(pa.concat_tables(objects), temporary, compression="zstd")
-        write_stars(folder, tables)
+        missing = place.missing(with_exr, layers)
+        for index in sorted(set(range(scenario.frame_count)) - set(missing)):
+            progress(index)
+        for index in missing:
+            frame = render_frame(scenario, index, layers, channels=with_exr)
+            write_frame(folder, frame, with_exr)
+            place.add(index, frame.stars, frame.objects)
+            progress(index)
+        if missing:
+            place.finish()
     except OSError as error:
         raise GeneratorError(
-            f"{folder}: writing failed ({error.strerror}); free some space and render again"
+            f"{folder}: writing failed ({error.strerror or error}); free some space and run the same command again: "
+            "finished frames are kept"
         ) from error
+
+
+def writes_exr(scenario: Scenario) -> bool:
+    """Whether a scenario's expected electrons are written unless asked otherwise: not for very large images."""
+    camera = scenario.frame(0).camera
+    return camera.width * camera.height <= LARGEST_EXR_PX

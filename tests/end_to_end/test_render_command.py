@@ -4,6 +4,8 @@ import hashlib
 import json
 import os
 import re
+import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -159,21 +161,95 @@ def test_time_outside_the_earth_orientation_table(tmp_path) -> None:
     assert "Traceback" not in run.stderr
 
 
-def test_an_interrupted_run_does_not_look_finished(folder, tmp_path, monkeypatch) -> None:
-    from generator.frame import render as dataset_writer
+def test_an_interrupted_run_does_not_look_finished_and_is_continued(folder, tmp_path) -> None:
+    from generator.frame.render import render_dataset
     from generator.scenario.file import load_scenario
 
     scenario = load_scenario(folder.parent / "scene.yaml")
-    dataset_writer.render_dataset(scenario, tmp_path / "out")
 
-    def stop(frame) -> None:
+    def stop(index: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        dataset_writer.render_dataset(scenario, tmp_path / "out", stop)
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert "stars.parquet" not in names
-    assert not any(name.startswith(".") for name in names)
+        render_dataset(scenario, tmp_path / "out", stop)
+    first = tmp_path / "out" / "frame-00000.png"
+    assert "stars.parquet" not in {path.name for path in (tmp_path / "out").iterdir()}
+    before = first.stat().st_mtime_ns
+    (tmp_path / "out" / ".frame-00001-killed.png").write_bytes(b"half")
+    render_dataset(scenario, tmp_path / "out")
+    assert first.stat().st_mtime_ns == before
+    assert digest(tmp_path / "out") == digest(folder)
+
+
+def test_a_frame_that_is_missing_from_a_finished_folder_is_made_again(folder, tmp_path) -> None:
+    shutil.copytree(folder, tmp_path / "out")
+    (tmp_path / "out" / "frame-00001.exr").unlink()
+    run = skybench("render", str(folder.parent / "scene.yaml"), "--out", str(tmp_path / "out"))
+    assert run.returncode == 0, run.stderr
+    assert digest(tmp_path / "out") == digest(folder)
+
+
+def test_frames_of_another_scenario_are_replaced_only_when_meant(folder, tmp_path) -> None:
+    shutil.copytree(folder, tmp_path / "out")
+    other = SCENARIO | {"sky": {"bortle": 4}, "name": "other"}
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
+    command = ("render", str(tmp_path / "other.yaml"), "--out", str(tmp_path / "out"))
+    refused = skybench(*command)
+    assert refused.returncode == 2
+    assert "holds frames of another scenario" in refused.stderr
+    assert "--overwrite" in refused.stderr
+    assert digest(tmp_path / "out") == digest(folder)
+    replaced = skybench(*command, "--overwrite", "--no-exr")
+    assert replaced.returncode == 0, replaced.stderr
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["frame-00000.json", "frame-00000.png", "stars.parquet"]
+    assert json.loads((tmp_path / "out" / "frame-00000.json").read_text())["scenario"]["name"] == "other"
+
+
+def test_expected_electrons_are_left_out_of_very_large_images_unless_asked_for() -> None:
+    from generator.frame.render import writes_exr
+    from generator.scenario.file import parse_scenario
+
+    def large(width: int) -> bool:
+        tree = SCENARIO | {"camera": BASE["camera"] | {"width": width, "height": 4000}}
+        return writes_exr(parse_scenario(yaml.safe_dump(tree), "large.yaml"))
+
+    assert large(5000)
+    assert not large(5001)
+
+
+def test_a_full_disk_is_one_clear_line(folder, tmp_path) -> None:
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000));"
+    code = limit + "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
+    command = [sys.executable, "-c", code, "render", str(folder.parent / "scene.yaml"), "--out", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert run.returncode == 2, run.stderr
+    (line,) = [line for line in run.stderr.splitlines() if line.startswith("skybench: ")]
+    assert "writing failed (File too large)" in line
+    assert "finished frames are kept" in line
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "moment"), [("render", 0.3), ("render", 2.0), ("generate", 1.0), ("generate", 4.0)]
+)
+def test_ctrl_c_says_that_the_same_command_continues(tmp_path, command, moment) -> None:
+    long = SCENARIO | {"frames": 500}
+    (tmp_path / "long.yaml").write_text(yaml.safe_dump(long))
+    started = "import sys; from benchmark.cli import interrupt, main; interrupt.listen(); print('on', flush=True);"
+    code = started + "sys.argv[0] = 'skybench'; main()"
+    arguments = [sys.executable, "-c", code, command, str(tmp_path / "long.yaml"), "--out", str(tmp_path / "out")]
+    run = subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, start_new_session=True
+    )
+    assert run.stdout.readline() == "on\n"
+    with pytest.raises(subprocess.TimeoutExpired):
+        run.wait(moment)
+    os.killpg(run.pid, signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode == 130, errors
+    assert "skybench: interrupted; the same command continues" in errors
+    assert "Traceback" not in errors
 
 
 def test_doctor_is_content_here() -> None:

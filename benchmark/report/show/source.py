@@ -19,9 +19,9 @@ from generator.dataset.images import decode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.reader import LARGEST_MEMBER_BYTES, Dataset
 from generator.errors import GeneratorError
+from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import FORMAT, STAR_SCHEMA
-from generator.frame.render import OBJECTS_FILE, STARS_FILE
 
 
 class Source(Protocol):
