@@ -1,22 +1,16 @@
 """One set of detections for all solvers: celnav's detector with its default settings."""
 
-import hashlib
-from functools import lru_cache
 from pathlib import Path
 
 import celnav
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.protocol import Detections
+from benchmark.solvers.revision import detector_revision
 
-DETECTOR_CODE = ("detection", "flood_fill", "image_background", "star_candidates", "star_centroids", "star_shape")
 
-
-@lru_cache(maxsize=1)
 def shared_detector() -> str:
-    """Name of the shared detector, with a digest of its code."""
-    package = Path(celnav.__file__).parent
-    code = b"".join((package / f"{module}.py").read_bytes() for module in DETECTOR_CODE)
-    return f"celnav-{hashlib.sha256(code).hexdigest()[:12]}"
+    """Name of the shared detector, with its revision."""
+    return f"celnav-{detector_revision()}"
 
 
 def shared_detections(frame: Frame) -> Detections:

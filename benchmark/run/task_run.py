@@ -29,6 +29,7 @@ from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import missing_message, missing_packages
+from benchmark.solvers.revision import detector_revision
 from benchmark.stats.metrics import ERROR, FIX, REFUSED, FrameScore
 
 DetectionsMode = Literal["own", "shared"]
@@ -56,11 +57,10 @@ class TaskRun:
 
     @property
     def key(self) -> str:
-        """Digest of all that may change a result: solver, version, configuration, task, frames, detections."""
+        """Digest of all that may change a result: solver and its revision, task, frames, detections."""
         parts = [
             self.solver.name,
-            self.solver_version,
-            self.solver.configuration_sha256,
+            self.solver.revision,
             self.frames.task.sha256,
             self.frames.scenario_sha256,
             shared_detector() if self.detections == "shared" else "own",
@@ -258,7 +258,8 @@ def _provenance(run: TaskRun, jobs: int) -> RunProvenance:
             **task_facts(run.frames, run.detections),
             "solver_title": run.solver.spec.title,
             "solver_licence": run.solver.spec.licence,
-            "configuration_sha256": run.solver.configuration_sha256,
+            "solver_revision": run.solver.revision,
+            "detector_revision": detector_revision() if run.detections == "shared" else None,
             "time_limit_s": run.solver.limits.time_s,
             "memory_limit_mib": run.solver.limits.memory_mib,
             "key": run.key,

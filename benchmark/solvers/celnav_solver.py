@@ -42,9 +42,9 @@ class CelnavSolver:
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
         """Solve without history, so that each frame stands alone."""
-        if not isinstance(detections, celnav.Detections):
-            raise TypeError(f"needs the detections of celnav.detect, found {type(detections).__name__}")
         camera = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
+        if not isinstance(detections, celnav.Detections):
+            detections = celnav.Detections(detections.uv, detections.flux, (camera.height, camera.width))
         fix = celnav.solve(
             detections,
             camera,

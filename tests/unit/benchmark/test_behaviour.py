@@ -1,0 +1,240 @@
+"""Revisions of solvers: what changes them, what does not, and whose."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmark.solvers.behaviour import Entry, Sources, behaviour_of, syntax_digest
+from benchmark.solvers.definition import SolverFolder, read_solver_folder
+from benchmark.solvers.registry import known_solvers, solver_folder
+from benchmark.solvers.revision import (
+    adapter_behaviour,
+    detector_behaviour,
+    detector_revision,
+    installed_sources,
+    revision_of,
+)
+
+THESIS = {
+    "brightest-n",
+    "thesis-adaptive",
+    "thesis-baseline",
+    "thesis-baseline+si",
+    "thesis-baseline+si+pr",
+    "thesis-catalogue-only",
+}
+CELNAV = THESIS | {"ddr-dai", "skybench"}
+PEERS = {"tetra3rs", "ruststartracker", "zenith-fixer"}
+DETECTOR = "the shared detector"
+
+
+def digests(sources: Sources) -> dict[str, str]:
+    """Digest of the modules of every solver with an adapter, and of the detector."""
+    solvers = [solver_folder(name) for name in known_solvers()]
+    found = {
+        solver.name: adapter_behaviour(sources, solver.spec.adapter, solver.name).digest
+        for solver in solvers
+        if solver.spec.adapter is not None
+    }
+    return found | {DETECTOR: detector_behaviour(sources).digest}
+
+
+def changed(**edits: tuple[str, str]) -> set[str]:
+    """Whose digests differ after edits of modules, each an old text and a new one; dots are underscores twice."""
+    modules = dict(installed_sources().modules)
+    for name, (old, new) in edits.items():
+        module = name.replace("__", ".")
+        assert old in modules[module], f"{module} has no {old!r}: this test needs another place to change"
+        modules[module] = modules[module].replace(old, new, 1)
+    before, after = digests(installed_sources()), digests(Sources(modules, installed_sources().packages))
+    return {name for name in before if before[name] != after[name]}
+
+
+def reformatted(text: str) -> str:
+    """Another layout of the same code, with comments and docstrings of its own."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            node.body.insert(0, ast.Expr(ast.Constant("Said otherwise.")))
+    return "# A remark.\n" + ast.unparse(ast.fix_missing_locations(tree)).replace("\n", "  # why\n", 1)
+
+
+def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> None:
+    installed = installed_sources()
+    modules = {name: reformatted(text) for name, text in installed.modules.items()}
+    assert sum(modules[name] != text for name, text in installed.modules.items()) > 100
+    assert digests(Sources(modules, installed.packages)) == digests(installed)
+
+
+@pytest.mark.parametrize(
+    ("module", "whose"),
+    [
+        ("celnav.matching.votes", THESIS),
+        ("celnav.matching.ddr_dai", {"ddr-dai"}),
+        ("celnav.matching.brightest_n", {"brightest-n"}),
+        ("celnav.identification.search", {"skybench"}),
+        ("celnav.skybench_solver", {"skybench"}),
+        ("celnav.star_shape", CELNAV | {DETECTOR}),
+        ("celnav.position", CELNAV),
+        ("celnav.track", set()),
+        ("celnav.cli", set()),
+        ("benchmark.solvers.tetra3rs.adapter", {"tetra3rs"}),
+        ("benchmark.solvers.sep_detector", PEERS),
+        ("benchmark.solvers.celnav_solver", CELNAV),
+        ("benchmark.report.formatting", set()),
+    ],
+)
+def test_a_change_of_a_module_changes_exactly_the_solvers_that_import_it(module: str, whose: set[str]) -> None:
+    text = installed_sources().modules[module]
+    assert changed(**{module.replace(".", "__"): (text, text + "\nANOTHER = 1\n")}) == whose
+
+
+def test_of_the_registry_a_row_changes_its_own_solver() -> None:
+    old, new = '"thesis-adaptive": ddr_solver(THESIS_ADAPTIVE)', '"thesis-adaptive": ddr_solver(THESIS_BASELINE)'
+    assert changed(celnav__solver=(old, new)) == {"thesis-adaptive"}
+    added = 'MappingProxyType(\n    {\n        "one-more": ddr_solver(THESIS_ADAPTIVE),'
+    assert changed(celnav__solver=("MappingProxyType(\n    {", added)) == set()
+
+
+def test_of_the_server_what_answers_a_request_counts() -> None:
+    everyone = CELNAV | PEERS
+    assert changed(benchmark__solvers__serve=('uv": np.asarray(', 'uv": 1.0 * np.asarray(')) == everyone
+    assert changed(benchmark__solvers__serve=("os.dup2(2, 1)", "os.dup2(1, 2)")) == set()
+
+
+def test_the_detector_is_all_that_is_loaded_to_detect() -> None:
+    """The modules found in the source are those that a fresh process has after importing the detector alone."""
+    code = (
+        "import sys, types; package = types.ModuleType('celnav'); package.__path__ = sys.argv[1:]; "
+        "sys.modules['celnav'] = package; import celnav.detection; "
+        "import json; print(json.dumps(sorted(m for m in sys.modules if m.startswith('celnav.'))))"
+    )
+    folder = Path(sys.modules["celnav"].__file__ or "").parent
+    run = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True)
+    assert tuple(json.loads(run.stdout)) == detector_behaviour(installed_sources()).modules
+
+
+def sources_of(**files: str) -> Sources:
+    return Sources.of_files({name.replace("__", "/") + ".py": text for name, text in files.items()})
+
+
+def test_imports_within_functions_count_and_those_for_types_do_not() -> None:
+    sources = sources_of(
+        p__a="from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from p import types\n"
+        "def f():\n    from p.late import g\n    return g()\n",
+        p__late="import p.deep\ndef g(): return p.deep.X\n",
+        p__deep="X = 1",
+        p__types="T = int",
+    )
+    assert behaviour_of(sources, Entry([("p.a", "f")])).modules == ("p.a", "p.deep", "p.late")
+
+
+def test_a_package_that_passes_names_on_leads_to_their_modules() -> None:
+    sources = Sources.of_files(
+        {
+            "p/__init__.py": '"""All."""\nfrom p.a import f\nfrom p.b import g\n__all__ = ["f", "g"]\n',
+            "p/a.py": "def f(): return 1",
+            "p/b.py": "def g(): return 2",
+            "q/uses.py": "import p\ndef h(): return p.f()",
+            "q/all.py": "import p\nh = vars(p)",
+        }
+    )
+    assert behaviour_of(sources, Entry([("q.uses", "")])).modules == ("p.a", "q.uses")
+    assert behaviour_of(sources, Entry([("q.all", "")])).modules == ("p", "p.a", "p.b", "q.all")
+
+
+def test_a_package_with_code_of_its_own_counts() -> None:
+    sources = Sources.of_files({"p/__init__.py": "import numpy\nnumpy.seterr(all='raise')", "p/a.py": "X = 1"})
+    assert behaviour_of(sources, Entry([("p.a", "X")])).modules == ("p", "p.a")
+
+
+def test_another_origin_of_the_same_name_changes_a_shared_module() -> None:
+    one = "from p.a import f\nfrom p.b import g\nTABLE = {'x': (f, g)}"
+    other = "from p.b import f\nfrom p.a import g\nTABLE = {'x': (f, g)}"
+    functions = "def f(): return {0}\ndef g(): return {0}"
+    entry = Entry([("p.t", "TABLE")], ["p.t"], "x")
+    found = {
+        behaviour_of(sources_of(p__t=text, p__a=functions.format(1), p__b=functions.format(2)), entry).digest
+        for text in (one, other)
+    }
+    assert len(found) == 2
+
+
+def test_the_order_of_imports_is_free_and_that_of_statements_is_not() -> None:
+    assert syntax_digest("import b\nimport a\nX = 1") == syntax_digest("import a\nimport b\n\nX = 1\n")
+    assert syntax_digest("X = 1\nY = 2") != syntax_digest("Y = 2\nX = 1")
+    assert syntax_digest("X = 1") != syntax_digest("X = 1.0")
+    assert syntax_digest("X = True") != syntax_digest("X = 'True'")
+
+
+def test_relative_imports_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"p\.a, line 1: a relative import"):
+        behaviour_of(sources_of(p__a="from . import b"), Entry([("p.a", "")]))
+
+
+def test_no_module_that_solvers_import_hides_an_import_in_a_string() -> None:
+    for name in known_solvers():
+        solver = solver_folder(name)
+        if solver.spec.adapter is not None:
+            for module in adapter_behaviour(installed_sources(), solver.spec.adapter, name).modules:
+                text = installed_sources().modules[module]
+                assert "import_module(" not in text, module
+                assert "__import__(" not in text, module
+
+
+def program(folder: Path, text: str, spec: str = "") -> SolverFolder:
+    folder.mkdir(exist_ok=True)
+    (folder / "program.py").write_text(text)
+    settings = 'name: own\ntitle: A program\nlicence: MIT\nversion: "1"\ncommand: [python, program.py]\n'
+    (folder / "solver.yaml").write_text(settings + spec)
+    return read_solver_folder(folder)
+
+
+def test_of_a_program_all_files_count_and_of_its_python_the_syntax(tmp_path: Path) -> None:
+    before = program(tmp_path, "print(1)").revision
+    assert program(tmp_path, '"""What it is for."""\nprint( 1 )  # one\n').revision == before
+    assert program(tmp_path, "print(2)").revision != before
+    assert program(tmp_path, "print(1)", "time_limit_s: 3\n").revision != before
+    assert program(tmp_path, "print(1)", "# how long is enough\n").revision == before
+    (tmp_path / "weights.csv").write_text("1")
+    assert program(tmp_path, "print(1)").revision != before
+
+
+def test_what_a_solver_yaml_says_for_readers_changes_nothing(tmp_path: Path) -> None:
+    solver = solver_folder("tetra3rs")
+    texts = {
+        "same": (solver.folder / "solver.yaml").read_text(),
+        "title": (solver.folder / "solver.yaml").read_text().replace("title: ", "title: The "),
+        "version": (solver.folder / "solver.yaml").read_text().replace("tetra3rs==0.14.0", "tetra3rs==0.15.0"),
+    }
+    found = {}
+    for name, text in texts.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "solver.yaml").write_text(text)
+        found[name] = read_solver_folder(tmp_path / name).revision
+    assert found["same"] == found["title"] == solver.revision
+    assert found["version"] != solver.revision
+
+
+def test_the_star_catalogues_count_where_they_are_read() -> None:
+    sources = installed_sources()
+    skybench, zenith = (
+        adapter_behaviour(sources, adapter, name)
+        for adapter, name in (("celnav", "skybench"), ("zenith-fixer", "zenith-fixer"))
+    )
+    assert revision_of({}, {}, skybench, "one") != revision_of({}, {}, skybench, "other")
+    assert revision_of({}, {}, zenith, "one") == revision_of({}, {}, zenith, "other")
+
+
+def test_revisions_are_twelve_digits_and_tell_solvers_apart() -> None:
+    found = [solver_folder(name).revision for name in known_solvers()]
+    assert len(set(found)) == len(found)
+    for revision in (*found, detector_revision()):
+        assert len(revision) == 12
+        assert int(revision, 16) >= 0
