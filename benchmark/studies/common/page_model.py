@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Literal
 
 from benchmark.report.formatting import interval, number, percent
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.paired_tests import PairedTest, holm
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Form = Literal["percent", "plain"]
+SIGNIFICANCE = 0.05
+
+
+class Verdict(StrEnum):
+    """Whether a hypothesis holds."""
+
+    YES = "yes"
+    NO = "no"
+    APPROXIMATELY = "approximately"
+    IN_PART = "in part"
+    FOR_SOME = "for some"
+    POSSIBLE = "possible"
+    NOT_SHOWN = "not shown"
+
+
+class Outcome(StrEnum):
+    """How the first of two compared does against the second."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    NO_DIFFERENCE = "no difference found"
 
 
 @dataclass(frozen=True)
@@ -63,14 +89,11 @@ class Comparison:
         )
 
     @property
-    def first_is_better(self) -> bool:
-        """The first succeeds more often, at 5 % after Holm."""
-        return self.p_holm < 0.05 and self.test.only_first > self.test.only_second
-
-    @property
-    def second_is_better(self) -> bool:
-        """The second succeeds more often, at 5 % after Holm."""
-        return self.p_holm < 0.05 and self.test.only_second > self.test.only_first
+    def outcome(self) -> Outcome:
+        """How the first does against the second, at 5 % after Holm."""
+        if self.p_holm >= SIGNIFICANCE or self.test.only_first == self.test.only_second:
+            return Outcome.NO_DIFFERENCE
+        return Outcome.BETTER if self.test.only_first > self.test.only_second else Outcome.WORSE
 
 
 def family(tests: Sequence[tuple[str, PairedTest]]) -> tuple[Comparison, ...]:
@@ -86,54 +109,49 @@ def p_text(p: float) -> str:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the study says about a hypothesis.
+    """A study's answer to a hypothesis.
 
     Attributes
     ----------
     key : str
-        H1 to H11.
+        Of the hypothesis; names the template that puts the finding into words.
     claim : str
         The hypothesis.
-    verdict : str
-        A word or two, from the numbers.
-    paragraphs : tuple of str
+    verdicts : tuple of (str, Verdict or Outcome)
+        Aspect, empty where there is one only, and verdict.
+    finding : dataclass instance
+        The numbers and findings that the words are made from.
     tables : tuple of Table
     tests : tuple of Comparison
     """
 
     key: str
     claim: str
-    verdict: str
-    paragraphs: tuple[str, ...]
+    verdicts: tuple[tuple[str, Verdict | Outcome], ...]
+    finding: DataclassInstance
     tables: tuple[Table, ...] = ()
-    tests: tuple[Comparison, ...] = field(default=())
+    tests: tuple[Comparison, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """The verdicts in a line: ``yes``, ``as a limit: not shown; as a weight: yes``."""
+        return "; ".join(f"{aspect}: {verdict}" if aspect else str(verdict) for aspect, verdict in self.verdicts)
 
 
 def plain(value: object) -> Any:
-    """Turn tables and answers into what JSON can hold: infinite and undefined numbers become None."""
+    """Turn tables, answers and other data classes into what JSON can hold: non-finite numbers become None."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, Number):
-        e = value.estimate
-        ends = {"value": e.value, "low": e.low, "high": e.high}
-        return {k: v if math.isfinite(v) else None for k, v in ends.items()} | {"n": e.n, "unit": value.form}
-    if isinstance(value, Table):
-        return {
-            "title": value.title,
-            "source": value.source,
-            "header": list(value.header),
-            "rows": [[plain(cell) for cell in row] for row in value.rows],
-            "note": value.note,
-        }
+        return plain(value.estimate) | {"unit": value.form}
     if isinstance(value, Comparison):
         test = value.test
         counts = {"n": test.n, "only_first": test.only_first, "only_second": test.only_second}
         return {"name": value.name, **counts, "p": test.p, "p_holm": value.p_holm}
-    if isinstance(value, Answer):
-        return {
-            "key": value.key,
-            "claim": value.claim,
-            "verdict": value.verdict,
-            "paragraphs": list(value.paragraphs),
-            "tables": [plain(table) for table in value.tables],
-            "tests": [plain(test) for test in value.tests],
-        }
+    if dataclasses.is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
     return value

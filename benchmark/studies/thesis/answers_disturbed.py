@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
-from benchmark.report.formatting import percent
+from dataclasses import dataclass
+
+from benchmark.stats.intervals import Estimate
 from benchmark.stats.paired_tests import mcnemar_exact
-from benchmark.studies.common.page_model import Answer, Cell, Comparison, Number, Table, family
+from benchmark.studies.common.page_model import Answer, Cell, Number, Outcome, Table, Verdict, family
 from benchmark.studies.common.records import Rows
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis.centroids import DISTURBANCES, DISTURBED_DEPTH_MAG, SHALLOW_DEPTH_MAG
 from benchmark.studies.thesis.disturbed import CLEAR, FEW_STARS, NAMES, SETTINGS, part_of
+from benchmark.studies.thesis.hypotheses import CLAIMS
 
 SETTINGS_OF_LIGHT = tuple(setting for setting in SETTINGS if setting not in (CLEAR, FEW_STARS))
+
+
+@dataclass(frozen=True)
+class DisturbedRecalls:
+    """H10: the adaptive variant's recalls, and settings by how it does against a list of stars to magnitude 4.
+
+    Attributes
+    ----------
+    clear, few_stars : Estimate
+        With stars to magnitude 7 and to magnitude 4.
+    worse, better, undecided : tuple of str
+        Disturbances that cost more than the short list of stars, less, or neither by the tests.
+    """
+
+    clear: Estimate
+    few_stars: Estimate
+    worse: tuple[str, ...]
+    better: tuple[str, ...]
+    undecided: tuple[str, ...]
 
 
 def h10(rows: Rows) -> Answer:
@@ -25,39 +47,23 @@ def h10(rows: Rows) -> Answer:
             for setting in SETTINGS_OF_LIGHT
         ]
     )
-    verdict, sentence = _verdict(tests[: len(SETTINGS_OF_LIGHT)])
+    settings: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
+    # Of the adaptive variant alone; a setting is worse where frames of few stars do better.
+    for setting, test in zip(SETTINGS_OF_LIGHT, tests, strict=False):
+        settings[test.outcome].append(setting)
+    worse = settings[Outcome.BETTER]
+    verdict = Verdict.YES if len(worse) == len(SETTINGS_OF_LIGHT) else Verdict.FOR_SOME if worse else Verdict.NO
     few, clear = (rows.of(part_of(setting), who.ADAPTIVE).recall() for setting in (FEW_STARS, CLEAR))
     return Answer(
         "H10",
-        "Clouds, the Moon, blur and hot pixels hurt more than limiting magnitude.",
-        verdict,
-        (
-            f"The adaptive variant fixes {percent(clear.value)} of {clear.n} pictures of a clear, moonless night with stars "
-            f"to magnitude 7, and {percent(few.value)} of the same pictures with stars to magnitude 4 alone, the thesis' "
-            f"hardest label. {sentence}",
-            "All pictures are of the same sites and instants. How strong a disturbance is was chosen, not found: other "
-            "clouds, trails or sensors give other numbers. Without light, on positions alone, the second table says what "
-            "missing and false detections do.",
+        CLAIMS["H10"],
+        (("", verdict),),
+        DisturbedRecalls(
+            clear, few, tuple(worse), tuple(settings[Outcome.WORSE]), tuple(settings[Outcome.NO_DIFFERENCE])
         ),
         (_light_table(rows), _positions_table(rows)),
         tests,
     )
-
-
-def _verdict(tests: tuple[Comparison, ...]) -> tuple[str, str]:
-    """Verdict and sentence, from the adaptive variant's comparisons, a setting each."""
-    worse = [s for s, test in zip(SETTINGS_OF_LIGHT, tests, strict=True) if test.first_is_better]
-    better = [s for s, test in zip(SETTINGS_OF_LIGHT, tests, strict=True) if test.second_is_better]
-    parts = []
-    if worse:
-        parts.append(f"Worse than that (5 % after Holm): {', '.join(worse)}.")
-    if better:
-        parts.append(f"Less bad than that: {', '.join(better)}.")
-    if len(worse) + len(better) < len(SETTINGS_OF_LIGHT):
-        same = [s for s in SETTINGS_OF_LIGHT if s not in worse and s not in better]
-        parts.append(f"No difference found: {', '.join(same)}.")
-    verdict = "yes" if len(worse) == len(SETTINGS_OF_LIGHT) else "for some" if worse else "no"
-    return verdict, " ".join(parts)
 
 
 def _light_table(rows: Rows) -> Table:

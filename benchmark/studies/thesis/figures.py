@@ -12,7 +12,7 @@ from benchmark.studies.common.records import Rows
 from benchmark.studies.common.svg_plot import Axis, Series, plot
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
-from benchmark.studies.thesis.answers_position import swap_error_km
+from benchmark.studies.thesis.answers_projection import swap_error_km
 from benchmark.studies.thesis.centroids import CentroidPart
 from benchmark.studies.thesis.rendered import PART
 

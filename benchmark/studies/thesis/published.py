@@ -46,3 +46,5 @@ TABLE_1_2 = (
     ConfidenceBin(0.6, 0.8, 104, 7.11, 24.0),
     ConfidenceBin(0.8, 1.01, 24, 7.31, 29.2),
 )
+MEDIAN_KM = TABLE_1_1[-1].median_km
+"""Of the adaptive configuration."""

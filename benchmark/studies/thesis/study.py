@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import jinja2
 from markupsafe import Markup
 
 from benchmark import provenance
 from benchmark.errors import DatasetError
-from benchmark.report.formatting import number
-from benchmark.report.templates import render_page
+from benchmark.report.formatting import interval, number, percent
+from benchmark.report.templates import environment
 from benchmark.run.results import write_atomically
-from benchmark.studies.common.page_model import Answer, Table, plain
+from benchmark.stats.intervals import Estimate
+from benchmark.studies.common.page_model import Answer, Outcome, Table, p_text, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import Rows, write_rows
-from benchmark.studies.thesis import answers as answers
-from benchmark.studies.thesis import answers_confidence as confidence
-from benchmark.studies.thesis import answers_disturbed as disturbed_answers
+from benchmark.studies.thesis import answers_identification as identification
 from benchmark.studies.thesis import answers_position as position
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import figures as figures
 from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis import tables as tables
+from benchmark.studies.thesis.answers_confidence import h8
+from benchmark.studies.thesis.answers_disturbed import h10
+from benchmark.studies.thesis.answers_label import label_answer
+from benchmark.studies.thesis.answers_projection import h5
+from benchmark.studies.thesis.answers_time import Speed, h11, speeds
 from benchmark.studies.thesis.centroids import DEPTHS_MAG, CentroidPart, sites_of, solve_centroids
 from benchmark.studies.thesis.disturbed import MOST_FRAMES, SETTINGS, solve_disturbed
 from benchmark.studies.thesis.rendered import PART, RenderedPart, render_scenario, solve_pictures, study_scenario
@@ -34,7 +38,29 @@ FORMAT = "skybench-study/1"
 PAGE, NUMBERS, ROWS = "index.html", "study.json", "frames.parquet"
 # Experiments with true names cost little, so that they can have more sites.
 TRUE_NAMES_FACTOR = 5
-SPEED_LIMITS_MS = {who.ADAPTIVE: 50.0, who.BASELINE_SI: 100.0}
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The page's first numbers: recalls at magnitude 7 of our reading and to the letter, beside the thesis' own.
+
+    Attributes
+    ----------
+    adaptive, baseline, literal : Estimate
+        The last is the adaptive variant to the letter.
+    thesis_adaptive, thesis_baseline : float
+    against_thesis : Outcome
+        Our adaptive variant against the thesis'.
+    speeds : tuple of Speed
+    """
+
+    adaptive: Estimate
+    baseline: Estimate
+    literal: Estimate
+    thesis_adaptive: float
+    thesis_baseline: float
+    against_thesis: Outcome
+    speeds: tuple[Speed, ...]
 
 
 @dataclass(frozen=True)
@@ -142,77 +168,39 @@ def _tables(rows: Rows, rendered: RenderedPart) -> tuple[Table, ...]:
 
 def _answers(rows: Rows, rendered: RenderedPart, centroids: CentroidPart) -> tuple[Answer, ...]:
     return (
-        answers.h1(rows),
-        answers.h2(rows),
-        answers.h3(rows),
+        identification.h1(rows),
+        identification.h2(rows),
+        identification.h3(rows),
         position.h4(rows),
-        position.h5(rows, centroids),
-        answers.h6(rows),
+        h5(rows, centroids),
+        identification.h6(rows),
         position.h7(centroids),
-        confidence.h8(rows),
+        h8(rows),
         position.h9(centroids),
-        disturbed_answers.h10(rows),
-        answers.h11(rows),
-        label_answer(rows, rendered),
+        h10(rows),
+        h11(rows),
+        label_answer(rows, rendered.depths),
     )
 
 
-def label_answer(rows: Rows, rendered: RenderedPart) -> Answer:
-    """Whether the magnitude label says how deep a frame is."""
-    deepest = max(rendered.depths, key=lambda d: d.label_mag)
-    true_labels = [d for d in rendered.depths if abs(d.half_mag - d.label_mag) <= 0.25]
-    best = max(DEPTHS_MAG, key=lambda depth: rows.of("centroids", who.LITERAL_BASELINE, (depth,)).recall().value)
-    at_best = rows.of("centroids", who.LITERAL_BASELINE, (best,)).recall()
-    beyond = rows.of("centroids", who.LITERAL_BASELINE, (max(DEPTHS_MAG),)).recall()
-    return Answer(
-        "Label",
-        "A set labelled with a limiting magnitude is as deep as its label says.",
-        "no" if len(true_labels) < len(rendered.depths) else "yes",
-        (
-            "Here the label cuts the list of stars. Up to label "
-            f"{number(max((d.label_mag for d in true_labels), default=math.nan))} at least half of its faintest stars are "
-            f"detected; the sets above are all alike, since the camera sees to {number(deepest.half_mag)} "
-            f"({deepest.detections:.0f} detections a frame at label {deepest.label_mag:g}).",
-            "The thesis' label must mean something else. Its baseline with a catalogue to 4.0 is best at label "
-            "8.0 and dead "
-            f"at 6.5. To the letter, a baseline is best on frames that end at magnitude {best:g} "
-            f"({answers.share(at_best)}) and at {max(DEPTHS_MAG):g} reaches {answers.share(beyond)}: a frame "
-            "much deeper or "
-            "shallower than the catalogue defeats it. We infer that the blobs in the thesis' frames ended near "
-            "magnitude 4 at "
-            "label 8 and at brighter stars below it; its Bortle axis is then one of the renderer's settings, "
-            "not of skies.",
-        ),
+def headline(rows: Rows) -> Headline:
+    """Gather the numbers of the page's first sentences."""
+    at_seven = {
+        name: rows.of(PART, name, (thesis.TABLE_LABEL_MAG,)).recall()
+        for name in (who.ADAPTIVE, who.BASELINE, who.LITERAL_ADAPTIVE)
+    }
+    recall = at_seven[who.ADAPTIVE]
+    published, published_baseline = (thesis.TABLE_1_1[place].recall / 100 for place in (-1, 0))
+    above, below = recall.low > published, recall.high < published
+    return Headline(
+        recall,
+        at_seven[who.BASELINE],
+        at_seven[who.LITERAL_ADAPTIVE],
+        published,
+        published_baseline,
+        Outcome.BETTER if above else Outcome.WORSE if below else Outcome.NO_DIFFERENCE,
+        speeds(rows),
     )
-
-
-def speed_sentence(rows: Rows) -> str:
-    """Whether the speed asked for is reached, on this machine."""
-    parts = []
-    for name, limit in SPEED_LIMITS_MS.items():
-        found = rows.of(PART, name).median_solve_ms()
-        word = "within" if found.value <= limit else "above"
-        parts.append(f"{name} takes {found.value:.0f} ms in the median, {word} the {limit:g} ms aimed at")
-    return "; ".join(parts) + "."
-
-
-def headline(study: Study) -> list[str]:
-    """The page's first sentences, from the numbers."""
-    rows = study.rows
-    recall = rows.of(PART, who.ADAPTIVE, (thesis.TABLE_LABEL_MAG,)).recall()
-    baseline = rows.of(PART, who.BASELINE, (thesis.TABLE_LABEL_MAG,)).recall()
-    literal = rows.of(PART, who.LITERAL_ADAPTIVE, (thesis.TABLE_LABEL_MAG,)).recall()
-    published = thesis.TABLE_1_1[-1].recall / 100
-    where = "above" if recall.low > published else "below" if recall.high < published else "not distinguishable from"
-    return [
-        "At magnitude 7, with the projection right, our reading of the adaptive algorithm fixes "
-        f"{answers.share(recall)} within "
-        f"10 km, {where} the thesis' 71.5 %; the baseline {answers.share(baseline)} (thesis 39.0 %). Taken to "
-        "the letter, "
-        f"without brightnesses and without confirmation, the adaptive algorithm fixes {answers.share(literal)} "
-        "of the same frames.",
-        speed_sentence(rows),
-    ]
 
 
 def _numbers(study: Study) -> dict[str, object]:
@@ -230,6 +218,11 @@ def _numbers(study: Study) -> dict[str, object]:
         "tables": [plain(table) for table in study.tables],
         "answers": [plain(answer) for answer in study.answers],
     }
+
+
+def words() -> jinja2.Environment:
+    """Templates of the page and of its answers, with what they print numbers by and the thesis' own numbers."""
+    return environment(thesis=thesis, number=number, percent=percent, interval=interval, p_text=p_text)
 
 
 def page(study: Study) -> str:
@@ -262,13 +255,16 @@ def page(study: Study) -> str:
             figures.figure_swap(study.centroids),
         ),
     )
-    return render_page(
-        "study_thesis.html",
-        study=study,
-        headline=headline(study),
-        figures=[(title, note, Markup(svg)) for title, note, svg in drawn],
-        n_frames=len(study.rendered.dataset.frames),
-        machine=provenance.machine(),
-        date=provenance.now_utc(),
-        minutes=f"{study.minutes:.1f}",
+    return (
+        words()
+        .get_template("study_thesis.html")
+        .render(
+            study=study,
+            headline=headline(study.rows),
+            figures=[(title, note, Markup(svg)) for title, note, svg in drawn],
+            n_frames=len(study.rendered.dataset.frames),
+            machine=provenance.machine(),
+            date=provenance.now_utc(),
+            minutes=f"{study.minutes:.1f}",
+        )
     )

@@ -17,13 +17,13 @@ from benchmark.stats.intervals import Estimate, wilson
 from benchmark.stats.paired_tests import mcnemar_exact
 from benchmark.studies.common.centroid_frames import StarList, list_stars, make_frame, project
 from benchmark.studies.common.contestants import Contestant, judge_detections
-from benchmark.studies.common.page_model import Number, Table, family, plain
+from benchmark.studies.common.page_model import Number, Outcome, Table, family, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import Row, Rows, write_rows
 from benchmark.studies.common.svg_plot import Axis, Series, plot
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
-from benchmark.studies.thesis.answers_position import swap_error_km
+from benchmark.studies.thesis.answers_projection import swap_error_km
 from benchmark.studies.thesis.centroids import DISTURBANCES, disturb, sites_of
 from benchmark.studies.thesis.disturbed import CLEAR, SETTINGS, disturbed_scenario
 from benchmark.studies.thesis.rendered import half_depth, study_scenario
@@ -214,9 +214,10 @@ def test_rows_answer_for_themselves(tmp_path):
 def test_comparisons_say_who_is_better():
     first, second = [True] * 12 + [False] * 3, [False] * 12 + [False] * 3
     one, other = family([("a", mcnemar_exact(first, second)), ("b", mcnemar_exact(second, second))])
-    assert one.first_is_better
-    assert not one.second_is_better
+    assert one.outcome is Outcome.BETTER
+    assert family([("b", mcnemar_exact(second, first))])[0].outcome is Outcome.WORSE
     assert other.p_holm == 1.0
+    assert other.outcome is Outcome.NO_DIFFERENCE
     assert "12 to 0 of 15" in one.text
     table = Table("t", "s", ("x",), ((Number(Estimate(math.inf, 1.0, math.inf, 3)),),))
     assert json.loads(json.dumps(plain(table), allow_nan=False))["rows"][0][0]["value"] is None

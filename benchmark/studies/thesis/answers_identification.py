@@ -1,0 +1,307 @@
+"""Answers about identification: H1, H2, H3, H6."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmark.stats.intervals import Estimate
+from benchmark.stats.paired_tests import mcnemar_exact
+from benchmark.studies.common.page_model import Answer, Cell, Comparison, Number, Outcome, Table, Verdict, family
+from benchmark.studies.common.records import Rows
+from benchmark.studies.thesis import contestants as who
+from benchmark.studies.thesis.hypotheses import CLAIMS
+from benchmark.studies.thesis.rendered import HISTORY_ORDERS, PART
+
+LIGHT_POLLUTED_MAG = 6.5
+CENTROIDS = "centroids"
+
+
+@dataclass(frozen=True)
+class IdentifiedShares:
+    """H1: shares of frames whose stars are identified, at labels up to `most_mag`.
+
+    Attributes
+    ----------
+    most_mag : float
+    adaptive, baseline, selection_alone, iteration_alone : Estimate
+        Of our reading; the last two change one thing about the baseline each.
+    over_iteration_and_rejection : Outcome
+        The adaptive variant against the fixed catalogue with iteration and polar rejection.
+    """
+
+    most_mag: float
+    adaptive: Estimate
+    baseline: Estimate
+    selection_alone: Estimate
+    iteration_alone: Estimate
+    over_iteration_and_rejection: Outcome
+
+
+@dataclass(frozen=True)
+class HistoryEffects:
+    """H2: recalls with the history reset and carried, in our reading and to the letter.
+
+    Attributes
+    ----------
+    reset, baseline : Estimate
+        Of our reading.
+    carried_shuffled : Outcome
+        Our reading, carried through shuffled frames, against reset.
+    literal_reset, literal_baseline, literal_one_depth, literal_shuffled : Estimate
+    literal_carried_one_depth, literal_carried_shuffled : Outcome
+        Against reset.
+    """
+
+    reset: Estimate
+    baseline: Estimate
+    carried_shuffled: Outcome
+    literal_reset: Estimate
+    literal_baseline: Estimate
+    literal_one_depth: Estimate
+    literal_shuffled: Estimate
+    literal_carried_one_depth: Outcome
+    literal_carried_shuffled: Outcome
+
+
+@dataclass(frozen=True)
+class BrightestRecalls:
+    """H3: recalls of ``brightest-n`` and of the adaptive variant, on three kinds of frames."""
+
+    brightest: Estimate
+    adaptive: Estimate
+    brightest_centroids: Estimate
+    adaptive_centroids: Estimate
+    brightest_hot_pixels: Estimate
+    adaptive_hot_pixels: Estimate
+
+
+@dataclass(frozen=True)
+class TwoRecalls:
+    """H6: the literal adaptive variant on centroids by both measures, and the test of their difference."""
+
+    identified: Estimate
+    near: Estimate
+    test: Comparison
+
+
+def h1(rows: Rows) -> Answer:
+    """Adaptive against fixed, by true identification."""
+    labels = sorted({row.depth_mag for row in rows.of(PART).rows if row.depth_mag <= LIGHT_POLLUTED_MAG}, reverse=True)
+    ours = {name: rows.of(PART, name, labels) for name in who.OURS_IN_TABLE}
+    tests = family(
+        [
+            (f"{a} against {b}", mcnemar_exact(ours[a].identified, ours[b].identified))
+            for a, b in (
+                (who.ADAPTIVE, who.BASELINE),
+                (who.CATALOGUE_ONLY, who.BASELINE),
+                (who.BASELINE_SI, who.BASELINE),
+                (who.ADAPTIVE, who.BASELINE_SI_PR),
+            )
+        ]
+    )
+    whole, selection, _, over_both = tests
+    verdicts: list[tuple[str, Verdict | Outcome]] = [("", _yes_if(whole.outcome is Outcome.BETTER))]
+    if whole.outcome is Outcome.BETTER:
+        verdicts.append(("by selecting the catalogue alone", _yes_if(selection.outcome is Outcome.BETTER)))
+    found = {name: one.id_recall() for name, one in ours.items()}
+    return Answer(
+        "H1",
+        CLAIMS["H1"],
+        tuple(verdicts),
+        IdentifiedShares(
+            LIGHT_POLLUTED_MAG,
+            found[who.ADAPTIVE],
+            found[who.BASELINE],
+            found[who.CATALOGUE_ONLY],
+            found[who.BASELINE_SI],
+            over_both.outcome,
+        ),
+        (_identified_table(rows, labels),),
+        tests,
+    )
+
+
+def _yes_if(holds: bool) -> Verdict:
+    return Verdict.YES if holds else Verdict.NO
+
+
+def _identified_table(rows: Rows, labels: Sequence[float]) -> Table:
+    body: list[tuple[Cell, ...]] = []
+    for label in labels:
+        found = [rows.of(PART, name, (label,)).id_recall() for name in who.OURS_IN_TABLE]
+        body.append((f"{label:g}", *(Number(one, "percent") for one in found), str(found[0].n)))
+    return Table(
+        "Frames whose stars are identified",
+        "rendered frames",
+        ("label, mag", *who.OURS_IN_TABLE, "frames"),
+        tuple(body),
+    )
+
+
+def h2(rows: Rows) -> Answer:
+    """History reset against history carried."""
+    baseline = rows.of(PART, who.BASELINE)
+    baseline = Rows(tuple(sorted(baseline.rows, key=lambda row: row.frame_id)))
+    pictures = {order: rows.of("history", order) for order in HISTORY_ORDERS}
+    literal_orders = ("reset", "carried, one depth", "carried, shuffled")
+    literal = {order: rows.of("literal history", order) for order in literal_orders}
+    reset, in_turn, shuffled = (pictures[order] for order in HISTORY_ORDERS)
+    letter_reset, letter_one, letter_shuffled = (literal[order] for order in literal_orders)
+    depths = sorted({row.depth_mag for row in letter_reset.rows})
+    letter_baseline = rows.of(CENTROIDS, who.LITERAL_BASELINE, depths)
+    tests = family(
+        [
+            ("our adaptive, history reset, against baseline", mcnemar_exact(reset.near, baseline.near)),
+            ("our adaptive: carried set by set against reset", mcnemar_exact(in_turn.near, reset.near)),
+            ("our adaptive: carried shuffled against reset", mcnemar_exact(shuffled.near, reset.near)),
+            (
+                "literal adaptive, reset, against literal baseline",
+                mcnemar_exact(letter_reset.near, letter_baseline.near),
+            ),
+            ("literal adaptive: carried at one depth against reset", mcnemar_exact(letter_one.near, letter_reset.near)),
+            (
+                "literal adaptive: carried shuffled against reset",
+                mcnemar_exact(letter_shuffled.near, letter_reset.near),
+            ),
+        ]
+    )
+    body: list[tuple[Cell, ...]] = [
+        (
+            "our reading, rendered frames",
+            *(Number(found.recall(), "percent") for found in (baseline, *pictures.values())),
+        ),
+        (
+            f"to the letter, centroids to mag {depths[0]:g}–{depths[-1]:g}",
+            *(Number(found.recall(), "percent") for found in (letter_baseline, *literal.values())),
+        ),
+        ("median ms, our reading", *(Number(found.median_solve_ms()) for found in (baseline, *pictures.values()))),
+    ]
+    table = Table(
+        "Recall (< 10 km) with the history in three orders",
+        f"{len(reset)} rendered and {len(letter_reset)} centroid frames",
+        ("", "baseline", "adaptive, reset", "carried, one set after the other", "carried, shuffled"),
+        tuple(body),
+        "The literal baseline is tested on the same centroid frames. Carried, one set after the other: the literal "
+        "variant starts a new history at each depth, ours keeps one through the sets from dark to bright.",
+    )
+    gains = [tests[place].outcome is Outcome.BETTER for place in (0, 3)]
+    verdict = Verdict.YES if all(gains) else Verdict.IN_PART if any(gains) else Verdict.NO
+    return Answer(
+        "H2",
+        CLAIMS["H2"],
+        (("", verdict),),
+        HistoryEffects(
+            reset.recall(),
+            baseline.recall(),
+            tests[2].outcome,
+            letter_reset.recall(),
+            letter_baseline.recall(),
+            letter_one.recall(),
+            letter_shuffled.recall(),
+            tests[4].outcome,
+            tests[5].outcome,
+        ),
+        (table,),
+        tests,
+    )
+
+
+def h3(rows: Rows) -> Answer:
+    """One deep catalogue and the brightest detections."""
+    names = (who.ADAPTIVE, who.BRIGHTEST_N, who.DAI)
+    found = {name: rows.of(PART, name) for name in names}
+    shallow = {name: rows.of(CENTROIDS, name) for name in names}
+    tests = family(
+        [
+            ("brightest-n against adaptive, rendered", mcnemar_exact(found[names[1]].near, found[names[0]].near)),
+            ("ddr-dai against adaptive, rendered", mcnemar_exact(found[names[2]].near, found[names[0]].near)),
+            ("brightest-n against adaptive, centroids", mcnemar_exact(shallow[names[1]].near, shallow[names[0]].near)),
+            ("ddr-dai against adaptive, centroids", mcnemar_exact(shallow[names[2]].near, shallow[names[0]].near)),
+        ]
+    )
+    table = Table(
+        "Selecting a catalogue, or taking the brightest",
+        f"{len(found[names[0]])} rendered frames; {len(shallow[names[0]])} centroid frames of all depths",
+        ("variant", "rendered: recall", "median km", "median ms", "centroids: recall"),
+        tuple(
+            (
+                name,
+                Number(found[name].recall(), "percent"),
+                Number(found[name].median_km()),
+                Number(found[name].median_solve_ms()),
+                Number(shallow[name].recall(), "percent"),
+            )
+            for name in names
+        ),
+    )
+
+    hot_pixels = {name: rows.of("disturbed: 50 hot pixels", name).recall() for name in names[:2]}
+    return Answer(
+        "H3",
+        CLAIMS["H3"],
+        (("on rendered frames", tests[0].outcome), ("on centroids", tests[2].outcome)),
+        BrightestRecalls(
+            found[who.BRIGHTEST_N].recall(),
+            found[who.ADAPTIVE].recall(),
+            shallow[who.BRIGHTEST_N].recall(),
+            shallow[who.ADAPTIVE].recall(),
+            hot_pixels[who.BRIGHTEST_N],
+            hot_pixels[who.ADAPTIVE],
+        ),
+        (table,),
+        tests,
+    )
+
+
+def h6(rows: Rows) -> Answer:
+    """Recall below 10 km against true identification."""
+    parts = (
+        ("rendered", PART, (who.BASELINE, who.ADAPTIVE, who.ADAPTIVE_ONE_STAR, who.LITERAL_ADAPTIVE)),
+        (CENTROIDS, CENTROIDS, (who.ADAPTIVE, *who.LITERAL)),
+    )
+    body: list[tuple[Cell, ...]] = []
+    tests = []
+    for title, part, names in parts:
+        for name in names:
+            found = rows.of(part, name)
+            lost = int(np.count_nonzero(found.identified & ~found.near))
+            lucky = int(np.count_nonzero(~found.identified & found.near))
+            body.append(
+                (
+                    f"{name}, {title}",
+                    Number(found.id_recall(), "percent"),
+                    Number(found.recall(), "percent"),
+                    str(lost),
+                    str(lucky),
+                    str(len(found)),
+                )
+            )
+            tests.append((f"{name}, {title}: identified against < 10 km", mcnemar_exact(found.identified, found.near)))
+    compared = family(tests)
+    table = Table(
+        "Identified, and within 10 km",
+        "rendered frames of all labels, centroid frames of all depths",
+        (
+            "variant",
+            "stars identified",
+            "error < 10 km",
+            "identified but ≥ 10 km",
+            "< 10 km but not identified",
+            "frames",
+        ),
+        tuple(body),
+        "Identified: more than half of the named stars are right; where one star is named, that star.",
+    )
+    letter = rows.of(CENTROIDS, who.LITERAL_ADAPTIVE)
+    own = next(one for one in compared if one.name.startswith(f"{who.LITERAL_ADAPTIVE}, centroids"))
+    return Answer(
+        "H6",
+        CLAIMS["H6"],
+        (("", _yes_if(any(one.outcome is not Outcome.NO_DIFFERENCE for one in compared))),),
+        TwoRecalls(letter.id_recall(), letter.recall(), own),
+        (table,),
+        compared,
+    )
