@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written stays under its final name."""
+"""Writing files: whole or absent under their final names, and never outside the folder that was asked for."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+
+from generator.errors import GeneratorError
 
 
 @contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path, prefix: str = "") -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success flush it to disk and rename it to `path`.
 
-    The temporary name keeps the final suffix, for writers that choose a format by it. On any error the temporary file is
-    removed and `path` is left as it was.
+    The folder is made if it is missing. On any error the temporary file is removed and `path` is left as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The final name.
+    prefix : str
+        Start of the temporary name, by which files of killed processes can be found; a dot and the stem of `path` unless
+        given. The temporary name keeps the suffix of `path`, for writers that choose a format by it.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=prefix or f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -31,6 +41,27 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write `data` to `path` atomically."""
+    """Write `data` to `path` atomically; the folder is made if it is missing."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def path_within(folder: Path, place: str) -> Path:
+    """Join a folder and a relative path with / between its parts, such that the result lies in the folder.
+
+    Every name that comes from a file of unknown origin goes through this function before anything is opened under it.
+    Links inside the folder are not resolved.
+
+    Raises
+    ------
+    GeneratorError
+        `place` is empty, absolute or not in its shortest form, has a part ``..``, or holds a backslash or a control
+        character.
+    """
+    relative = PurePosixPath(place)
+    shortest = str(relative) == place and place != "."
+    if not shortest or relative.is_absolute() or ".." in relative.parts or "\\" in place or not place.isprintable():
+        raise GeneratorError(
+            f"{folder}: the name {place!r} is not a plain relative path, so nothing is read or written"
+        )
+    return folder / place

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
-import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,20 +16,19 @@ from benchmark.errors import TaskError
 from benchmark.frames.dataset import Frame, read_frames
 from benchmark.protocol import Observation
 from benchmark.tasks.definition import SplitName, Task, Told
+from generator.dataset.archive import read_frames as read_archive
 from generator.dataset.layout import DatasetSpec, Shard
-from generator.dataset.reader import LARGEST_MEMBER_BYTES
 from generator.dataset.run import open_dataset_target, run_shards
 from generator.dataset.shard import read_receipt
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
-from generator.files import write_bytes
+from generator.files import path_within, write_bytes
 from generator.scenario.file import Scenario
 from generator.seeds import random_stream
 
 SHARD_FRAMES = 10
 UNPACKED = "unpacked"
 UNKNOWN_HEADING_DEG = 180.0
-_MEMBER = re.compile(r"frame-[0-9]{5,8}\.(png|json)")
 
 
 @dataclass(frozen=True)
@@ -133,17 +130,17 @@ def wanted_shards(scenario: Scenario, per_condition: int, split: SplitName) -> l
 def _unpack(archive_path: Path, folder: Path, again: bool) -> None:
     """Put a shard's images and records beside each other, where programs can read them."""
     try:
-        with tarfile.open(archive_path, "r:") as archive:
-            for member in archive:
-                stream = archive.extractfile(member) if member.isfile() else None
-                if stream is None or not _MEMBER.fullmatch(member.name) or member.size > LARGEST_MEMBER_BYTES:
-                    raise TaskError(f"{archive_path}: has a member that no shard has: {member.name}")
-                path = folder / member.name
+        for frame in read_archive(archive_path):
+            for suffix in ("png", "json"):
+                path = path_within(folder, f"{frame.frame_id}.{suffix}")
                 if again or not path.is_file():
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    write_bytes(path, stream.read())
-    except (tarfile.TarError, OSError) as error:
-        raise TaskError(f"{archive_path}: damaged ({error}); delete it and run the same command again") from error
+                    write_bytes(path, frame.members[suffix])
+    except KeyError as error:
+        raise TaskError(
+            f"{archive_path}: {frame.frame_id} has no {error}; delete it and run the same command again"
+        ) from error
+    except (GeneratorError, OSError) as error:
+        raise TaskError(f"{error}; delete {archive_path} and run the same command again") from error
 
 
 def _graded(task: Task, split: SplitName, frames: list[Frame]) -> list[Frame]:

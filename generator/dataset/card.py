@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import vl_convert
 from numpy.typing import NDArray
 
 from generator import __version__
+from generator.dataset.archive import read_member
 from generator.dataset.images import decode
 from generator.dataset.layout import CARD, FIGURES, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
@@ -73,10 +73,8 @@ def _samples(shards: list[Shard], frames: pd.DataFrame, reach: Callable[[str], P
     pictures = []
     for row in rows:
         frame = frames.iloc[row]
-        with tarfile.open(reach(archives[frame["shard"]]), "r:") as archive:
-            member = archive.extractfile(frame["image"])
-            assert member is not None, "a shard holds every image that its table names"
-            pictures.append(decode(member.read(), Path(frame["image"]).suffix[1:]))
+        image = read_member(reach(archives[frame["shard"]]), frame["image"])
+        pictures.append(decode(image, Path(frame["image"]).suffix[1:]))
     return pictures
 
 

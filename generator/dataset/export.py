@@ -16,10 +16,11 @@ from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from astropy.wcs.utils import fit_wcs_from_points
 
+from generator.dataset.archive import StoredFrame
 from generator.dataset.images import decode
-from generator.dataset.reader import Dataset, StoredFrame
+from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
-from generator.files import atomic_path, write_bytes
+from generator.files import atomic_path, path_within, write_bytes
 from generator.frame.render import png_bytes
 
 SIP_DEGREE = 3
@@ -41,10 +42,10 @@ def export_files(dataset: Dataset, out: Path, progress: Progress) -> None:
     """Write every member of the shards as a file, and each table as one Parquet file."""
     for frame in dataset.stored_frames():
         for suffix, data in frame.members.items():
-            write_bytes(out / f"{frame.frame_id}.{suffix}", data)
+            write_bytes(path_within(out, f"{frame.frame_id}.{suffix}"), data)
         progress(frame.frame_id)
     for name, table in (("frames", dataset.frames()), ("stars", dataset.stars()), ("objects", dataset.objects())):
-        with atomic_path(out / f"{name}.parquet") as temporary:
+        with atomic_path(path_within(out, f"{name}.parquet")) as temporary:
             table.to_pandas().to_parquet(temporary)
 
 
@@ -116,7 +117,7 @@ def export_fits(dataset: Dataset, out: Path, progress: Progress) -> None:
         rows = stars.get(record["index"])
         header.update(_world_coordinates(rows, record["camera"]))
         image = decode(frame.members[dataset.manifest.codec], dataset.manifest.codec)
-        with atomic_path(out / f"{frame.frame_id}.fits") as temporary:
+        with atomic_path(path_within(out, f"{frame.frame_id}.fits")) as temporary:
             # FITS counts lines from the bottom; the image is stored as it is, top line first, and the system fits it so.
             fits.PrimaryHDU(image, header).writeto(temporary, overwrite=True)
         progress(frame.frame_id)
@@ -168,8 +169,8 @@ def export_withheld(dataset: Dataset, out: Path, progress: Progress) -> None:
         public["time"] = {key: record["time"][key] for key in PUBLIC_TIME_KEYS}
         public["atmosphere"] = {key: record["atmosphere"][key] for key in PUBLIC_AIR_KEYS}
         image = png_bytes(decode(frame.members[dataset.manifest.codec], dataset.manifest.codec))
-        write_bytes(out / f"{name}.png", image)
-        write_bytes(out / f"{name}.json", (json.dumps(public, indent=1) + "\n").encode())
+        write_bytes(path_within(out, f"{name}.png"), image)
+        write_bytes(path_within(out, f"{name}.json"), (json.dumps(public, indent=1) + "\n").encode())
         entries.append({"frame_id": name, "sha256": hashlib.sha256(image).hexdigest()})
         progress(frame.frame_id)
     listing = sorted(entries, key=lambda entry: entry["frame_id"])
@@ -183,7 +184,7 @@ def withheld_name(scenario_sha256: str, index: int) -> str:
 
 def _write_png(out: Path, frame: StoredFrame, codec: str) -> None:
     data = frame.members[codec]
-    write_bytes(out / f"{frame.frame_id}.png", data if codec == "png" else png_bytes(decode(data, codec)))
+    write_bytes(path_within(out, f"{frame.frame_id}.png"), data if codec == "png" else png_bytes(decode(data, codec)))
 
 
 EXPORTS: dict[str, Callable[[Dataset, Path, Progress], None]] = {

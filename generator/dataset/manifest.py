@@ -11,7 +11,7 @@ from generator import __version__
 from generator.dataset.layout import MANIFEST, DatasetSpec
 from generator.dataset.shard import StoredFile
 from generator.errors import GeneratorError
-from generator.files import write_bytes
+from generator.files import path_within, write_bytes
 from generator.scenario.file import Scenario
 
 FORMAT = "skybench-dataset/1"
@@ -78,7 +78,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     GeneratorError
-        It is missing (an unfinished run), or not a manifest.
+        It is missing (an unfinished run), is not a manifest, or names a file outside the dataset.
     """
     path = folder / MANIFEST
     try:
@@ -96,6 +96,5 @@ def read_manifest(folder: Path) -> Manifest:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
     for file in manifest.files:
-        if Path(file.path).is_absolute() or ".." in Path(file.path).parts:
-            raise GeneratorError(f"{path}: names a file outside the dataset: {file.path}")
+        path_within(folder, file.path)
     return manifest

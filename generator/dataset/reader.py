@@ -1,8 +1,7 @@
-"""Reading datasets back: tables, and the members of the shards."""
+"""Reading finished datasets: the tables, and the frames in the shards."""
 
 from __future__ import annotations
 
-import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,21 +9,12 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from generator.dataset.archive import StoredFrame, read_frames
 from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.errors import GeneratorError
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
-
-LARGEST_MEMBER_BYTES = 2_000_000_000
-
-
-@dataclass(frozen=True)
-class StoredFrame:
-    """One frame as it is stored: its name, and its members' bytes by suffix (``png``, ``json``, …)."""
-
-    frame_id: str
-    members: dict[str, bytes]
 
 
 @dataclass(frozen=True)
@@ -61,30 +51,10 @@ class Dataset:
         Raises
         ------
         GeneratorError
-            An archive is damaged, or a member larger than any image.
+            An archive is damaged, or has a member that the format does not allow.
         """
         for path in self.paths("data"):
-            try:
-                with tarfile.open(path, "r:") as archive:
-                    yield from _grouped(archive, path)
-            except (tarfile.TarError, OSError) as error:
-                raise GeneratorError(f"{path}: damaged ({error}); run `skybench verify`") from error
-
-
-def _grouped(archive: tarfile.TarFile, path: Path) -> Iterator[StoredFrame]:
-    current: StoredFrame | None = None
-    for member in archive:
-        stem, _, suffix = member.name.partition(".")
-        stream = archive.extractfile(member) if member.isfile() and member.size <= LARGEST_MEMBER_BYTES else None
-        if stream is None:
-            raise GeneratorError(f"{path}: has a member that no dataset has: {member.name}")
-        if current is None or current.frame_id != stem:
-            if current is not None:
-                yield current
-            current = StoredFrame(stem, {})
-        current.members[suffix] = stream.read()
-    if current is not None:
-        yield current
+            yield from read_frames(path)
 
 
 def _read(paths: list[Path], schema: pa.Schema) -> pa.Table:

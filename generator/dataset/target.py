@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import secrets
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from generator.errors import GeneratorError
+from generator.files import atomic_path, path_within
 
 INCOMING_PREFIX = ".incoming-"
 
@@ -53,30 +53,27 @@ class LocalTarget:
     def read(self, place: str) -> bytes | None:
         """Contents of a file, or None."""
         try:
-            return (self.folder / place).read_bytes()
+            return path_within(self.folder, place).read_bytes()
         except (FileNotFoundError, NotADirectoryError):
             return None
 
     def size(self, place: str) -> int | None:
         """Size of a file, or None."""
-        path = self.folder / place
+        path = path_within(self.folder, place)
         return path.stat().st_size if path.is_file() else None
 
     def put(self, local: Path, place: str) -> None:
         """Move a file here, from the same file system or another."""
-        path = self.folder / place
-        path.parent.mkdir(parents=True, exist_ok=True)
-        waiting = path.with_name(f"{INCOMING_PREFIX}{secrets.token_hex(8)}")
-        shutil.move(local, waiting)
-        waiting.replace(path)
+        with atomic_path(path_within(self.folder, place), prefix=INCOMING_PREFIX) as waiting:
+            shutil.move(local, waiting)
 
     def remove(self, place: str) -> None:
         """Remove a file."""
-        (self.folder / place).unlink(missing_ok=True)
+        path_within(self.folder, place).unlink(missing_ok=True)
 
     def fetch(self, place: str, scratch: Path) -> Path:
         """The file itself."""
-        return self.folder / place
+        return path_within(self.folder, place)
 
     def listing(self) -> list[str]:
         """Names at the root."""
@@ -134,7 +131,7 @@ class RemoteTarget:
 
     def fetch(self, place: str, scratch: Path) -> Path:
         """Download an object, once."""
-        local = scratch / place
+        local = path_within(scratch, place)
         if not local.exists():
             local.parent.mkdir(parents=True, exist_ok=True)
             system, path = self._open(place)

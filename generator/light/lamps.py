@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.csv_table import CsvError, read_csv
 from generator.errors import DataFileError
 from generator.light.photometry import BESSELL_V, GRID_NM
 
 Floats = NDArray[np.float64]
 
 LAMPS_PATH = Path(__file__).parents[1] / "data" / "lamps.csv"
+MOST_WAVELENGTHS = 10_000
 
 LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
 """Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""
@@ -60,14 +61,13 @@ class City:
 def lamp_spectra() -> dict[str, Floats]:
     """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero outside the tables' 380 to 780 nm."""
     try:
-        with LAMPS_PATH.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-        wavelength = np.array([float(row["wavelength_nm"]) for row in rows])
-        power = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "wavelength_nm"}
-    except (OSError, KeyError, ValueError, IndexError) as error:
-        raise DataFileError(f"{LAMPS_PATH}: not a table of lamp spectra ({error}); reinstall skybench") from error
+        table = read_csv(LAMPS_PATH, str(LAMPS_PATH), least_rows=2, most_rows=MOST_WAVELENGTHS, increasing=True)
+    except CsvError as error:
+        raise DataFileError(f"not a table of lamp spectra: {error}; reinstall skybench") from error
+    wavelength, *powers = table.values.T
     photons = {
-        name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0) for name, watts in power.items()
+        name: np.interp(GRID_NM, wavelength, watts * wavelength, left=0, right=0)
+        for name, watts in zip(table.columns[1:], powers, strict=True)
     }
     return {name: spectrum / BESSELL_V.mean(GRID_NM, spectrum) for name, spectrum in photons.items()}
 

@@ -9,12 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.csv_table import CsvError, read_csv
 from generator.scenario.motion_spec import MotionSpec
 from generator.scenario.strict import InputFile
 
 Floats = NDArray[np.float64]
 
+LOG_COLUMNS = ("t", "wx", "wy", "wz")
+"""Time from the start of the exposure, s, and body rates, deg/s."""
 LARGEST_LOG_ROWS = 2_000_000
+"""An hour, the longest exposure, at 555 Hz."""
 
 
 class MotionError(ValueError):
@@ -47,16 +51,10 @@ def read_gyro_log(file: InputFile) -> Floats:
     MotionError
         Not such a table, or its times do not increase.
     """
-    text = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
-    header = [name.strip() for name in text[0].split(",")] if text else []
-    if header != ["t", "wx", "wy", "wz"] or not 3 <= len(text) <= LARGEST_LOG_ROWS:
-        raise MotionError(
-            f"motion.gyro_log: '{file.path}' has the columns {header}, expected t, wx, wy, wz and 2 rows or more"
-        )
     try:
-        log = np.array([[float(cell) for cell in line.split(",")] for line in text[1:] if line.strip()])
-    except ValueError as error:
-        raise MotionError(f"motion.gyro_log: '{file.path}' holds something that is not a number ({error})") from error
-    if log.ndim != 2 or log.shape[1] != 4 or not np.isfinite(log).all() or (np.diff(log[:, 0]) <= 0).any():
-        raise MotionError(f"motion.gyro_log: '{file.path}': needs four finite numbers per row and increasing times")
-    return log
+        table = read_csv(
+            Path(file.location), file.path, LOG_COLUMNS, least_rows=2, most_rows=LARGEST_LOG_ROWS, increasing=True
+        )
+    except CsvError as error:
+        raise MotionError(f"motion.gyro_log: {error}") from error
+    return table.values

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.csv_table import CsvError, read_csv
 from generator.scenario.strict import InputFile
 
+PROFILE_COLUMNS = ("azimuth_deg", "elevation_deg")
 LARGEST_ROWS = 100_000
+"""One every 0.0036 deg, 13 arcsec."""
 
 
 class ProfileError(ValueError):
@@ -26,23 +29,22 @@ def read_profile(file: InputFile) -> NDArray[np.float64]:
     ProfileError
         Another header, a value out of range, or azimuths that do not increase.
     """
-    lines = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
-    header = [name.strip() for name in lines[0].split(",")] if lines else []
-    if header != ["azimuth_deg", "elevation_deg"] or not 2 <= len(lines) <= LARGEST_ROWS:
-        raise ProfileError(
-            f"found '{file.path}' with the columns {header}, expected azimuth_deg, elevation_deg and some rows"
-        )
     try:
-        rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:] if line.strip()])
-    except ValueError as error:
-        raise ProfileError(f"found '{file.path}', which holds something that is not a number ({error})") from error
-    if rows.ndim != 2 or rows.shape[1] != 2 or not np.isfinite(rows).all():
-        raise ProfileError(f"found '{file.path}', which needs two finite numbers per row")
-    if (np.diff(rows[:, 0]) <= 0).any() or rows[0, 0] < 0 or rows[-1, 0] > 360:
-        raise ProfileError(f"found '{file.path}', whose azimuths do not increase from 0 to 360")
-    if (np.abs(rows[:, 1]) >= 90).any():
-        raise ProfileError(f"found '{file.path}', whose elevations leave -90 to 90 deg")
-    return rows
+        table = read_csv(
+            Path(file.location), file.path, PROFILE_COLUMNS, least_rows=1, most_rows=LARGEST_ROWS, increasing=True
+        )
+    except CsvError as error:
+        raise ProfileError(str(error)) from error
+    azimuth, elevation = table.values.T
+    if azimuth[0] < 0 or azimuth[-1] > 360:
+        raise ProfileError(
+            f"'{file.path}': found azimuths from {azimuth[0]:g} to {azimuth[-1]:g} deg, expected 0 to 360"
+        )
+    if (np.abs(elevation) >= 90).any():
+        raise ProfileError(
+            f"'{file.path}': found elevations that reach the zenith or the nadir, expected -90 to 90 deg"
+        )
+    return table.values
 
 
 def elevation_deg(profile: NDArray[np.float64], azimuth_deg: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import stat
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,8 @@ from pydantic import (
     Field,
     ValidationInfo,
 )
+
+from generator.csv_table import read_csv
 
 LARGEST_INPUT_BYTES = 200_000_000
 
@@ -83,7 +86,10 @@ def _opened(value: object, info: ValidationInfo) -> object:
     if Path(value).is_absolute() or not location.is_relative_to(folder):
         raise ValueError(f"found {value!r}, which leaves the scenario's folder")
     try:
-        size = location.stat().st_size
+        state = location.stat()
+        size = state.st_size
+        if not stat.S_ISREG(state.st_mode):
+            raise ValueError(f"found {value!r}, which cannot be read (not a regular file)")
         if size > LARGEST_INPUT_BYTES:
             raise ValueError(f"found {value!r}, {size} bytes; at most {LARGEST_INPUT_BYTES} are read")
         digest = hashlib.sha256(location.read_bytes()).hexdigest()
@@ -98,7 +104,9 @@ def _opened(value: object, info: ValidationInfo) -> object:
 File = Annotated[InputFile, BeforeValidator(_opened)]
 """A file name in a scenario. Validation looks for it in the context's ``folder`` and adds it to the context's ``files``."""
 
-CURVE_COLUMNS = ["wavelength_nm", "quantum_efficiency"]
+CURVE_COLUMNS = ("wavelength_nm", "quantum_efficiency")
+MOST_CURVE_POINTS = 2000
+"""One every 1.5 nm over the widest range."""
 
 
 def _named_curve(value: object, info: ValidationInfo) -> object:
@@ -117,14 +125,8 @@ def _curve_from_file(name: str, info: ValidationInfo) -> tuple[tuple[float, ...]
     """Points of a curve in a CSV file with the columns CURVE_COLUMNS."""
     file = _opened(name, info)
     assert isinstance(file, InputFile)
-    lines = Path(file.location).read_text(encoding="utf-8", errors="replace").splitlines()
-    header = [column.strip() for column in lines[0].split(",")] if lines else []
-    if header != CURVE_COLUMNS:
-        raise ValueError(f"found '{name}' with the columns {header}, expected {', '.join(CURVE_COLUMNS)}")
-    try:
-        return tuple(tuple(float(cell) for cell in line.split(",")) for line in lines[1:] if line.strip())
-    except ValueError as error:
-        raise ValueError(f"found '{name}', which holds something that is not a number ({error})") from error
+    table = read_csv(Path(file.location), name, CURVE_COLUMNS, least_rows=2, most_rows=MOST_CURVE_POINTS)
+    return tuple(tuple(row) for row in table.values.tolist())
 
 
 def increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -136,7 +138,7 @@ def increasing(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
 
 Curve = Annotated[
     tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
-    Field(min_length=2, max_length=2000),
+    Field(min_length=2, max_length=MOST_CURVE_POINTS),
     AfterValidator(increasing),
     BeforeValidator(_named_curve),
 ]

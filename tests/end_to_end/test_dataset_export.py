@@ -1,6 +1,10 @@
 """`skybench export`: plain files, COCO, FITS with a world coordinate system, and a copy that gives nothing away."""
 
+import hashlib
+import io
 import json
+import shutil
+import tarfile
 import warnings
 from pathlib import Path
 
@@ -15,10 +19,11 @@ from astropy.wcs import WCS
 from PIL import Image
 from small_scenes import BASE
 
-from generator.dataset.export import export, withheld_name
+from generator.dataset.export import EXPORTS, export, withheld_name
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
+from generator.dataset.verify import problems
 from generator.errors import GeneratorError
 from generator.scenario.file import parse_scenario
 
@@ -112,3 +117,38 @@ def test_refusals(dataset, tmp_path) -> None:
         export(dataset, "files", tmp_path / "full")
     with pytest.raises(GeneratorError, match=r"manifest\.json: missing"):
         export(tmp_path, "files", tmp_path / "out")
+
+
+def with_another_name(dataset: Path, folder: Path, name: str) -> Path:
+    """A copy of a dataset whose first frame's members are called `name` in the archive, its manifest brought in line."""
+    shutil.copytree(dataset, folder)
+    path = folder / "data/train/shard-000000.tar"
+    with tarfile.open(path) as archive:
+        stored = [(member.name, archive.extractfile(member).read()) for member in archive]
+    with tarfile.open(path, "w") as archive:
+        for old, data in stored:
+            member = tarfile.TarInfo(old.replace("frame-00000", name))
+            member.size = len(data)
+            archive.addfile(member, io.BytesIO(data))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for entry in manifest["files"]:
+        if entry["path"] == "data/train/shard-000000.tar":
+            entry["bytes"], entry["sha256"] = path.stat().st_size, hashlib.sha256(path.read_bytes()).hexdigest()
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+@pytest.mark.parametrize("kind", EXPORTS)
+@pytest.mark.parametrize("way_out", ["absolute", "upwards"])
+def test_no_member_s_name_leads_out_of_the_folder(dataset, tmp_path, kind, way_out) -> None:
+    """A stranger's dataset, whole by its own manifest, writes nothing outside of --out, and `verify` names it."""
+    name = str(tmp_path / "victim") if way_out == "absolute" else "../victim"
+    hostile = with_another_name(dataset, tmp_path / "set", name)
+    before = {path for path in tmp_path.rglob("*") if not path.is_relative_to(tmp_path / "out")}
+    with pytest.raises(
+        GeneratorError, match=r"shard-000000\.tar: its member .*victim.* is not named like a frame's file"
+    ):
+        export(hostile, kind, tmp_path / "out")
+    assert {path for path in tmp_path.rglob("*") if not path.is_relative_to(tmp_path / "out")} == before
+    (problem,) = problems(hostile)
+    assert "is not named like a frame's file" in problem

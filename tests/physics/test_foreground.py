@@ -159,8 +159,11 @@ def test_bad_foregrounds_are_refused(tmp_path) -> None:
     (tmp_path / "astray.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     (tmp_path / "points.obj").write_text("v 0 0 0\n")
     cases = [
-        ({"horizon": {"file": "columns.csv"}}, ["foreground.horizon", "azimuth_deg"]),
-        ({"horizon": {"file": "falling.csv"}}, ["foreground.horizon", "do not increase"]),
+        ({"horizon": {"file": "columns.csv"}}, ["foreground.horizon", "line 1", "columns az, el", "azimuth_deg"]),
+        (
+            {"horizon": {"file": "falling.csv"}},
+            ["foreground.horizon", "line 3", "column azimuth_deg", "found 5 after 10"],
+        ),
         ({"shapes": [{"file": "/etc/passwd"}]}, ["foreground.shapes.0.file", "leaves the scenario's folder"]),
         ({"shapes": [{"file": "none.ply"}]}, ["foreground.shapes.0.file", "cannot be read"]),
         ({"shapes": [{"file": "columns.csv"}]}, ["foreground.shapes.0.file", ".ply or .obj"]),

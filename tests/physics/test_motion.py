@@ -243,7 +243,7 @@ def test_bad_motion_is_refused(tmp_path) -> None:
     cases = [
         ({"gyro_log": "short.csv"}, ["motion.gyro_log", "covers 0 to 0.3 s", "open from 0 to 0.5 s"]),
         ({"gyro_log": "columns.csv"}, ["motion.gyro_log", "t, wx, wy, wz"]),
-        ({"gyro_log": "falling.csv"}, ["motion.gyro_log", "increasing times"]),
+        ({"gyro_log": "falling.csv"}, ["motion.gyro_log", "line 4", "column t", "values that increase"]),
         ({"gyro_log": "none.csv"}, ["motion.gyro_log", "cannot be read"]),
         ({"vibration": fast}, ["motion.samples", "32", "400 Hz"]),
         ({"vibration": falling}, ["motion.vibration.0", "frequencies must increase"]),

@@ -1,7 +1,6 @@
 """What `skybench show` draws from: a dataset in shards, or a folder that `skybench render` wrote."""
 
 import json
-import tarfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,10 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from generator.dataset.archive import read_member
 from generator.dataset.frame_columns import frame_row
 from generator.dataset.images import decode
 from generator.dataset.layout import MANIFEST
-from generator.dataset.reader import LARGEST_MEMBER_BYTES, Dataset
+from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
 from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
@@ -97,12 +97,9 @@ class ShardSource:
         """DN of a frame."""
         row = self.frames.iloc[position]
         path = self._file("data", str(row["shard"]))
-        with _damage_named(path), tarfile.open(path, "r:") as archive:
-            member = archive.getmember(str(row["image"]))
-            stream = archive.extractfile(member) if member.isfile() and member.size <= LARGEST_MEMBER_BYTES else None
-            if stream is None:
-                raise ValueError(f"{member.name} is no image")
-            return decode(stream.read(), self.dataset.manifest.codec)
+        image = read_member(path, str(row["image"]))
+        with _damage_named(path):
+            return decode(image, self.dataset.manifest.codec)
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
@@ -189,7 +186,7 @@ def _damage_named(path: Path) -> Iterator[None]:
     """Whatever reading a file from others can raise, as one line with the file's name."""
     try:
         yield
-    except (OSError, ValueError, KeyError, TypeError, SyntaxError, tarfile.TarError, pa.ArrowException) as error:
+    except (OSError, ValueError, KeyError, TypeError, SyntaxError, pa.ArrowException) as error:
         raise GeneratorError(f"{path}: cannot be read ({type(error).__name__}: {error}); make it again") from error
 
 

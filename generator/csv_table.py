@@ -1,0 +1,126 @@
+"""The one reader of the generator's CSV files: numbers under named columns, bounded in size, errors that name the place."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LARGEST_ROW_BYTES = 1024
+"""On average over a file; 64 columns of full double precision take less."""
+COMMENT = "#"
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+class CsvError(ValueError):
+    """The file is not such a table; the message names the file, the line, the column, what was found and what is expected."""
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A table of finite numbers.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    values : (rows, columns) array
+    """
+
+    columns: tuple[str, ...]
+    values: Floats
+
+
+def read_csv(
+    path: Path,
+    name: str,
+    columns: Sequence[str] | None = None,
+    *,
+    least_rows: int = 1,
+    most_rows: int,
+    increasing: bool = False,
+) -> CsvTable:
+    """Read a comma-separated table: UTF-8, one header line, then one line per row; blank lines are skipped.
+
+    Lines in front of the header may be comments that start with #.
+
+    Parameters
+    ----------
+    path : Path
+        A regular file.
+    name : str
+        How messages name it.
+    columns : sequence of str, optional
+        The columns that it must have, in order; any unless given.
+    least_rows, most_rows : int
+        Rows that it may have.
+    increasing : bool
+        Whether the first column must increase from row to row.
+
+    Raises
+    ------
+    CsvError
+        The file cannot be read or is not such a table.
+    """
+    lines = _lines(path, name, most_rows)
+    number, header = next(lines, (1, ""))
+    found = tuple(cell.strip() for cell in header.split(","))
+    if columns is not None and found != tuple(columns):
+        raise CsvError(f"'{name}', line {number}: found the columns {', '.join(found)}, expected {', '.join(columns)}")
+    rows = list(lines)
+    if not least_rows <= len(rows) <= most_rows:
+        raise CsvError(f"'{name}': found {len(rows)} rows of numbers, expected {least_rows} to {most_rows}")
+    try:
+        values = np.loadtxt([line for _, line in rows], delimiter=",", comments=None, ndmin=2)
+    except ValueError as error:
+        raise _fault(name, rows, found) or CsvError(f"'{name}': {error}") from error
+    if values.shape[1] != len(found) or not np.isfinite(values).all():
+        raise _fault(name, rows, found) or CsvError(f"'{name}': holds something that is not a finite number")
+    if increasing:
+        falling = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+        if len(falling):
+            before, after = values[falling[0], 0], values[falling[0] + 1, 0]
+            raise CsvError(
+                f"'{name}', line {rows[falling[0] + 1][0]}, column {found[0]}: found {after:g} after {before:g}, "
+                "expected values that increase"
+            )
+    return CsvTable(found, values)
+
+
+def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
+    """Lines that are neither blank nor leading comments, with their numbers from 1."""
+    limit = LARGEST_ROW_BYTES * (most_rows + 1)
+    try:
+        if not path.is_file():
+            raise CsvError(f"'{name}': not a regular file")
+        if path.stat().st_size > limit:
+            raise CsvError(f"'{name}': found {path.stat().st_size} bytes, expected at most {limit}")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise CsvError(f"'{name}': cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise CsvError(f"'{name}': not UTF-8 text ({error.reason} at byte {error.start})") from error
+    header_seen = False
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.strip() and (header_seen or not line.startswith(COMMENT)):
+            header_seen = True
+            yield number, line
+
+
+def _fault(name: str, rows: Sequence[tuple[int, str]], columns: tuple[str, ...]) -> CsvError | None:
+    """The first cell that is not a finite number, or the first row of another length."""
+    for number, line in rows:
+        cells = line.split(",")
+        if len(cells) != len(columns):
+            return CsvError(f"'{name}', line {number}: found {len(cells)} cells, expected {len(columns)}")
+        for column, cell in zip(columns, cells, strict=True):
+            if not _NUMBER.fullmatch(cell.strip()) or not math.isfinite(float(cell)):
+                short = cell.strip()[:40]
+                return CsvError(f"'{name}', line {number}, column {column}: found {short!r}, expected a finite number")
+    return None

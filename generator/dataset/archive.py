@@ -1,0 +1,111 @@
+"""The one reader of a dataset's archives: names and sizes are checked against the format before any byte is used."""
+
+from __future__ import annotations
+
+import re
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from generator.errors import GeneratorError
+
+LARGEST_MEMBER_BYTES = 2_000_000_000
+"""More than an image of the largest frame (16384 x 16384 pixels) and all its channels of expected electrons take."""
+SUFFIXES = ("png", "jxl", "json", "exr", "developed.png", "hud.png")
+"""Members that a frame may have, in no order."""
+_MEMBER = re.compile(rf"(frame-\d{{5,8}})\.({'|'.join(re.escape(suffix) for suffix in SUFFIXES)})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """One frame as stored.
+
+    Attributes
+    ----------
+    frame_id : str
+        ``frame-`` and five to eight digits, safe as a file name.
+    members : dict of str to bytes
+        Contents by suffix, one of SUFFIXES.
+    """
+
+    frame_id: str
+    members: dict[str, bytes]
+
+
+def read_frames(path: Path) -> Iterator[StoredFrame]:
+    """All frames of an archive, in order, one at a time.
+
+    Raises
+    ------
+    GeneratorError
+        The archive is damaged, or has a member that docs/dataset_format.md does not allow: another name, no regular file,
+        larger than LARGEST_MEMBER_BYTES or than the archive itself, given twice, or a frame out of order.
+    """
+    with _opened(path) as archive:
+        current = StoredFrame("", {})
+        for member in archive:
+            frame_id, suffix = _checked(path, member)
+            if frame_id != current.frame_id:
+                if (len(frame_id), frame_id) < (len(current.frame_id), current.frame_id):
+                    raise _refused(path, member, f"comes after {current.frame_id}")
+                if current.members:
+                    yield current
+                current = StoredFrame(frame_id, {})
+            if suffix in current.members:
+                raise _refused(path, member, "is stored twice")
+            current.members[suffix] = _content(archive, member)
+        if current.members:
+            yield current
+
+
+def read_member(path: Path, name: str) -> bytes:
+    """Contents of one member of an archive.
+
+    Raises
+    ------
+    GeneratorError
+        The archive is damaged, has no such member, or the format does not allow it (see :func:`read_frames`).
+    """
+    with _opened(path) as archive:
+        for member in archive:
+            if member.name == name:
+                _checked(path, member)
+                return _content(archive, member)
+    raise GeneratorError(f"{path}: has no member {name!r}; run `skybench verify`")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tarfile.TarFile]:
+    try:
+        with tarfile.open(path, "r:") as archive:
+            yield archive
+    except (tarfile.TarError, OSError, EOFError, ValueError, OverflowError) as error:
+        raise GeneratorError(f"{path}: damaged ({error}); run `skybench verify`") from error
+
+
+def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
+    """Frame and suffix of a member that the format allows."""
+    match = _MEMBER.fullmatch(member.name)
+    if match is None:
+        raise _refused(path, member, "is not named like a frame's file")
+    if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
+        raise _refused(path, member, "is not a regular file")
+    if member.size > min(LARGEST_MEMBER_BYTES, path.stat().st_size):
+        raise _refused(path, member, f"claims {member.size} bytes")
+    return match[1], match[2]
+
+
+def _refused(path: Path, member: tarfile.TarInfo, problem: str) -> GeneratorError:
+    return GeneratorError(
+        f"{path}: its member {member.name[:100]!r} {problem}, which docs/dataset_format.md does not allow; "
+        "nothing of it is used. Get the dataset anew from whoever made it"
+    )
+
+
+def _content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    stream = archive.extractfile(member)
+    if stream is None:
+        raise tarfile.ReadError(f"{member.name} has no content")
+    return stream.read()

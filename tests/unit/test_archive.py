@@ -1,0 +1,111 @@
+"""The reader of shards: what the format does not allow is refused with the archive and the member named."""
+
+import io
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from generator.dataset.archive import StoredFrame, read_frames, read_member
+from generator.errors import GeneratorError
+
+
+def archive_of(
+    path: Path, *members: tuple[str, bytes], change: Callable[[tarfile.TarInfo], None] = lambda member: None
+) -> Path:
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as archive:
+        for name, data in members:
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            change(member)
+            archive.addfile(member, io.BytesIO(data))
+    return path
+
+
+def test_frames_come_in_order_with_all_their_members(tmp_path) -> None:
+    path = archive_of(
+        tmp_path / "a.tar",
+        ("frame-00009.png", b"p"), ("frame-00009.json", b"j"), ("frame-00009.developed.png", b"d"), ("frame-99999.jxl", b"x"),
+        ("frame-100000.exr", b"e"),
+    )  # fmt: skip
+    assert list(read_frames(path)) == [
+        StoredFrame("frame-00009", {"png": b"p", "json": b"j", "developed.png": b"d"}),
+        StoredFrame("frame-99999", {"jxl": b"x"}),
+        StoredFrame("frame-100000", {"exr": b"e"}),
+    ]
+    assert read_member(path, "frame-00009.developed.png") == b"d"
+
+
+def test_an_empty_archive_has_no_frames(tmp_path) -> None:
+    assert list(read_frames(archive_of(tmp_path / "a.tar"))) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["/tmp/frame-00000.png", "../frame-00000.png", "frame-00000./../../x.png", "frame-00000.png/../../x", "frame-0000.png",
+     "frame-00000.sh", "frame-00000", ".bashrc", "frame-00000.png\n", "frame-٠٠٠٠٠.png", "data/frame-00000.png"],
+)  # fmt: skip
+def test_other_names_are_refused(tmp_path, name) -> None:
+    path = archive_of(tmp_path / "a.tar", (name, b"x"))
+    with pytest.raises(GeneratorError, match=r"a\.tar: its member .* is not named like a frame's file"):
+        list(read_frames(path))
+    with pytest.raises(GeneratorError, match="is not named like a frame's file"):
+        read_member(path, name)
+
+
+@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.DIRTYPE, tarfile.FIFOTYPE, tarfile.CHRTYPE])
+def test_links_folders_and_devices_are_refused(tmp_path, kind) -> None:
+    def change(member: tarfile.TarInfo) -> None:
+        member.type, member.linkname = kind, "/etc/passwd"
+
+    path = archive_of(tmp_path / "a.tar", ("frame-00000.png", b""), change=change)
+    with pytest.raises(GeneratorError, match="is not a regular file"):
+        list(read_frames(path))
+
+
+def test_a_sparse_member_is_refused_before_it_fills_the_memory(tmp_path) -> None:
+    """10 KB that claim 5 GB of zeros, in GNU's format of the POSIX archive."""
+
+    def change(member: tarfile.TarInfo) -> None:
+        member.pax_headers = {"GNU.sparse.map": "0,1", "GNU.sparse.size": "5000000000", "GNU.sparse.numblocks": "1"}
+
+    path = archive_of(tmp_path / "a.tar", ("frame-00000.png", b"x"), change=change)
+    with tarfile.open(path) as archive:
+        assert archive.getmembers()[0].issparse()
+    with pytest.raises(GeneratorError, match="is not a regular file"):
+        list(read_frames(path))
+
+
+def test_a_member_larger_than_its_archive_is_refused(tmp_path) -> None:
+    path = tmp_path / "a.tar"
+    member = tarfile.TarInfo("frame-00000.png")
+    member.size = 1_000_000_000
+    path.write_bytes(member.tobuf() + bytes(1024))
+    with pytest.raises(GeneratorError, match="claims 1000000000 bytes"):
+        list(read_frames(path))
+
+
+@pytest.mark.parametrize(
+    ("names", "problem"),
+    [
+        (("frame-00000.png", "frame-00000.png"), "is stored twice"),
+        (("frame-00001.png", "frame-00000.png"), "comes after frame-00001"),
+        (("frame-00000.png", "frame-00001.png", "frame-00000.json"), "comes after frame-00001"),
+    ],
+)
+def test_members_twice_or_out_of_order_are_refused(tmp_path, names, problem) -> None:
+    path = archive_of(tmp_path / "a.tar", *((name, b"x") for name in names))
+    with pytest.raises(GeneratorError, match=problem):
+        list(read_frames(path))
+
+
+def test_damage_and_missing_members_are_named(tmp_path) -> None:
+    (tmp_path / "a.tar").write_bytes(b"no archive")
+    with pytest.raises(GeneratorError, match=r"a\.tar: damaged"):
+        list(read_frames(tmp_path / "a.tar"))
+    with pytest.raises(GeneratorError, match=r"b\.tar: damaged"):
+        list(read_frames(tmp_path / "b.tar"))
+    whole = archive_of(tmp_path / "c.tar", ("frame-00000.png", b"x"))
+    with pytest.raises(GeneratorError, match=r"c\.tar: has no member 'frame-00001\.png'"):
+        read_member(whole, "frame-00001.png")
