@@ -62,6 +62,6 @@ def path_within(folder: Path, place: str) -> Path:
     shortest = str(relative) == place and place != "."
     if not shortest or relative.is_absolute() or ".." in relative.parts or "\\" in place or not place.isprintable():
         raise GeneratorError(
-            f"{folder}: the name {place!r} is not a plain relative path, so nothing is read or written"
+            f"{folder}: {place!r} is not a plain relative path and could lie outside the folder; it is not used"
         )
     return folder / place

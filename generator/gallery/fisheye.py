@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import colour
 import numpy as np
 from numpy.typing import NDArray
+from scipy import constants
 
+from generator.colour_science import colour
 from generator.frame.plan import FramePlan, dimming_atmosphere, plan_frame
 from generator.frame.scene import frame_layers, point_lights
 from generator.light.atmosphere import optical_depth
@@ -18,9 +19,13 @@ from generator.sky.assembly import whole_sky
 
 Floats = NDArray[np.float64]
 
-PHOTON_JOULE_NM = 6.62607015e-34 * 299792458.0 * 1e9
+PHOTON_JOULE_NM = constants.h * constants.c * 1e9
+"""Energy of a photon times its wavelength."""
+OBSERVER = "CIE 1931 2 Degree Standard Observer"
 STAR_SIGMA_PX = 0.6
 WHITE_OVER_MEDIAN = 6.0
+BACKGROUND = 31
+"""Dark grey of the corners, 8 bits."""
 
 _SCENARIO = """
 name: gallery
@@ -57,10 +62,21 @@ def plan_of(sky: str, utc: str, latitude: float = 32.0, longitude: float = 10.0)
 
 
 def observer_weights() -> Floats:
-    """CIE 1931 2 deg observer on GRID_NM times 683 lm/W times joule per photon and the grid's step, (3, n) array."""
-    functions = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    matching = np.array([np.interp(GRID_NM, functions.wavelengths, functions.values[:, k]) for k in range(3)])
-    return 683.0 * matching * (PHOTON_JOULE_NM / GRID_NM) * (GRID_NM[1] - GRID_NM[0])
+    """Weights that make CIE 1931 XYZ of photon spectra at GRID_NM, (3, n) array.
+
+    The colour-matching functions times the maximum luminous efficacy, the energy per photon and the step of the grid:
+    photons s^-1 m^-2 nm^-1 sr^-1 become XYZ with Y in cd m^-2.
+    """
+    library = colour()
+    grid = library.SpectralShape(GRID_NM[0], GRID_NM[-1], GRID_NM[1] - GRID_NM[0])
+    matching = library.MSDS_CMFS[OBSERVER].copy().align(grid).values.T
+    return library.constants.CONSTANT_K_M * matching * (PHOTON_JOULE_NM / GRID_NM) * grid.interval
+
+
+def true_colour(xyz: Floats, white_cd_m2: float) -> NDArray[np.uint8]:
+    """8-bit sRGB (..., 3) of CIE 1931 XYZ (..., 3): light of D65's colour and luminance `white_cd_m2` is (255, 255, 255)."""
+    rgb = np.clip(colour().XYZ_to_sRGB(xyz / white_cd_m2), 0, 1)
+    return np.rint(255 * rgb).astype(np.uint8)
 
 
 def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) -> View:
@@ -93,6 +109,6 @@ def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) 
             on = (r >= 0) & (r < size) & (c >= 0) & (c < size)
             np.add.at(xyz, (r[on], c[on]), (light * share[:, None])[on] / pixel_sr)
     white = float(white_cd_m2 or WHITE_OVER_MEDIAN * np.median(xyz[inside][:, 1]))
-    rgb = np.clip(colour.XYZ_to_sRGB(xyz / white), 0, 1)
-    rgb[~inside] = 0.12
-    return View((rgb * 255 + 0.5).astype(np.uint8), white)
+    rgb = true_colour(xyz, white)
+    rgb[~inside] = BACKGROUND
+    return View(rgb, white)

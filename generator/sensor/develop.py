@@ -1,58 +1,73 @@
-"""From raw DN to an 8-bit picture: black level, demosaic, white balance, gamma."""
+"""From raw DN to an 8-bit picture: black level, demosaicing, white balance, exposure, transfer curve."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from generator.scenario.sensor_spec import COLOURS, SensorSpec
-from generator.sensor.colour import filter_array
+from generator.colour_science import colour_demosaicing, srgb_encoded
+from generator.scenario.sensor_spec import SensorSpec
 
 Floats = NDArray[np.float64]
 
-KERNEL: Floats = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
+MARGIN_PX = 2
+"""Mirrored pixels around the frame, an even number, such that the pattern starts with the same colours; the kernels of
+bilinear demosaicing reach one pixel."""
+ROWS_AT_ONCE = 64
+"""Rows encoded in one step: what they need fits into the processor's cache, which is eight times as fast."""
 
 
 def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
-    """Develop a raw frame as the sensor's `develop` section asks (it must be given).
+    """Develop a raw frame as the sensor's `develop` section says.
 
     Parameters
     ----------
     dn : (height, width) uint16 array
     sensor : SensorSpec
+        With a `develop` section.
 
     Returns
     -------
-    (height, width, 3) uint8 array, or (height, width) of a monochrome sensor
+    (height, width, 3) uint8 array, or (height, width) for a monochrome sensor
         Red, green, blue; sRGB's transfer curve (IEC 61966-2-1) unless linear.
+
+    Raises
+    ------
+    ValueError
+        The sensor has no `develop` section.
     """
     if sensor.develop is None:
         raise ValueError("the sensor has no develop section")
     largest = 2**sensor.bits - 1 - sensor.black_level_dn
     light = np.clip((dn.astype(np.float64) - sensor.black_level_dn) / largest, 0, 1)
-    picture = light if sensor.colour is None else demosaic(light, sensor.colour.pattern)
+    gain = np.array(sensor.develop.exposure)
     if sensor.colour is not None:
-        balance = sensor.develop.white_balance or grey_world(picture)
-        picture = picture * np.array(balance)
-    picture = np.clip(picture * sensor.develop.exposure, 0, 1)
-    if sensor.develop.gamma == "srgb":
-        picture = np.where(picture <= 0.0031308, 12.92 * picture, 1.055 * picture ** (1 / 2.4) - 0.055)
-    return np.rint(255 * picture).astype(np.uint8)
+        light = demosaic(light, sensor.colour.pattern)
+        gain = gain * np.array(sensor.develop.white_balance or grey_world(light))
+    picture = np.empty(light.shape, np.uint8)
+    for start in range(0, len(light), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        linear = np.clip(light[rows] * gain, 0, 1)
+        shown = srgb_encoded(linear) if sensor.develop.gamma == "srgb" else linear
+        picture[rows] = np.rint(255 * shown)
+    return picture
 
 
 def demosaic(light: Floats, pattern: str) -> Floats:
-    """Bilinear interpolation of each colour from its own pixels: (height, width, 3) red, green, blue."""
-    array = filter_array(pattern, *light.shape)
-    planes = []
-    for colour in ("red", "green", "blue"):
-        own = (array == COLOURS.index(colour)).astype(np.float64)
-        near = ndimage.convolve(own, KERNEL, mode="mirror")
-        planes.append(ndimage.convolve(light * own, KERNEL, mode="mirror") / near)
-    return np.stack(planes, axis=-1)
+    """Bilinear interpolation of each colour between its own pixels: (height, width, 3) red, green, blue.
+
+    A pixel keeps the value that it measured. Source: Losson, Macaire & Yang 2010, Advances in Imaging and Electron Physics
+    162, 173, as colour-demosaicing implements it. Of its other methods, Malvar's undershoots around undersampled stars, down
+    to a quarter of white below black; Menon's comes closer to the truth, at many times the cost.
+    """
+    # The library mirrors at the border without regard to the pattern, so that it would mix colours there.
+    wide = np.pad(light, MARGIN_PX, mode="reflect")
+    inside = slice(MARGIN_PX, -MARGIN_PX)
+    planes: Floats = colour_demosaicing().demosaicing_CFA_Bayer_bilinear(wide, pattern)
+    return planes[inside, inside]
 
 
 def grey_world(picture: Floats) -> tuple[float, float, float]:
-    """Factors that give all colours green's median, which on a frame of the night is the sky's."""
+    """Factors that give all colours the median of green; at night that makes the sky grey."""
     red, green, blue = (max(float(np.median(picture[..., channel])), 1e-6) for channel in range(3))
     return green / red, 1.0, green / blue

@@ -333,7 +333,7 @@ def test_manifest_may_not_point_outside(copy) -> None:
     manifest = json.loads((copy / "manifest.json").read_text())
     manifest["files"][0]["path"] = "../../etc/passwd"
     (copy / "manifest.json").write_text(json.dumps(manifest))
-    assert "outside the dataset" in problems(copy)[0]
+    assert "outside the folder" in problems(copy)[0]
 
 
 def test_loads_with_pandas_and_pyarrow(dataset) -> None:

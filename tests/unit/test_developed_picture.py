@@ -1,9 +1,12 @@
 """The 8-bit picture and the head-up display."""
 
 import numpy as np
+import pytest
 from PIL import Image
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from small_scenes import small_scenario
 
+from generator.colour_science import srgb_encoded
 from generator.frame.render import render_dataset, render_frame
 from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.colour import filter_array
@@ -11,15 +14,36 @@ from generator.sensor.develop import demosaic, develop
 from generator.sensor.hud import hud_mask
 
 
-def test_demosaicing_a_flat_colour_and_a_ramp_is_exact() -> None:
-    """Bilinear interpolation reproduces what is linear, away from the mirrored edges."""
+@pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
+def test_demosaicing_is_exact_for_ramps_and_flat_colours(pattern) -> None:
+    """Bilinear interpolation reproduces what is linear up to the last pixel but one, and what is flat up to the border.
+
+    A pixel keeps what it measured, whatever lies around it.
+    """
     v, u = np.mgrid[0:20, 0:24].astype(float)
-    planes = {"R": 0.2 + 0.01 * u, "G": 0.3 + 0.005 * v, "B": np.full(u.shape, 0.1)}
-    array = filter_array("BGGR", 20, 24)
-    raw = np.choose(array, [planes["B"], planes["G"], planes["R"]])
-    picture = demosaic(raw, "BGGR")
-    for channel, letter in enumerate("RGB"):
-        np.testing.assert_allclose(picture[2:-2, 2:-2, channel], planes[letter][2:-2, 2:-2], atol=1e-12)
+    planes = np.stack([0.2 + 0.01 * u, 0.3 + 0.005 * v, np.full(u.shape, 0.1)], axis=-1)
+    channel_of = 2 - filter_array(pattern, 20, 24)[:, :, None]
+    picture = demosaic(np.take_along_axis(planes, channel_of, axis=2)[:, :, 0], pattern)
+    assert picture.shape == planes.shape
+    np.testing.assert_allclose(picture[1:-1, 1:-1], planes[1:-1, 1:-1], atol=1e-12)
+    flat = np.broadcast_to([0.9, 0.4, 0.1], planes.shape)
+    picture = demosaic(np.take_along_axis(flat, channel_of, axis=2)[:, :, 0], pattern)
+    np.testing.assert_allclose(picture, flat, atol=1e-12)
+    noise = np.random.default_rng(1).random((20, 24))
+    kept = np.take_along_axis(demosaic(noise, pattern), channel_of, axis=2)[:, :, 0]
+    np.testing.assert_allclose(kept, noise, atol=1e-12)
+
+
+def test_demosaicing_restores_the_picture_of_a_night() -> None:
+    """A colour frame without noise, against its own channels before the filter array: structural similarity and ratio."""
+    scenario = small_scenario(sensor={"colour": {"pattern": "GRBG"}, "noise": False}, camera__psf_sigma_px=1.2)
+    expected = render_frame(scenario, 0).expected
+    truth = np.stack([expected.channels[name] for name in ("red", "green", "blue")], axis=-1).astype(float)
+    white = np.percentile(truth, 99.9)
+    restored = demosaic(expected.electrons.astype(float) / white, "GRBG")
+    shown, wanted = (srgb_encoded(np.clip(picture, 0, 1)) for picture in (restored, truth / white))
+    assert structural_similarity(wanted, shown, channel_axis=2, data_range=1.0) > 0.97
+    assert peak_signal_noise_ratio(wanted, shown, data_range=1.0) > 35
 
 
 def test_development_is_srgb_of_the_share_of_full_scale() -> None:
