@@ -238,42 +238,42 @@ def _earlier_date(utc: str, years: float) -> str:
 
 FAULTS = (
     Fault(
-        "focal", "Focal length too long by", "%", (0.1, 0.3, 1.0, 3.0), 0.3, _tell_focal,
+        "focal", "Focal length too long", "%", (0.1, 0.3, 1.0, 3.0), 0.3, _tell_focal,
         lambda frame, size: bias.focal_misfit(frame.view, size / 100),
     ),
     Fault(
-        "centre", "Principal point off by", "px", (0.3, 1.0, 3.0, 10.0), 1.0, _tell_centre,
+        "centre", "Principal point off", "px", (0.3, 1.0, 3.0, 10.0), 1.0, _tell_centre,
         lambda frame, size: bias.centre_misfit(frame.view, np.array([size, 0.0])),
     ),
     Fault(
-        "k1", "Radial distortion k1 of a lens that has none", "", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2), 3e-4, _tell_k1,
+        "k1", "Radial distortion k1 declared for a lens without", "", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2), 3e-4, _tell_k1,
         lambda frame, size: bias.k1_misfit(frame.view, size),
     ),
     Fault(
-        "projection", "Pinhole told of a stereographic lens, by horizontal field", "deg",
+        "projection", "Stereographic lens declared as pinhole, by horizontal field", "deg",
         (20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
         40.0, _tell_pinhole, lambda frame, size: bias.projection_misfit(frame.view),
         lambda size: Setting(hfov_deg=size, projection="stereographic"), logarithmic=False,
     ),
     Fault(
-        "tilt", "Vertical off by", "deg", (0.01, 0.03, 0.1, 0.3, 1.0), 0.1,
+        "tilt", "Vertical off", "deg", (0.01, 0.03, 0.1, 0.3, 1.0), 0.1,
         lambda frame, size: _turned(frame, np.radians([size, 0.0, 0.0])),
         lambda frame, size: bias.attitude_misfit(frame.view, np.radians([size, 0.0, 0.0])),
     ),
     Fault(
-        "heading", "Heading off by", "deg", (0.01, 0.03, 0.1, 0.3, 0.9), 0.1,
+        "heading", "Heading off", "deg", (0.01, 0.03, 0.1, 0.3, 0.9), 0.1,
         lambda frame, size: _turned(frame, np.radians([0.0, 0.0, size])),
         lambda frame, size: bias.attitude_misfit(frame.view, np.radians([0.0, 0.0, size])),
     ),
     Fault(
-        "clock", "Clock fast by", "s", (0.1, 1.0, 10.0, 100.0), 10.0, _tell_clock,
+        "clock", "Clock fast", "s", (0.1, 1.0, 10.0, 100.0), 10.0, _tell_clock,
         lambda frame, size: bias.clock_misfit(frame.view, size),
     ),
     Fault(
-        "refraction", "Refraction left out, by tilt of a 60 deg camera", "deg", (0.0, 10.0, 20.0, 30.0, 40.0), 30.0,
+        "refraction", "Refraction neglected, by tilt of a 60 deg camera", "deg", (0.0, 10.0, 20.0, 30.0, 40.0), 30.0,
         lambda frame, size: replace(truth_told(frame), pressure_hpa=0.0),
         lambda frame, size: bias.refraction_misfit(frame.view, PRESSURE_HPA, TEMPERATURE_C),
         lambda size: Setting(hfov_deg=60.0, tilt_deg=size), logarithmic=False,
     ),
-    Fault("epoch", "Epoch of the sky too early by", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, _tell_epoch, _epoch_misfit),
+    Fault("epoch", "Epoch of the sky too early", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, _tell_epoch, _epoch_misfit),
 )  # fmt: skip

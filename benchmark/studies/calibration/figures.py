@@ -16,7 +16,7 @@ from benchmark.studies.common.svg_plot import Axis, Series, plot
 LEAST_KM, MOST_KM = 1e-3, 1e3
 _KM = tuple((10.0**n, f"{10.0**n:g}") for n in range(-3, 4))
 _SHAPES = {
-    run.BELIEVED: ("circle", True, -4.0),
+    run.DECLARED: ("circle", True, -4.0),
     run.FOCAL: ("diamond", True, 8.0),
     run.CALIBRATED: ("circle", False, 4.0),
     run.VERTICAL: ("square", False, -8.0),
@@ -27,7 +27,7 @@ _SHAPES = {
 def figure_fault(shifts: Shifts, fault: Fault) -> str:
     """Median shift against size, measured (marks) and predicted (lines)."""
     series = []
-    for name, line in ((run.BELIEVED, "solid"), (run.CALIBRATED, "dashed")):
+    for name, line in ((run.DECLARED, "solid"), (run.CALIBRATED, "dashed")):
         predicted = [shifts.of(run.CENTROIDS, fault.key, name, size).predicted_km() for size in fault.sizes]
         shown = [value if value >= LEAST_KM else math.nan for value in predicted]
         if any(math.isfinite(value) for value in shown):
@@ -42,7 +42,7 @@ def figure_fault(shifts: Shifts, fault: Fault) -> str:
                 name, fault.sizes, values, [e.low for e in found], [e.high for e in found], shape, filled, "none", shift
             )
         )
-    floor = shifts.of(run.CENTROIDS, fault.key, run.BELIEVED).faultless_km().value
+    floor = shifts.of(run.CENTROIDS, fault.key, run.DECLARED).faultless_km().value
     low, high = min(fault.sizes), max(fault.sizes)
     margin = ((high / low) ** 0.06) if fault.logarithmic else 1.0
     ends = (

@@ -41,22 +41,22 @@ from generator.scenario.file import Scenario, parse_scenario
 
 F8 = NDArray[np.float64]
 
-BELIEVED, FOCAL, CALIBRATED = "camera believed", "focal length if clearly off", "self-calibration"
+DECLARED, FOCAL, CALIBRATED = "camera as declared", "focal length if clearly off", "self-calibration"
 VERTICAL, THESIS_FIX, THESIS = "vertical alone", "thesis' fix, true names", "thesis-adaptive"
 CENTROIDS, PICTURES = "centroids", "pictures"
 _PRIORS = tuple(float(sigma) for sigma in SkybenchConfig().priors.sigmas)
 # The solver that decides from the frame whether to fit the focal length has no single linear answer.
 ESTIMATORS: MappingProxyType[str, Estimator] = MappingProxyType(
     {
-        BELIEVED: Estimator(noise_px=NOISE_PX),
+        DECLARED: Estimator(noise_px=NOISE_PX),
         CALIBRATED: Estimator(free_sigmas=_PRIORS, noise_px=NOISE_PX),
         VERTICAL: Estimator("vertical alone", noise_px=NOISE_PX),
         THESIS_FIX: Estimator(weights="angle", noise_px=NOISE_PX),
     }
 )
-ON_CENTROIDS = (BELIEVED, FOCAL, CALIBRATED, VERTICAL, THESIS_FIX)
-ON_PICTURES = (BELIEVED, FOCAL, CALIBRATED, VERTICAL, THESIS)
-_MODES = {BELIEVED: "none", VERTICAL: "none", FOCAL: "auto", CALIBRATED: "full"}
+ON_CENTROIDS = (DECLARED, FOCAL, CALIBRATED, VERTICAL, THESIS_FIX)
+ON_PICTURES = (DECLARED, FOCAL, CALIBRATED, VERTICAL, THESIS)
+_MODES = {DECLARED: "none", VERTICAL: "none", FOCAL: "auto", CALIBRATED: "full"}
 SOLVER_OF = {name: SkybenchSolver(SkybenchConfig(calibrate=mode)) for name, mode in _MODES.items()}  # type: ignore[arg-type]
 TRACE_SNR = 5.0
 THESIS_CASE = "thesis' own case"

@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
 from benchmark.report.formatting import number
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
+from benchmark.stats.metrics import SUCCESS_KM
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration.faults import FAULTS, Fault
 from benchmark.studies.calibration.run import Shift
 from benchmark.studies.common.page_model import Cell, Number, Table
 
-TAKEN_BACK, NOT_SEEN, MADE_WORSE, IN_PART = "taken back", "left as it is", "made worse", "in part"
 NOISE_FACTOR = 3.0
+AS_PREDICTED = 0.1
+
+
+class Effect(StrEnum):
+    """What self-calibration does to the shift of a position."""
+
+    CORRECTED = "corrected"
+    PARTLY_CORRECTED = "partly corrected"
+    UNCHANGED = "unchanged"
+    WORSE = "worse"
 
 
 @dataclass(frozen=True)
@@ -56,19 +67,19 @@ class Shifts:
         return quantile_estimate(np.array([row.faultless_error_km for row in self.rows]), 0.5)
 
 
-def verdict(believed: Shifts, calibrated: Shifts) -> str:
-    """What self-calibration does to a fault, from the intervals of the medians.
+def effect_of_calibration(declared: Shifts, calibrated: Shifts) -> Effect:
+    """What self-calibration does to a fault, from the medians of the shift without and with it.
 
-    ``taken back``: less than a tenth is left, or clearly less than before and no more than three times the error without any
-    fault. ``made worse``, ``in part``: the intervals do not overlap. ``left as it is``: they do.
+    Corrected: less than a tenth is left, or clearly less than before and no more than three times the error without any
+    fault. Otherwise the intervals of the medians decide.
     """
-    before, after = believed.moved_km(), calibrated.moved_km()
+    before, after = declared.moved_km(), calibrated.moved_km()
     smaller = after.high < before.low
     if after.value < 0.1 * before.value or (smaller and after.value < NOISE_FACTOR * calibrated.faultless_km().value):
-        return TAKEN_BACK
+        return Effect.CORRECTED
     if after.low > before.high:
-        return MADE_WORSE
-    return IN_PART if smaller else NOT_SEEN
+        return Effect.WORSE
+    return Effect.PARTLY_CORRECTED if smaller else Effect.UNCHANGED
 
 
 def size_text(fault: Fault, size: float) -> str:
@@ -76,46 +87,51 @@ def size_text(fault: Fault, size: float) -> str:
     return f"{size:g} {fault.unit}".strip()
 
 
+def fault_text(fault: Fault, size: float) -> str:
+    """A fault with its size: ``focal length too long (0.3 %)``."""
+    return f"{fault.title} ({size_text(fault, size)})"
+
+
 def summary_table(shifts: Shifts) -> Table:
     """One row a fault, at its typical size, on centroids."""
     body: list[tuple[Cell, ...]] = []
     for fault in FAULTS:
-        believed, auto, full, vertical, thesis = (
+        declared, auto, full, vertical, thesis = (
             shifts.of(run.CENTROIDS, fault.key, name, fault.typical) for name in run.ON_CENTROIDS
         )
         body.append(
             (
-                f"{fault.title} {size_text(fault, fault.typical)}",
-                number(believed.predicted_km()),
-                Number(believed.moved_km()),
-                Number(believed.along()),
+                fault_text(fault, fault.typical),
+                number(declared.predicted_km()),
+                Number(declared.moved_km()),
+                Number(declared.along()),
                 Number(auto.moved_km()),
                 Number(full.moved_km()),
-                verdict(believed, full),
+                str(effect_of_calibration(declared, full)),
                 Number(vertical.moved_km()),
                 Number(thesis.moved_km()),
             )
         )
     n = len({row.site for row in shifts.rows if row.part == run.CENTROIDS})
     return Table(
-        "What each fault does to a position, km",
+        "Shift of the position by each fault, km",
         f"{n} centroid frames a row; shift of the position against the same frame without the fault",
         (
             "fault",
             "predicted",
-            "camera believed",
+            run.DECLARED,
             "shift over prediction",
-            "focal length fitted if clearly off",
+            run.FOCAL,
             "self-calibration",
-            "by self-calibration",
+            "effect of self-calibration",
             "vertical alone",
             "thesis' fix, true names",
         ),
         tuple(body),
-        "Medians over frames with 95 % intervals. Predicted: median of the first-order prediction for the solver that "
-        "believes its camera. Shift over prediction: the part of the shift along the prediction, over its length; 1 where "
-        "first order is all there is. By self-calibration: what fitting focal length, principal point and two radial terms "
-        "does to the shift; made worse, in part: the intervals do not overlap.",
+        "Medians over frames with 95 % intervals. Predicted: median of the first-order prediction without calibration. "
+        "Shift over prediction: the component of the shift along the prediction, over the prediction's length; 1 where the "
+        "first order is exact. Effect of self-calibration: what fitting focal length, principal point and two radial terms "
+        "does to the shift; for worse and partly corrected the intervals do not overlap.",
     )
 
 
@@ -128,16 +144,16 @@ def size_tables(shifts: Shifts) -> tuple[Table, ...]:
             cells: list[Cell] = [size_text(fault, size)]
             for name in run.ON_CENTROIDS:
                 found = shifts.of(run.CENTROIDS, fault.key, name, size)
-                if name in (run.BELIEVED, run.CALIBRATED):
+                if name in (run.DECLARED, run.CALIBRATED):
                     cells.append(number(found.predicted_km()))
                 cells.append(Number(found.moved_km()))
-            cells.append(Number(shifts.of(run.CENTROIDS, fault.key, run.BELIEVED, size).fixed(), "percent"))
+            cells.append(Number(shifts.of(run.CENTROIDS, fault.key, run.DECLARED, size).fixed(), "percent"))
             body.append(tuple(cells))
         tables.append(
             Table(
                 fault.title,
                 "median shift, km; ∞ where half of the frames or more are refused",
-                ("size", *_headings(), "frames that still have a position, camera believed"),
+                ("size", *_headings(), f"frames that still have a position, {run.DECLARED}"),
                 tuple(body),
             )
         )
@@ -146,7 +162,7 @@ def size_tables(shifts: Shifts) -> tuple[Table, ...]:
 
 def _headings() -> Iterable[str]:
     for name in run.ON_CENTROIDS:
-        if name in (run.BELIEVED, run.CALIBRATED):
+        if name in (run.DECLARED, run.CALIBRATED):
             yield f"{name}: predicted"
         yield name
 
@@ -157,7 +173,7 @@ def picture_table(shifts: Shifts) -> Table:
     faults = [*(fault for fault in FAULTS if fault.key != "projection")]
     rows = [(fault.key, _picture_title(fault)) for fault in faults]
     rows.append(
-        (run.THESIS_CASE, "The thesis' own case: a stereographic frame at the zenith told to be a 120 deg pinhole")
+        (run.THESIS_CASE, "The thesis' own case: a stereographic frame at the zenith declared as a 120 deg pinhole")
     )
     for key, title in rows:
         found = [shifts.of(run.PICTURES, key, name) for name in run.ON_PICTURES]
@@ -178,9 +194,9 @@ def picture_table(shifts: Shifts) -> Table:
             "predicted",
             "shift over prediction",
             *run.ON_PICTURES,
-            "fixed: camera believed",
-            "fixed: self-calibration",
-            "fixed: thesis-adaptive",
+            f"fixed: {run.DECLARED}",
+            f"fixed: {run.CALIBRATED}",
+            f"fixed: {run.THESIS}",
         ),
         tuple(body),
     )
@@ -188,34 +204,68 @@ def picture_table(shifts: Shifts) -> Table:
 
 def _picture_title(fault: Fault) -> str:
     if fault.key == "refraction":
-        return "Refraction left out, 120 deg camera tilted by 20 deg"
-    return f"{fault.title} {size_text(fault, fault.typical)}"
+        return "Refraction neglected (120 deg camera, tilted by 20 deg)"
+    return fault_text(fault, fault.typical)
 
 
-def sentences(shifts: Shifts) -> Sequence[str]:
-    """The study's findings in sentences, from its numbers."""
-    verdicts: dict[str, list[str]] = {}
-    agreeing, n = [], 0
+@dataclass(frozen=True)
+class FaultFindings:
+    """Faults at their typical sizes.
+
+    Attributes
+    ----------
+    n_faults : int
+    as_predicted : tuple of str
+        Faults whose median shift is within 10 % of the first-order prediction.
+    by_effect : dict of Effect to tuple of str
+        Faults with their sizes, by what self-calibration does to their shift.
+    """
+
+    n_faults: int
+    as_predicted: tuple[str, ...]
+    by_effect: dict[Effect, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class ThesisCase:
+    """The thesis' own case: stereographic pictures declared as a pinhole's.
+
+    Attributes
+    ----------
+    n_pictures : int
+    fixed : dict of str to int
+        Pictures with a position, by solver.
+    most_near : int
+        The most of them within 10 km for any solver.
+    """
+
+    n_pictures: int
+    fixed: dict[str, int]
+    most_near: int
+
+
+def fault_findings(shifts: Shifts) -> FaultFindings:
+    """Sort the faults by their agreement with the prediction and by the effect of self-calibration."""
+    by_effect: dict[Effect, list[str]] = {effect: [] for effect in Effect}
+    as_predicted = []
     for fault in FAULTS:
-        believed = shifts.of(run.CENTROIDS, fault.key, run.BELIEVED, fault.typical)
+        declared = shifts.of(run.CENTROIDS, fault.key, run.DECLARED, fault.typical)
         full = shifts.of(run.CENTROIDS, fault.key, run.CALIBRATED, fault.typical)
-        name = f"{fault.title.lower()} {size_text(fault, fault.typical)}"
-        verdicts.setdefault(verdict(believed, full), []).append(name)
-        n += 1
-        if 0.9 <= believed.along().value <= 1.1:
-            agreeing.append(fault.key)
-    parts = [
-        f"Self-calibration takes back: {'; '.join(verdicts.get(TAKEN_BACK, ['nothing']))}.",
-        f"It leaves as it is: {'; '.join(verdicts.get(NOT_SEEN, ['nothing']))}.",
-    ]
-    if verdicts.get(IN_PART):
-        parts.append(f"In part: {'; '.join(verdicts[IN_PART])}.")
-    if verdicts.get(MADE_WORSE):
-        parts.append(
-            f"It makes worse: {'; '.join(verdicts[MADE_WORSE])}. A camera that may bend follows what is not its own."
-        )
-    return (
-        f"At its typical size the position moves within 10 % of the first-order prediction for {len(agreeing)} of {n} faults "
-        f"({', '.join(agreeing)}).",
-        " ".join(parts),
+        by_effect[effect_of_calibration(declared, full)].append(fault_text(fault, fault.typical))
+        if abs(declared.along().value - 1.0) <= AS_PREDICTED:
+            as_predicted.append(fault.title)
+    return FaultFindings(
+        len(FAULTS), tuple(as_predicted), {effect: tuple(names) for effect, names in by_effect.items()}
+    )
+
+
+def thesis_case(shifts: Shifts) -> ThesisCase:
+    """Count the positions of the thesis' own case."""
+    case = {
+        name: shifts.of(run.PICTURES, run.THESIS_CASE, name).rows for name in (run.DECLARED, run.CALIBRATED, run.THESIS)
+    }
+    return ThesisCase(
+        max(len(rows) for rows in case.values()),
+        {name: sum(math.isfinite(row.error_km) for row in rows) for name, rows in case.items()},
+        max(sum(row.error_km < SUCCESS_KM for row in rows) for rows in case.values()),
     )
