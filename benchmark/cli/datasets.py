@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -29,6 +30,7 @@ from benchmark.report.formatting import duration, file_size
 from generator.errors import GeneratorError
 
 if TYPE_CHECKING:
+    from generator.dataset.forecast import Forecast
     from generator.dataset.run import Runner
 
 _Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
@@ -37,11 +39,11 @@ _Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario fi
 def plan(
     scenario: _Scenario,
     measure: Annotated[
-        bool, typer.Option("--measure", help="Render three frames to know time and size instead of guessing them.")
+        bool, typer.Option("--measure", help="Render four frames, not the first alone, to know time and size.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Print what a scenario would make: frames, values, files that it names, time and size."""
+    """Print what a scenario would make: frames, values, light, stars, time and size; and what looks like a slip."""
     from generator.dataset.forecast import forecast
     from generator.scenario.file import load_scenario
 
@@ -67,13 +69,44 @@ def plan(
         table.add_row(f"draw {name}", distribution)
     for name in files:
         table.add_row("file", name)
-    table.add_row("image", f"{expected.width} x {expected.height}, {expected.bits} bits")
-    table.add_row("stars", f"{expected.catalogue_stars} above the first frame's horizon")
-    known = "measured on three frames" if expected.measured else "a guess; --measure renders three frames to know"
-    table.add_row("time", f"{duration(expected.seconds)} on {expected.cores} cores ({known})")
-    table.add_row("size", f"{file_size(expected.bytes)} as 16-bit PNG with truth")
+    for row in _first_frame(expected):
+        table.add_row(*row)
+    known = "from four frames" if expected.measured else "from the first frame; --measure renders four"
+    table.add_row("time", f"{duration(expected.seconds)} with `generate` on {expected.cores} cores ({known})")
+    table.add_row(
+        "size",
+        f"{file_size(expected.bytes)} as 16-bit PNG with truth; {file_size(expected.exr_bytes)} more "
+        "with the expected electrons (EXR)",
+    )
     table.add_row("scenario hash", loaded.sha256)
     Console().print(table)
+    for warning in expected.warnings:
+        Console(stderr=True).print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+
+
+def _first_frame(expected: Forecast) -> list[tuple[str, str]]:
+    """Rows of the table about the first frame."""
+    from generator.frame.outlook import VISIBLE_SNR
+
+    first = expected.first
+    signal_e = first.sky_e + first.dark_e
+    return [
+        ("image", f"{expected.width} x {expected.height}, {expected.bits} bits"),
+        ("field of view", f"{first.hfov_deg:.4g} x {first.vfov_deg:.4g} deg"),
+        ("f-number", "unknown without pixel_pitch_um" if first.f_number is None else f"f/{first.f_number:.3g}"),
+        (
+            "sky and dark",
+            f"{first.sky_e:.3g} + {first.dark_e:.3g} e per pixel: {signal_e / first.full_well_e:.2%} of the full well "
+            f"({first.full_well_e:g} e), {signal_e / first.range_e:.2%} of the converter's range ({first.range_e:.4g} e)",
+        ),
+        (
+            "stars",
+            f"{first.visible_stars} with SNR >= {VISIBLE_SNR:g}, {first.saturated_stars} saturated; "
+            f"{expected.catalogue_stars} in the catalogue above the horizon",
+        ),
+        ("saturated pixels", f"{first.saturated_share:.2%}"),
+        ("Sun, Moon", f"altitudes {first.sun_altitude_deg:.1f}, {first.moon_altitude_deg:.1f} deg"),
+    ]
 
 
 def _listing(values: tuple[object, ...]) -> str:
@@ -84,7 +117,7 @@ def _listing(values: tuple[object, ...]) -> str:
 def _as_written(tree: Any, path: tuple[str, ...]) -> str:
     """A scenario's value as its file has it, on one line."""
     for key in path:
-        tree = tree[key]
+        tree = tree[int(key)] if isinstance(tree, list) else tree[key]
     return yaml.safe_dump(tree, default_flow_style=True, width=1000).strip()
 
 

@@ -1,4 +1,4 @@
-"""What a scenario would make: how many frames, how long it would take, how large it would be."""
+"""What a scenario would make: how many frames, what they would be, how long it would take, how large it would be."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ from pathlib import Path
 
 from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
-from generator.frame.plan import plan_frame
+from generator.frame.outlook import Outlook, outlook, warnings_of
 from generator.frame.record import frame_record, record_bytes
+from generator.frame.render import RenderedFrame, render_frame, write_exr
+from generator.mitsuba_runtime import set_threads
 from generator.scenario.file import Scenario
 
-SECONDS_PER_MEGAPIXEL = 0.11
-SECONDS_PER_FRAME = 0.07
-BYTES_PER_PIXEL = 0.75
-BYTES_PER_STAR = 140
-SHARE_IN_FIELD = 0.7
-"""Roughly what a frame costs on one core of 2020s hardware, where nothing is measured."""
-FRAMES_MEASURED = 2
+WORKER_START_S = 4.0
+"""Until a worker has loaded Mitsuba and compiled its first kernels, on one core of 2020s hardware."""
+FRAMES_MEASURED = 4
 
 
 @dataclass(frozen=True)
@@ -34,13 +32,19 @@ class Forecast:
         Of the first frame.
     catalogue_stars : int
         Stars and planets above the first frame's horizon and above the list's limit.
+    first : Outlook
+        The first frame in numbers.
+    warnings : tuple of str
+        What in the first frame's values looks like a slip.
     seconds : float
-        With all cores.
+        Of `skybench generate`, with all cores.
     bytes : float
         Images, records and tables.
+    exr_bytes : float
+        The expected electrons beside them.
     cores : int
     measured : bool
-        Whether time and size come from frames rendered for it.
+        Whether time and size come from frames over the whole scenario, not from the first alone.
     """
 
     frames: int
@@ -48,61 +52,75 @@ class Forecast:
     height: int
     bits: int
     catalogue_stars: int
+    first: Outlook
+    warnings: tuple[str, ...]
     seconds: float
     bytes: float
+    exr_bytes: float
     cores: int
     measured: bool
 
 
+@dataclass(frozen=True)
+class _Cost:
+    """Of a frame: seconds on one core, bytes without and of the expected electrons."""
+
+    seconds: float
+    bytes: int
+    exr_bytes: int
+
+
 def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
-    """Forecast a scenario from its first frame's plan; with `measure`, from frames rendered here and thrown away.
+    """Forecast a scenario from its first frame, rendered here and thrown away; with `measure`, from others as well.
 
     Raises
     ------
     GeneratorError
         A frame cannot be planned or rendered.
     """
-    first = plan_frame(scenario, 0)
-    camera = first.spec.camera
-    megapixels = camera.width * camera.height / 1e6
-    seconds = SECONDS_PER_FRAME + megapixels * SECONDS_PER_MEGAPIXEL
-    size = 1e6 * megapixels * BYTES_PER_PIXEL + SHARE_IN_FIELD * len(first.stars) * BYTES_PER_STAR
-    if measure:
-        seconds, size = _measured(scenario)
+    set_threads(1)
+    first = render_frame(scenario, 0)  # which also compiles the kernels
+    last = scenario.frame_count - 1
+    places = sorted({round(last * step / (FRAMES_MEASURED - 1)) for step in range(FRAMES_MEASURED)}) if measure else [0]
+    costs = [_cost(scenario, place) for place in places]
+    seconds, size, exr_size = (
+        sum(values) / len(costs) for values in zip(*((c.seconds, c.bytes, c.exr_bytes) for c in costs), strict=True)
+    )
     cores = os.cpu_count() or 1
+    spec = first.plan.spec
+    found = outlook(first)
     return Forecast(
         frames=scenario.frame_count,
-        width=camera.width,
-        height=camera.height,
-        bits=first.spec.sensor.bits,
-        catalogue_stars=len(first.stars),
-        seconds=scenario.frame_count * seconds / min(cores, scenario.frame_count),
+        width=spec.camera.width,
+        height=spec.camera.height,
+        bits=spec.sensor.bits,
+        catalogue_stars=len(first.plan.stars),
+        first=found,
+        warnings=warnings_of(spec, found),
+        seconds=WORKER_START_S + scenario.frame_count * seconds / min(cores, scenario.frame_count),
         bytes=scenario.frame_count * size,
+        exr_bytes=scenario.frame_count * exr_size,
         cores=cores,
         measured=measure,
     )
 
 
-def _measured(scenario: Scenario) -> tuple[float, float]:
-    """Seconds on one core and bytes of a frame: means over frames spread over the scenario, after one that warms up."""
-    from generator.frame.render import render_frame
-    from generator.mitsuba_runtime import set_threads
+def _cost(scenario: Scenario, index: int) -> _Cost:
+    """What a frame costs to render and to store as a dataset stores it."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        started = time.perf_counter()
+        frame = render_frame(scenario, index, channels=False)
+        size = _store(frame, place)
+        seconds = time.perf_counter() - started
+        write_exr(place / "frame.exr", render_frame(scenario, index))
+        return _Cost(seconds, size, (place / "frame.exr").stat().st_size)
 
-    set_threads(1)
-    render_frame(scenario, 0)
-    last = scenario.frame_count - 1
-    seconds, size = 0.0, 0
-    for index in (last // 3, last):
-        with tempfile.TemporaryDirectory() as folder:
-            started = time.perf_counter()
-            frame = render_frame(scenario, index)
-            members = [
-                encode(frame.dn, "png"),
-                record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)),
-            ]
-            for name, table in (("stars", frame.stars), ("objects", frame.objects)):
-                write_table(Path(folder) / name, table)
-            seconds += time.perf_counter() - started
-            size += sum(len(member) for member in members)
-            size += sum(file.stat().st_size for file in Path(folder).iterdir())
-    return seconds / FRAMES_MEASURED, size / FRAMES_MEASURED
+
+def _store(frame: RenderedFrame, folder: Path) -> int:
+    """Store a frame's image, record and tables; returns bytes."""
+    members = [encode(frame.dn, "png"), record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows))]
+    tables = {"stars": frame.stars, "objects": frame.objects}
+    for name, table in tables.items():
+        write_table(folder / name, table)
+    return sum(len(member) for member in members) + sum((folder / name).stat().st_size for name in tables)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 MAG_PER_OPTICAL_DEPTH = 2.5 / np.log(10)
 STANDARD_PRESSURE_HPA = 1013.25
+GEOPOTENTIAL_RADIUS_M = 6356766.0
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +44,14 @@ class Atmosphere:
     aerosol_tau_550: float
     angstrom_exponent: float
     ozone_du: float
+
+
+def standard_pressure_hpa(height_m: ArrayLike) -> Floats:
+    """Pressure of the standard atmosphere, hPa, at heights of -5 to 20 km. Source: U.S. Standard Atmosphere 1976, eq. 33."""
+    height = np.asarray(height_m, float)
+    geopotential = GEOPOTENTIAL_RADIUS_M * height / (GEOPOTENTIAL_RADIUS_M + height)
+    below = STANDARD_PRESSURE_HPA * (1 - 0.0065 * np.minimum(geopotential, 11000) / 288.15) ** 5.25588
+    return below * np.exp(-np.maximum(geopotential - 11000, 0) / 6341.62)
 
 
 def rayleigh_optical_depth(wavelength_nm: ArrayLike, pressure_hpa: float) -> Floats:

@@ -117,7 +117,7 @@ def follow_stars(
     end[chosen] = np.stack([u[chosen, -1], v[chosen, -1]], axis=1)
     if together:
         longest = longest[chosen]
-    elif checks > u.shape[1]:
+    elif len(chosen) and checks > u.shape[1]:
         longest = _longest_step(camera, emitter, chosen, checks, reach_px)
     else:
         longest = steps.max(axis=1, initial=0.0)[chosen]

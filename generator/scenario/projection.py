@@ -134,18 +134,26 @@ class Projection:
         down = max(self.cy_px + 0.5, height - 0.5 - self.cy_px)
         return math.hypot(across, down)
 
+    def axis_angle_deg(self, radius: float) -> float:
+        """Angle from the axis, deg, at a distance from the principal point over the focal length; no tangential terms."""
+        theta, argument = self._angles()
+        return float(np.degrees(np.interp(radius, [self.radius(value) for value in argument], theta)))
+
     def angle_deg(self, distance_px: float) -> float:
         """Angle from the axis, deg, beyond which nothing falls within a distance, px, from the principal point."""
         wanted = distance_px / min(self.f_px, self.fy_px)
-        pinhole_like = self.model in ("pinhole", "brown_conrady")
-        widest = math.atan(self.limit) if pinhole_like else self.limit
-        theta = np.linspace(0, widest, ANGLE_STEPS)
-        argument = np.tan(theta) if pinhole_like else theta
+        theta, argument = self._angles()
         # Tangential distortion moves a point by up to 3 (|p1| + |p2|) times its squared radius.
         inward = 3 * sum(abs(p) for p in self.p) * argument**2
         inside = np.array([self.radius(value) for value in argument]) - inward <= wanted
         last = int(np.flatnonzero(inside)[-1])
         return float(np.degrees(theta[min(last + 1, len(theta) - 1)]))
+
+    def _angles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Angles from the axis over the valid range, rad, and the arguments of the radial mapping there."""
+        pinhole_like = self.model in ("pinhole", "brown_conrady")
+        theta = np.linspace(0, math.atan(self.limit) if pinhole_like else self.limit, ANGLE_STEPS)
+        return theta, np.tan(theta) if pinhole_like else theta
 
     def check_frame(self, width: int, height: int, image_circle_px: float | None) -> None:
         """Refuse distortion that stops increasing inside the frame (or inside the image circle, when there is one).

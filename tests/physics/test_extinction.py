@@ -6,7 +6,14 @@ from small_scenes import small_scenario
 
 from generator.frame.plan import plan_frame
 from generator.frame.scene import quantum_efficiency, render_expected
-from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass, optical_depth, rayleigh_optical_depth
+from generator.light.atmosphere import (
+    MAG_PER_OPTICAL_DEPTH,
+    Atmosphere,
+    airmass,
+    optical_depth,
+    rayleigh_optical_depth,
+    standard_pressure_hpa,
+)
 from generator.light.photometry import GRID_NM
 from generator.light.stellar_spectra import star_spectra
 
@@ -61,3 +68,12 @@ def test_rendered_stars_are_dimmed_by_their_own_path() -> None:
     in_front = np.isfinite(ratio)
     assert in_front.sum() > 100
     np.testing.assert_allclose(ratio[in_front], wanted[in_front], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "pressure_hpa"),
+    [(-1000, 1139.3), (0, 1013.25), (1000, 898.76), (5000, 540.48), (11000, 226.99), (15000, 121.11), (20000, 55.293)],
+)
+def test_standard_pressure_is_the_published_table_s(height_m, pressure_hpa) -> None:
+    """U.S. Standard Atmosphere 1976, table I, geometric heights."""
+    assert standard_pressure_hpa(height_m) == pytest.approx(pressure_hpa, rel=2e-4)

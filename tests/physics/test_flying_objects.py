@@ -12,7 +12,7 @@ from small_scenes import small_scenario
 
 from generator.errors import ScenarioError
 from generator.frame.plan import plan_frame
-from generator.frame.render import render_dataset
+from generator.frame.render import render_dataset, render_frame
 from generator.frame.scene import render_expected
 
 ISS = (
@@ -119,5 +119,13 @@ def test_objects_have_rows_of_their_own(tmp_path) -> None:
     assert table["kind"].tolist() == ["satellite"]
     assert not table["occluded"].any()
     assert table["electrons_e"][0] > 0
-    render_dataset(small_scenario(**DARK), tmp_path / "frames")
+    render_dataset(small_scenario(**DARK), tmp_path / "frames", overwrite=True)
     assert not (tmp_path / "frames" / "objects.parquet").exists()
+
+
+def test_a_frame_whose_only_object_is_below_the_horizon_is_rendered() -> None:
+    satellite = {"line1": ISS[0], "line2": ISS[1], "v_mag": -2.0}
+    late = {"utc_start": "2020-01-15T18:45:00Z", "exposure_s": 1.0}  # half an orbit later
+    scenario = small_scenario(**(DARK | {"time": late}), foreground={"satellites": [satellite]})
+    assert plan_frame(scenario, 0).objects.directions[0, :, 2].max() < -0.1
+    assert render_frame(scenario, 0).objects.num_rows == 0
