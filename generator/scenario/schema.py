@@ -10,6 +10,7 @@ from generator.scenario.model import FrameSpec
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 
+_VARIED = {"$ref": "#/$defs/Variation"}
 _VARIATION: dict[str, Any] = {
     "description": "A value that varies over the frames: a sweep or a distribution.",
     "type": "object",
@@ -96,8 +97,22 @@ def _with_variations(model: dict[str, Any]) -> dict[str, Any]:
         notes = {key: found[key] for key in ("description", "title", "default") if key in found}
         value = {key: item for key, item in found.items() if key not in notes}
         named = [{"type": "string"}] if _may_be_named(value) else []
-        properties[name] = {**notes, "anyOf": [value, *named, {"$ref": "#/$defs/Variation"}]}
+        properties[name] = {**notes, "anyOf": [_with_varied_items(value), *named, _VARIED]}
     return model | {"properties": properties}
+
+
+def _with_varied_items(value: dict[str, Any]) -> dict[str, Any]:
+    """Let each item of a list, and of the lists in it, be a variation."""
+    if "anyOf" in value:
+        return value | {"anyOf": [_with_varied_items(option) for option in value["anyOf"]]}
+    if value.get("type") != "array":
+        return value
+    varied = dict(value)
+    if isinstance(value.get("items"), dict):
+        varied["items"] = {"anyOf": [_with_varied_items(value["items"]), _VARIED]}
+    if "prefixItems" in value:
+        varied["prefixItems"] = [{"anyOf": [_with_varied_items(item), _VARIED]} for item in value["prefixItems"]]
+    return varied
 
 
 def _may_be_named(value: dict[str, Any]) -> bool:

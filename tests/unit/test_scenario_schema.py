@@ -8,6 +8,7 @@ import pytest
 import yaml
 from small_scenes import BASE
 
+from generator.scenario.file import parse_scenario
 from generator.scenario.schema import scenario_schema
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -54,3 +55,19 @@ def test_what_the_reader_refuses_the_schema_refuses(change) -> None:
     jsonschema.validate(BASE, SCHEMA)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(BASE | change, SCHEMA)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"motion": {"rate_deg_s": [{"uniform": [-1, 1]}, 0, {"sweep": [0, 2]}]}},
+        {"motion": {"polynomial_deg": [[{"normal": [0, 1]}], [], []]}},
+        {"camera": BASE["camera"] | {"vignetting": [{"uniform": [-0.3, -0.1]}]}},
+        {"sky": {"cities": [{"distance_km": {"sweep": [10, 20]}, "azimuth_deg": 1, "radius_km": 5}]}},
+    ],
+)
+def test_what_the_reader_varies_inside_lists_the_schema_accepts(change) -> None:
+    parse_scenario(yaml.safe_dump(BASE | change), "varied.yaml").frame(0)
+    jsonschema.validate(BASE | change, SCHEMA)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(BASE | {"motion": {"rate_deg_s": [{"uniform": [1]}, 0, 0]}}, SCHEMA)
