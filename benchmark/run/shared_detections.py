@@ -5,12 +5,12 @@ from pathlib import Path
 import celnav
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.protocol import Detections
-from benchmark.solvers.revision import detector_revision
+from benchmark.solvers.revision import installed_packages
 
 
 def shared_detector() -> str:
     """Name of the shared detector, with its revision."""
-    return f"celnav-{detector_revision()}"
+    return f"celnav-{installed_packages().detector_revision}"
 
 
 def shared_detections(frame: Frame) -> Detections:

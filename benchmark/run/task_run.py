@@ -29,7 +29,7 @@ from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import missing_message, missing_packages
-from benchmark.solvers.revision import detector_revision
+from benchmark.solvers.revision import installed_packages
 from benchmark.stats.metrics import ERROR, FIX, REFUSED, FrameScore
 
 DetectionsMode = Literal["own", "shared"]
@@ -259,7 +259,7 @@ def _provenance(run: TaskRun, jobs: int) -> RunProvenance:
             "solver_title": run.solver.spec.title,
             "solver_licence": run.solver.spec.licence,
             "solver_revision": run.solver.revision,
-            "detector_revision": detector_revision() if run.detections == "shared" else None,
+            "detector_revision": installed_packages().detector_revision if run.detections == "shared" else None,
             "time_limit_s": run.solver.limits.time_s,
             "memory_limit_mib": run.solver.limits.memory_mib,
             "key": run.key,

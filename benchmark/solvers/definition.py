@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
-from benchmark.solvers.revision import adapter_behaviour, installed_catalogues, installed_sources, revision_of
+from benchmark.solvers.revision import PackageTree, adapter_behaviour, installed_packages, revision_of
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -123,15 +123,19 @@ class SolverFolder:
         SolverError
             Its folder is too large, or a file of the adapter is no Python.
         """
+        return self.revision_among(installed_packages())
+
+    def revision_among(self, packages: PackageTree) -> str:
+        """Its revision with the packages of another tree, such as a checkout of an earlier commit; raises as `revision`."""
         adapter = self.spec.adapter
         # What an adapter imports is found in its modules.
         left_out = {SPEC_NAME} if adapter is None else {SPEC_NAME, "__init__.py", "adapter.py"}
         names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
         files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
         try:
-            behaviour = None if adapter is None else adapter_behaviour(installed_sources(), adapter, self.name)
-            catalogues = "" if behaviour is None else installed_catalogues()
-        except (SyntaxError, ValueError, OSError) as error:
+            behaviour = None if adapter is None else adapter_behaviour(packages.sources, adapter, self.name)
+            catalogues = "" if behaviour is None else packages.catalogues
+        except (SyntaxError, ValueError, KeyError, OSError) as error:
             raise SolverError(f"{self.name}: its modules cannot be read ({error})") from error
         return revision_of(self.spec.settings, files, behaviour, catalogues)
 
@@ -176,3 +180,9 @@ def _files_of(folder: Path) -> list[Path]:
             f"{folder}: holds {size} bytes; keep data that is larger than {LARGEST_FOLDER_BYTES} elsewhere"
         )
     return files
+
+
+def solver_folders(root: Path) -> dict[str, SolverFolder]:
+    """Solvers in a folder of solvers' folders, by name."""
+    found = [read_solver_folder(path.parent) for path in sorted(root.glob(f"*/{SPEC_NAME}"))]
+    return {solver.name: solver for solver in found}

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmark.errors import SolverError, UnknownSolverError
 from benchmark.protocol import SolverUnderTest
 from benchmark.solvers.celnav_solver import CelnavSolver
-from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_solver_folder
+from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_solver_folder, solver_folders
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
@@ -85,5 +85,4 @@ def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:
 
 
 def _folders() -> dict[str, SolverFolder]:
-    found = [read_solver_folder(path.parent) for path in sorted(FOLDER.glob(f"*/{SPEC_NAME}"))]
-    return {solver.name: solver for solver in found}
+    return solver_folders(FOLDER)

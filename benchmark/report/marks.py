@@ -1,0 +1,158 @@
+"""Marks: what a page, a figure or a table of measured numbers was made from, and of which revision it is.
+
+A mark is a comment on a line of its own, and the line after it prints what the mark says::
+
+    <!-- measured {"by": "skybench speed --solver", "of": {"skybench": "979a1c351cf6"}} -->
+    *Measured with revision 979a1c351cf6 of skybench.*
+
+``by`` is the command that measures again. ``of`` names all that the numbers are of (`benchmark.report.stale` says what
+may be named), each with its revision then, null where that was not recorded. ``from`` holds the files that the numbers
+were taken from, each with the start of its SHA-256. The syntax is that of comments in Markdown, HTML and SVG alike.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from benchmark.run.freshness import State
+
+SOURCE_DIGITS = 12
+_MARK = re.compile(r"^[ \t]*<!-- measured (?P<json>\{.*\}) -->[ \t]*$", re.MULTILINE)
+_SENTENCE = re.compile(r"Measured (?:with|before) [^<*]*\.")
+_FEW = 3
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What a mark says.
+
+    Attributes
+    ----------
+    by : str
+        Command that makes the numbers again.
+    of : mapping of str to str or None
+        Revision of each thing that the numbers are of; None where it was not recorded.
+    sources : mapping of str to str
+        Files that the numbers were taken from, by their paths from the root, and the start of each one's SHA-256.
+    older : tuple of str
+        Of long lists: which are said not to be of today's code.
+    """
+
+    by: str
+    of: Mapping[str, str | None]
+    sources: Mapping[str, str] = field(default_factory=dict)
+    older: tuple[str, ...] = ()
+
+    def line(self) -> str:
+        """Write it as a comment."""
+        tree: dict[str, object] = {"by": self.by, "of": dict(self.of)}
+        if self.sources:
+            tree["from"] = dict(self.sources)
+        if self.older:
+            tree["older"] = list(self.older)
+        text = json.dumps(tree, ensure_ascii=False, sort_keys=True)
+        # Two hyphens would end the comment.
+        return "<!-- measured " + text.replace("--", "-\\u002d") + " -->"
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A mark as it stands in a file.
+
+    Attributes
+    ----------
+    mark : Mark
+    line_number : int
+        Of the mark, from 1.
+    sentence : str
+        What the line after it prints; empty where it prints no such sentence.
+    """
+
+    mark: Mark
+    line_number: int
+    sentence: str
+
+
+def sentence_of(mark: Mark, states: Mapping[str, State]) -> str:
+    """What must be printed beside numbers.
+
+    Parameters
+    ----------
+    mark : Mark
+    states : mapping of str to State
+        Of each name in ``mark.of``.
+    """
+    if len(mark.of) > _FEW:
+        return _counted(states)
+    known = [(name, revision) for name, revision in mark.of.items() if revision is not None]
+    unknown = " and ".join(name for name, revision in mark.of.items() if revision is None)
+    if not known:
+        return f"Measured before revisions of {unknown} were recorded."
+    words = [
+        f"revision {revision} of {name}" + (", which is not today's" if states[name] is State.OLDER else "")
+        for name, revision in known
+    ]
+    if unknown:
+        words.append(f"a revision of {unknown} that was not recorded")
+    return f"Measured with {' and '.join(words)}."
+
+
+def _counted(states: Mapping[str, State]) -> str:
+    count = {state: sum(found is state for found in states.values()) for state in State}
+    parts = [f"{count[State.TODAY]} of {len(states)} rows are of today's code"]
+    if count[State.OLDER]:
+        parts.append(f"{count[State.OLDER]} of older revisions")
+    if count[State.UNRECORDED]:
+        parts.append(f"{count[State.UNRECORDED]} of revisions that were not recorded")
+    return f"Measured with revisions of which each row states its own: {', '.join(parts)}."
+
+
+def find_marks(text: str) -> list[Printed]:
+    """Find all marks of a file.
+
+    Raises
+    ------
+    ValueError
+        One of them cannot be read.
+    """
+    found = []
+    for match in _MARK.finditer(text):
+        number = text.count("\n", 0, match.start()) + 1
+        following = text[match.end() + 1 :].split("\n", 1)[0]
+        sentence = _SENTENCE.search(following)
+        found.append(Printed(_read(match["json"], number), number, sentence.group() if sentence else ""))
+    return found
+
+
+def restamp(text: str, printed: Printed, mark: Mark, sentence: str) -> str:
+    """Replace a mark and what is printed of it.
+
+    Raises
+    ------
+    ValueError
+        The line after the mark prints no such sentence.
+    """
+    lines = text.split("\n")
+    place = printed.line_number
+    if place >= len(lines) or not _SENTENCE.search(lines[place]):
+        raise ValueError(f"line {place + 1} must hold the words 'Measured with …' or 'Measured before …'")
+    lines[place - 1] = mark.line()
+    lines[place] = _SENTENCE.sub(lambda _: sentence, lines[place], count=1)
+    return "\n".join(lines)
+
+
+def _read(text: str, number: int) -> Mark:
+    try:
+        tree = json.loads(text)
+        of = {str(name): None if value is None else str(value) for name, value in tree["of"].items()}
+        sources = {str(name): str(value) for name, value in tree.get("from", {}).items()}
+        mark = Mark(str(tree["by"]), of, sources, tuple(str(name) for name in tree.get("older", [])))
+        unknown = set(tree) - {"by", "of", "from", "older"}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"line {number}: not a readable mark ({error!r})") from error
+    if unknown or not mark.of:
+        raise ValueError(f"line {number}: a mark has the keys by, of, from and older, and names something in of")
+    return mark

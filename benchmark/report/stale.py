@@ -1,0 +1,220 @@
+"""Whether what is printed is of the revision that stands beside it: the check behind `skybench bench stale`.
+
+Every file of measured numbers has a mark (`benchmark.report.marks`), and is held against the code of today. Numbers of
+an older revision may stay where the mark's sentence says so. What marks may name in ``of``:
+
+* a solver that comes with skybench, or ``the shared detector``;
+* ``rendering``, ``the gallery``, ``the study thesis``, ``the study calibration``: the modules that these import;
+* ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER``: a row of the leaderboard.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from benchmark.errors import ResultsError, UnknownSolverError
+from benchmark.report.marks import SOURCE_DIGITS, Mark, Printed, find_marks, restamp, sentence_of
+from benchmark.run.freshness import State
+from benchmark.solvers.behaviour import Entry, behaviour_of
+from benchmark.solvers.registry import solver_folder
+from benchmark.solvers.revision import REVISION_DIGITS, installed_packages
+
+CHECK_COMMAND = "skybench bench stale"
+DETECTOR = "the shared detector"
+_SUBJECTS = {
+    "rendering": "generator.frame.render",
+    "the gallery": "generator.gallery.make_gallery",
+    "the study thesis": "benchmark.studies.thesis.study",
+    "the study calibration": "benchmark.studies.calibration.study",
+}
+_MEASURED = (
+    "docs/solver.md",
+    "docs/performance.md",
+    "docs/thesis.md",
+    "docs/calibration.md",
+    "docs/gallery/README.md",
+    "docs/images/leaderboard.svg",
+    "results/studies/*/index.html",
+    "results/leaderboard/site/*.html",
+)
+"""Files that must have a mark."""
+_SEARCHED = ("*.md", "docs/**/*.md", "docs/**/*.svg", "results/**/*.md", "results/**/*.html")
+"""Files whose marks are checked."""
+
+Rows = Mapping[str, tuple[str | None, State]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that is not as it says: the file, what is wrong, and what to do about it."""
+
+    path: str
+    what: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.what}; {self.remedy}"
+
+
+def check_marks(root: Path, rows: Rows) -> list[Problem]:
+    """Check all marks under a folder.
+
+    Parameters
+    ----------
+    root : Path
+        Of the repository.
+    rows : mapping of str to (str or None, State)
+        Revision and state of each row of the leaderboard, by the name that marks give it.
+    """
+    problems = []
+    for pattern in _MEASURED:
+        found = sorted(root.glob(pattern))
+        if not found and "*" not in pattern:
+            problems.append(Problem(pattern, "is missing", "restore it"))
+        for path in found:
+            if "<!-- measured " not in path.read_text(encoding="utf-8"):
+                remedy = "add a mark as benchmark/report/marks.py describes it"
+                problems.append(Problem(_name(root, path), "has measured numbers and no mark", remedy))
+    for path in sorted({path for pattern in _SEARCHED for path in root.glob(pattern)}):
+        problems += _check_file(root, path, rows)
+    return problems
+
+
+def stamp(root: Path, path: Path, rows: Rows, measured: bool) -> int:
+    """Bring marks of a file to what holds today.
+
+    Parameters
+    ----------
+    root : Path
+        Of the repository.
+    path : Path
+    rows : mapping
+        As for `check_marks`.
+    measured : bool
+        The numbers have just been measured: their revisions and sources become today's. Without it, revisions stay, and
+        only the sentences are written anew.
+
+    Returns
+    -------
+    int
+        Number of marks that changed.
+
+    Raises
+    ------
+    ResultsError
+        A mark cannot be read, names something unknown, or has no sentence after it.
+    """
+    text = path.read_text(encoding="utf-8")
+    changed = 0
+    try:
+        for printed in find_marks(text):
+            mark = _as_measured(root, printed.mark, rows) if measured else printed.mark
+            sentence = sentence_of(mark, _states(mark, rows))
+            if (mark, sentence) != (printed.mark, printed.sentence):
+                text = restamp(text, printed, mark, sentence)
+                changed += 1
+    except (ValueError, OSError) as error:
+        raise ResultsError(f"{path}: {error}") from error
+    if changed:
+        path.write_text(text, encoding="utf-8")
+    return changed
+
+
+def mark_of(root: Path, by: str, of: Mapping[str, str | None], sources: Iterable[Path]) -> Mark:
+    """Make a mark of numbers that were taken from files."""
+    return Mark(by, of, {_name(root, path): source_digest(path) for path in sources})
+
+
+def source_digest(path: Path) -> str:
+    """Start of a file's SHA-256, as marks state it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:SOURCE_DIGITS]
+
+
+@cache
+def revision_today(name: str) -> str:
+    """Revision of something that marks name, rows aside.
+
+    Raises
+    ------
+    ResultsError
+        There is no such thing.
+    """
+    if name == DETECTOR:
+        return installed_packages().detector_revision
+    if name in _SUBJECTS:
+        found = behaviour_of(installed_packages().sources, Entry([(_SUBJECTS[name], "")]))
+        return found.digest[:REVISION_DIGITS]
+    try:
+        return solver_folder(name).revision
+    except UnknownSolverError as error:
+        known = ", ".join((DETECTOR, *_SUBJECTS))
+        raise ResultsError(
+            f"a mark names {name!r}: neither a solver, nor a row of the leaderboard, nor {known}"
+        ) from error
+
+
+def _check_file(root: Path, path: Path, rows: Rows) -> list[Problem]:
+    name = _name(root, path)
+    try:
+        found = find_marks(path.read_text(encoding="utf-8"))
+        return [problem for printed in found for problem in _check_mark(root, name, printed, rows)]
+    except (ValueError, ResultsError) as error:
+        return [Problem(name, str(error), "correct the mark")]
+
+
+def _check_mark(root: Path, name: str, printed: Printed, rows: Rows) -> list[Problem]:
+    mark, where = printed.mark, f"line {printed.line_number}"
+    problems = []
+    for source, digest in mark.sources.items():
+        if not (root / source).is_file() or source_digest(root / source) != digest:
+            problems.append(Problem(name, f"{where}: was not made from {source} as it is", _again(mark)))
+    for row, revision in mark.of.items():
+        if "/" in row and (row not in rows or rows[row][0] != revision):
+            held = f"holds revision {rows[row][0]}" if row in rows else "has no such row"
+            what = f"{where}: states revision {revision} of {row}, but results/leaderboard {held}"
+            problems.append(Problem(name, what, _again(mark)))
+    if problems:
+        return problems
+    states = _states(mark, rows)
+    wanted = sentence_of(mark, states)
+    older = tuple(sorted(row for row, state in states.items() if state is State.OLDER))
+    if printed.sentence == wanted and (not mark.older or mark.older == older):
+        return []
+    if any("/" in row for row in mark.of):
+        remedy = _again(mark)
+    else:
+        remedy = f"{_again(mark)} and `{CHECK_COMMAND} --measured {name}`, or let it say so: `{CHECK_COMMAND} --stamp {name}`"
+    return [Problem(name, f"{where}: prints {printed.sentence!r}, but what holds today is {wanted!r}", remedy)]
+
+
+def _again(mark: Mark) -> str:
+    return f"make it again: `{mark.by}`"
+
+
+def _states(mark: Mark, rows: Rows) -> dict[str, State]:
+    def state(name: str, revision: str | None) -> State:
+        if "/" in name:
+            if name not in rows:
+                raise ResultsError(f"a mark names the row {name}, which results/leaderboard does not have")
+            return rows[name][1]
+        if revision is None:
+            return State.UNRECORDED
+        return State.TODAY if revision_today(name) == revision else State.OLDER
+
+    return {name: state(name, revision) for name, revision in mark.of.items()}
+
+
+def _as_measured(root: Path, mark: Mark, rows: Rows) -> Mark:
+    return replace(
+        mark,
+        of={name: rows[name][0] if name in rows else revision_today(name) for name in mark.of},
+        sources={source: source_digest(root / source) for source in mark.sources},
+    )
+
+
+def _name(root: Path, path: Path) -> str:
+    return path.relative_to(root).as_posix()
