@@ -45,8 +45,6 @@ class Measured:
         Time of `celnav.solve`.
     n_detections : ndarray, shape (n,)
         Detections in the field.
-    right_names : ndarray, shape (n,)
-        Part of the matches that name the true star; NaN for a refusal.
     reasons : tuple of str
         Reason of each field.
     """
@@ -57,7 +55,6 @@ class Measured:
     bound_km: F8
     time_ms: F8
     n_detections: NDArray[np.int64]
-    right_names: F8
     reasons: tuple[str, ...]
 
     @property
@@ -115,15 +112,13 @@ def measure(condition: Condition, n_fields: int, seed: int, solver: str = "skybe
         start = time.perf_counter()
         fix = solve_field(condition, field, solver)
         elapsed_ms = 1000 * (time.perf_counter() - start)
-        error = chi2 = right = math.nan
+        error = chi2 = math.nan
         if fix.ok:
             error = geodesic_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg)
             if fix.cov_km2 is not None:
                 offset = np.array(east_north_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg))
                 chi2 = float(offset @ np.linalg.solve(fix.cov_km2, offset))
-            if len(fix.matches):
-                right = float(np.mean(field.star_id[fix.matches[:, 0]] == fix.matches[:, 1]))
-        rows.append((error, chi2, bound_km(condition, field), elapsed_ms, len(field.uv), right))
+        rows.append((error, chi2, bound_km(condition, field), elapsed_ms, len(field.uv)))
         reasons.append(str(fix.reason))
-    error_km, chi2s, bounds, times, counts, rights = (np.array(column) for column in zip(*rows, strict=True))
-    return Measured(condition, error_km, chi2s, bounds, times, counts.astype(np.int64), rights, tuple(reasons))
+    error_km, chi2s, bounds, times, counts = (np.array(column) for column in zip(*rows, strict=True))
+    return Measured(condition, error_km, chi2s, bounds, times, counts.astype(np.int64), tuple(reasons))

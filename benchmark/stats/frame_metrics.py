@@ -7,7 +7,7 @@ that refusing never improves a quantile; every rate is one of all frames unless 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -208,41 +208,6 @@ def measure(frames: pd.DataFrame, metrics: Iterable[Metric] = METRICS) -> dict[s
         return {metric.key: UNDEFINED for metric in metrics}
     resamples = resamples_of(frames)
     return {metric.key: metric.measure(frames, resamples) for metric in metrics}
-
-
-def measure_by(
-    frames: pd.DataFrame,
-    by: str = "condition",
-    metrics: Sequence[Metric] = METRICS,
-    max_groups: int = 12,
-) -> pd.DataFrame:
-    """Metrics against a circumstance of the frames.
-
-    Parameters
-    ----------
-    frames : DataFrame
-    by : str
-        Column: ``condition``, ``bortle``, ``moon_altitude_deg``, ``true_latitude_deg``, …
-    metrics : sequence of Metric
-    max_groups : int
-        A column with more distinct values is cut into this many groups of like size.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``by`` (the group's value, or the mean of its values), ``from``, ``to`` (least and largest value),
-        ``n_frames``, ``metric``, ``value``, ``low``, ``high``, ``n``; empty where no frame has a value.
-    """
-    values = column(frames, by)
-    rows = []
-    for group in groups_of(values, max_groups):
-        inside = values[group]
-        for key, estimate in measure(frames[group], metrics).items():
-            rows.append(
-                (float(inside.mean()), float(inside.min()), float(inside.max()), int(group.sum()), key, estimate.value,
-                 estimate.low, estimate.high, estimate.n)
-            )  # fmt: skip
-    return pd.DataFrame(rows, columns=[by, "from", "to", "n_frames", "metric", "value", "low", "high", "n"])
 
 
 def groups_of(values: F8, max_groups: int) -> list[Bools]:

@@ -186,7 +186,6 @@ def _task_provenance(frames: TaskFrames, version: str, key: str) -> RunProvenanc
         task={
             **task_facts(frames, "own"),
             "solver_title": "submitted answers",
-            "solver_family": DETECTOR,
             "solver_licence": "",
             "key": key,
         },

@@ -12,7 +12,6 @@ parameters with all of this known.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from benchmark.studies.common.progress import Advance
 from generator import plugins
 from generator.frame.plan import FramePlan
 from generator.frame.render import RenderedFrame, render_frame
@@ -110,7 +110,7 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     )  # fmt: skip
 
 
-def recover_all(scenario: Scenario, n_frames: int, progress: Callable[[], None]) -> tuple[Recovery, ...]:
+def recover_all(scenario: Scenario, n_frames: int, progress: Advance) -> tuple[Recovery, ...]:
     """Recover the camera of each of the first frames by itself."""
     found = []
     for index in range(n_frames):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -33,6 +33,7 @@ from benchmark.studies.calibration.faults import (
     truth_told,
 )
 from benchmark.studies.common.centroid_frames import Projection, StarList
+from benchmark.studies.common.progress import Advance
 from celnav.position import Weather
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS
@@ -149,7 +150,7 @@ def shifts_of(
     return rows
 
 
-def solve_centroids(sites: Sequence[StarList], progress: Callable[[], None]) -> list[Shift]:
+def solve_centroids(sites: Sequence[StarList], progress: Advance) -> list[Shift]:
     """All faults in all sizes on star positions with noise."""
     rows: list[Shift] = []
     for stars in sites:
@@ -172,7 +173,7 @@ def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: A
     return parse_scenario(yaml.safe_dump({**header, **scenario.template, **sections}), scenario.source)
 
 
-def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Callable[[], None]) -> list[Shift]:
+def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Advance) -> list[Shift]:
     """Faults of typical size on rendered frames, and the thesis' own case: a stereographic frame at the zenith.
 
     The size of the thesis' case is the horizontal field of the pinhole that the solver is told.

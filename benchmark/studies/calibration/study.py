@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 from markupsafe import Markup
 
 from benchmark import provenance
@@ -24,7 +23,7 @@ from benchmark.studies.calibration.summary import Shifts
 from benchmark.studies.common.centroid_frames import list_stars
 from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
-from benchmark.studies.common.records import write_rows
+from benchmark.studies.common.records import write_rows, write_table
 from generator.scenario.file import load_scenario
 
 FORMAT = "skybench-study/1"
@@ -106,9 +105,7 @@ def run_study(scenario_path: Path, sizes: Sizes, work: Path, out: Path, command:
     )
     study = Study(sizes, shifts, recovered, tables, command, (time.monotonic() - start) / 60)
     write_rows(out / SHIFTS, rows, UNITS)
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table(as_table(recovered)), sink, compression="zstd")
-    write_atomically(out / GRADIENT, sink.getvalue().to_pybytes())
+    write_table(out / GRADIENT, pa.table(as_table(recovered)))
     write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
     write_atomically(out / PAGE, page(study).encode())
     return study

@@ -1,14 +1,25 @@
-"""What a study tells its caller while it runs."""
+"""How a study reports its progress."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+Advance = Callable[[], None]
+"""Takes no argument: one step more is finished."""
+
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """What the caller wants to hear: a stage begins, with so many steps (0: unknown), and a step is done."""
+    """Called by a study while it runs.
+
+    Attributes
+    ----------
+    begin : callable
+        A stage begins: its name and its number of steps (0: unknown).
+    advance : callable
+        A step of the stage is finished.
+    """
 
     begin: Callable[[str, int], None]
-    advance: Callable[[], None]
+    advance: Advance

@@ -165,6 +165,11 @@ def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS
             values = [value if math.isfinite(value) else None for value in values]
         fields.append(pa.field(field.name, kinds[str(field.type)], metadata={"unit": units.get(field.name, "")}))
         columns.append(pa.array(values, type=fields[-1].type))
+    write_table(path, pa.Table.from_arrays(columns, schema=pa.schema(fields)))
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a table as one Parquet file, whole or not at all."""
     sink = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_arrays(columns, schema=pa.schema(fields)), sink, compression="zstd")
+    pq.write_table(table, sink, compression="zstd")
     write_atomically(path, sink.getvalue().to_pybytes())

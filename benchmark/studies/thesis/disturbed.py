@@ -6,7 +6,6 @@ The night is that of a full Moon near an equinox: with the Sun 12 deg below the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,6 +15,7 @@ import yaml
 import celnav
 from benchmark.frames.dataset import load_image, open_dataset
 from benchmark.studies.common.contestants import judge_detections
+from benchmark.studies.common.progress import Advance
 from benchmark.studies.common.records import Row, row_of
 from benchmark.studies.thesis import contestants as who
 from generator.scenario.file import Scenario, parse_scenario
@@ -74,7 +74,7 @@ def disturbed_scenario(scenario: Scenario, setting: str, n_frames: int) -> Scena
     return parse_scenario(yaml.safe_dump({**header, **tree}), scenario.source)
 
 
-def solve_disturbed(scenario: Scenario, n_frames: int, folder: Path, progress: Callable[[], None]) -> tuple[Row, ...]:
+def solve_disturbed(scenario: Scenario, n_frames: int, folder: Path, progress: Advance) -> tuple[Row, ...]:
     """Render and solve all settings.
 
     Parameters

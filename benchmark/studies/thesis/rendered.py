@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import celnav
 from benchmark.errors import DatasetError
 from benchmark.frames.dataset import Dataset, Frame, load_image, open_dataset
 from benchmark.studies.common.contestants import Contestant, judge_detections
+from benchmark.studies.common.progress import Advance
 from benchmark.studies.common.records import Row, row_of
 from benchmark.studies.thesis import contestants as who
 from celnav.solver import SOLVERS
@@ -61,12 +61,12 @@ class RenderedPart:
     depths: tuple[Depth, ...]
 
 
-def render_scenario(path: Path, repeats: int | None, folder: Path, progress: Callable[[object], None]) -> Scenario:
+def render_scenario(path: Path, repeats: int | None, folder: Path, progress: Advance) -> Scenario:
     """Render a scenario, with `repeats` frames for each label if given."""
     from generator.frame.render import render_dataset  # loads Mitsuba, which a finished dataset does not need
 
     scenario = study_scenario(path, repeats)
-    render_dataset(scenario, folder, progress)
+    render_dataset(scenario, folder, lambda frame: progress())
     return scenario
 
 
@@ -76,7 +76,7 @@ def study_scenario(path: Path, repeats: int | None) -> Scenario:
     return scenario if repeats is None else dataclasses.replace(scenario, repeats=repeats)
 
 
-def solve_pictures(folder: Path, progress: Callable[[], None]) -> RenderedPart:
+def solve_pictures(folder: Path, progress: Advance) -> RenderedPart:
     """Detect and solve all frames of a dataset.
 
     Raises

@@ -129,7 +129,7 @@ def run_study(
     if folder is None:
         folder = work
         progress.begin("rendering", study_scenario(scenario_path, frames).frame_count)
-        render_scenario(scenario_path, frames, folder, lambda frame: progress.advance())
+        render_scenario(scenario_path, frames, folder, progress.advance)
     progress.begin("solving pictures", len(list(folder.glob("frame-*.json"))))
     rendered = solve_pictures(folder, progress.advance)
     scenario = study_scenario(scenario_path, frames)

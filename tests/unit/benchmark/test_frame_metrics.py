@@ -25,7 +25,6 @@ from benchmark.stats.frame_metrics import (
     groups_of,
     kelvins_scores,
     measure,
-    measure_by,
     read_frames,
     resamples_of,
 )
@@ -103,18 +102,17 @@ def test_nothing_to_count_is_undefined():
     assert math.isnan(measure(table(error_km=[1.0]), METRICS[-1:])["peak_memory_mib"].value)
 
 
-def test_metrics_by_condition_and_by_groups_of_like_size():
-    frames = table(
-        error_km=[1.0, 100.0] * 20, condition=[1.0] * 20 + [2.0] * 20, true_latitude_deg=np.arange(40.0), bortle=[None] * 40
-    )  # fmt: skip
-    found = measure_by(frames, "condition", METRICS[2:3])
-    assert found[["condition", "n_frames", "metric", "value"]].to_numpy().tolist() == [
-        [1.0, 20, "success_10km", 0.5], [2.0, 20, "success_10km", 0.5]
+def test_groups_of_a_circumstance():
+    """Each distinct value by itself; more values than groups in groups of like size; NaN in none; no group empty."""
+    by_value = groups_of(np.array([2.0, 1.0, math.nan, 2.0]), 2)
+    assert [mask.tolist() for mask in by_value] == [[False, True, False, False], [True, False, False, True]]
+    like_size = groups_of(np.arange(40.0)[::-1], 4)
+    assert [np.flatnonzero(mask).tolist() for mask in like_size] == [
+        list(range(30, 40)), list(range(20, 30)), list(range(10, 20)), list(range(10))
     ]  # fmt: skip
-    groups = measure_by(frames, "true_latitude_deg", METRICS[2:3], max_groups=4)
-    assert groups["n_frames"].tolist() == [10, 10, 10, 10]
-    assert len(measure_by(frames, "bortle")) == len(measure_by(frames, "no such column")) == 0
-    assert sum(mask.sum() for mask in groups_of(np.array([1.0, math.nan, 2.0, 3.0]), 2)) == 3
+    tied = groups_of(np.array([0.0] * 8 + [1.0, 2.0, 3.0, 4.0, math.nan]), 3)
+    assert [int(mask.sum()) for mask in tied] == [8, 4]
+    assert groups_of(np.full(3, math.nan), 2) == []
 
 
 def test_a_damaged_table_is_named(tmp_path):

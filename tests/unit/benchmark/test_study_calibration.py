@@ -370,7 +370,9 @@ def test_page_says_the_findings():
     assert "within 10 % of the first-order prediction for 8 of 9 faults" in text
     assert "Corrected: Focal length too long (0.3 %); Principal point off (1 px)." in text
     assert "Worse: Heading off (0.1 deg)." in text
-    assert "Of 4 pictures, 1 are solved with camera as declared, 3 are solved with self-calibration, 4 are solved with thesis-adaptive; at most 4 by one solver within 10 km." in text
+    solved = "Of 4 pictures, 1 are solved with camera as declared, 3 are solved with self-calibration"
+    assert solved in text
+    assert "4 are solved with thesis-adaptive; at most 4 by one solver within 10 km." in text
     assert "errors of at most 2.00 times their Cramér-Rao bound on 3 pictures" in text
     assert "add up to 24.0, within the range 6.3 to 27.5" in text
     assert "Command: skybench <study>" in text
