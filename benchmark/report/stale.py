@@ -25,12 +25,15 @@ from benchmark.solvers.revision import REVISION_DIGITS, installed_packages
 
 CHECK_COMMAND = "skybench bench stale"
 DETECTOR = "the shared detector"
+RENDERING, GALLERY = "rendering", "the gallery"
+THESIS_STUDY, CALIBRATION_STUDY = "the study thesis", "the study calibration"
 _SUBJECTS = {
-    "rendering": "generator.frame.render",
-    "the gallery": "generator.gallery.make_gallery",
-    "the study thesis": "benchmark.studies.thesis.study",
-    "the study calibration": "benchmark.studies.calibration.study",
+    RENDERING: ("generator.frame.render",),
+    GALLERY: ("generator.gallery.make_gallery",),
+    THESIS_STUDY: tuple(f"benchmark.studies.thesis.{name}" for name in ("rendered", "disturbed", "centroids")),
+    CALIBRATION_STUDY: tuple(f"benchmark.studies.calibration.{name}" for name in ("run", "camera_by_gradient")),
 }
+"""The modules that measure, by what is measured."""
 _MEASURED = (
     "docs/solver.md",
     "docs/performance.md",
@@ -129,6 +132,21 @@ def mark_of(root: Path, by: str, of: Mapping[str, str | None], sources: Iterable
     return Mark(by, of, {_name(root, path): source_digest(path) for path in sources})
 
 
+def mark_of_today(by: str, name: str, source: Path) -> tuple[Mark, str]:
+    """Mark numbers that have just been measured and written to a file, whose path is stated from the working folder.
+
+    Returns
+    -------
+    tuple of (Mark, str)
+        The mark and the sentence to print beside it.
+    """
+    # Outside the working folder a path says where somebody works, and nothing that others could check.
+    here, place = Path.cwd(), source.resolve()
+    stated = place.relative_to(here).as_posix() if place.is_relative_to(here) else source.name
+    mark = Mark(by, {name: revision_today(name)}, {stated: source_digest(source)})
+    return mark, sentence_of(mark, {name: State.TODAY})
+
+
 def source_digest(path: Path) -> str:
     """Start of a file's SHA-256, as marks state it."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:SOURCE_DIGITS]
@@ -146,7 +164,7 @@ def revision_today(name: str) -> str:
     if name == DETECTOR:
         return installed_packages().detector_revision
     if name in _SUBJECTS:
-        found = behaviour_of(installed_packages().sources, Entry([(_SUBJECTS[name], "")]))
+        found = behaviour_of(installed_packages().sources, Entry([(module, "") for module in _SUBJECTS[name]]))
         return found.digest[:REVISION_DIGITS]
     try:
         return solver_folder(name).revision

@@ -11,6 +11,8 @@ import pyarrow as pa
 from markupsafe import Markup
 
 from benchmark import provenance
+from benchmark.report.marks import Mark
+from benchmark.report.stale import CALIBRATION_STUDY, mark_of_today, revision_today
 from benchmark.report.templates import render_page
 from benchmark.run.results import write_atomically
 from benchmark.studies.calibration import figures as figures
@@ -107,7 +109,8 @@ def run_study(scenario_path: Path, sizes: Sizes, work: Path, out: Path, command:
     write_rows(out / SHIFTS, rows, UNITS)
     write_table(out / GRADIENT, pa.table(as_table(recovered)))
     write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
-    write_atomically(out / PAGE, page(study).encode())
+    mark, sentence = mark_of_today(command, CALIBRATION_STUDY, out / NUMBERS)
+    write_atomically(out / PAGE, page(study, mark, sentence).encode())
     return study
 
 
@@ -118,6 +121,7 @@ def _numbers(study: Study) -> dict[str, object]:
         "minutes": round(study.minutes, 1),
         "sites": study.sizes.sites,
         "pictures": study.sizes.pictures,
+        "revision": revision_today(CALIBRATION_STUDY),
         "versions": dict(provenance.versions()),
         "machine": plain(provenance.machine()),
         "date_utc": provenance.now_utc(),
@@ -128,8 +132,8 @@ def _numbers(study: Study) -> dict[str, object]:
     }
 
 
-def page(study: Study) -> str:
-    """Render the page: one HTML file that needs nothing beside it."""
+def page(study: Study, mark: Mark, sentence: str) -> str:
+    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
     return render_page(
         "study_calibration.html",
         faults=summary.fault_findings(study.shifts),
@@ -145,4 +149,6 @@ def page(study: Study) -> str:
         machine=provenance.machine(),
         date=provenance.now_utc(),
         minutes=f"{study.minutes:.1f}",
+        mark=mark,
+        sentence=sentence,
     )

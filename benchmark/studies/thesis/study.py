@@ -13,6 +13,8 @@ from markupsafe import Markup
 from benchmark import provenance
 from benchmark.errors import DatasetError
 from benchmark.report.formatting import interval, number, percent
+from benchmark.report.marks import Mark
+from benchmark.report.stale import THESIS_STUDY, mark_of_today, revision_today
 from benchmark.report.templates import environment
 from benchmark.run.results import write_atomically
 from benchmark.stats.intervals import Estimate
@@ -152,7 +154,8 @@ def run_study(
     )
     write_rows(out / ROWS, rows.rows)
     write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
-    write_atomically(out / PAGE, page(study).encode())
+    mark, sentence = mark_of_today(command, THESIS_STUDY, out / NUMBERS)
+    write_atomically(out / PAGE, page(study, mark, sentence).encode())
     return study
 
 
@@ -212,6 +215,7 @@ def _numbers(study: Study) -> dict[str, object]:
         "scenario": {"name": dataset.scenario_name, "sha256": dataset.scenario_sha256, "frames": len(dataset.frames)},
         "truth_sha256": dataset.truth_sha256,
         "centroid_sites": study.centroids.n_sites,
+        "revision": revision_today(THESIS_STUDY),
         "versions": dict(provenance.versions()),
         "machine": plain(provenance.machine()),
         "date_utc": provenance.now_utc(),
@@ -225,8 +229,8 @@ def words() -> jinja2.Environment:
     return environment(thesis=thesis, number=number, percent=percent, interval=interval, p_text=p_text)
 
 
-def page(study: Study) -> str:
-    """Render the page: one HTML file that needs nothing beside it."""
+def page(study: Study, mark: Mark, sentence: str) -> str:
+    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
     drawn = (
         (
             "Figure 5: recall by class",
@@ -266,5 +270,7 @@ def page(study: Study) -> str:
             machine=provenance.machine(),
             date=provenance.now_utc(),
             minutes=f"{study.minutes:.1f}",
+            mark=mark,
+            sentence=sentence,
         )
     )

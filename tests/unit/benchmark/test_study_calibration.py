@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from benchmark.judge.geodesy import radii_of_curvature_km
+from benchmark.report.marks import Mark, find_marks
 from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration.bias import Estimator, View
@@ -366,7 +367,11 @@ def test_page_says_the_findings():
     shifts, recovered = made_by_hand()
     tables = (summary_table(shifts), picture_table(shifts), gradient_table(recovered), *size_tables(shifts))
     study = Study(Sizes(20, 4, 3), shifts, recovered, tables, "skybench <study>", 1.0)
-    text = re.sub(r"\s+", " ", html.unescape(re.sub("<[^>]+>", "", page(study))))
+    mark = Mark(study.command, {"the study calibration": None})
+    sentence = "Measured before revisions of the study calibration were recorded."
+    made = page(study, mark, sentence)
+    assert [(one.mark, one.sentence) for one in find_marks(made)] == [(mark, sentence)]
+    text = re.sub(r"\s+", " ", html.unescape(re.sub("<[^>]+>", "", made)))
     assert "within 10 % of the first-order prediction for 8 of 9 faults" in text
     assert "Corrected: Focal length too long (0.3 %); Principal point off (1 px)." in text
     assert "Worse: Heading off (0.1 deg)." in text
