@@ -23,7 +23,7 @@ from rich.progress import (
 from benchmark.errors import BenchmarkError
 from benchmark.studies.common.progress import StudyProgress
 
-app = typer.Typer(help="Replicate published work, and study what goes wrong.", no_args_is_help=True)
+app = typer.Typer(help="Replicate published work, and study sources of error.", no_args_is_help=True)
 
 DEFAULT_OUT = Path("results/studies/thesis")
 DEFAULT_SITES = 100
@@ -34,7 +34,7 @@ EXIT_BAD_INPUT = 2
 
 @app.callback()
 def _group() -> None:
-    """Replicate published work, and study what goes wrong."""
+    """Replicate published work, and study sources of error."""
 
 
 @app.command(epilog="Example: skybench study thesis --frames 24")
@@ -51,7 +51,7 @@ def thesis(
     work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/thesis_mag"),
     sites: Annotated[int, typer.Option("--sites", min=2, help="Sites of the frames without pictures.")] = DEFAULT_SITES,
 ) -> None:
-    """Run all variants of the thesis' solver on its sets, and hold the results beside the thesis' own."""
+    """Run all variants of the thesis' solver on its sets, and compare the results with the thesis' own."""
     from benchmark.studies.thesis.study import PAGE, run_study  # loads the solvers, which --help need not wait for
     from generator.errors import GeneratorError
 
@@ -87,7 +87,7 @@ def calibration(
     ),
     work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/calibration"),
 ) -> None:
-    """Tell a solver a wrong camera, attitude, clock or sky, and hold what happens beside its first-order prediction."""
+    """Give a solver a wrong camera, attitude, clock or sky, and compare its error with the first-order prediction."""
     from benchmark.studies.calibration.study import PAGE, Sizes, run_study  # loads the solvers
     from generator.errors import GeneratorError
 

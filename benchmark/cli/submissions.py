@@ -37,7 +37,7 @@ _Frames = Annotated[
     int | None,
     typer.Option("--frames", min=1, help="Frames a condition, the same for packing and scoring; default: all."),
 ]
-_Data = Annotated[Path, typer.Option("--data", help="Folder for the tasks' frames; what is missing is rendered.")]
+_Data = Annotated[Path, typer.Option("--data", help="Folder for the tasks' frames; missing ones are rendered.")]
 _Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Processes that render.")]
 _DEFAULT_DATA = Path("out/tasks")
 _Stars = Annotated[Path | None, typer.Option("--stars", help="Star table of the submission, CSV or Parquet.")]
@@ -62,7 +62,7 @@ def pack_test(
     data: _Data = _DEFAULT_DATA,
     jobs: _Jobs = 1,
 ) -> None:
-    """Write images and what a solver may know, without the truth, under names that tell nothing."""
+    """Write images with the records that a solver may use, without the truth, under names that reveal nothing."""
     from benchmark.submit.pack import pack  # loads the solvers, which --help need not wait for
 
     try:
@@ -81,7 +81,7 @@ def check(
     stars: _Stars = None,
     packed: Annotated[Path | None, typer.Option("--set", help="The set that was answered, to check ids.")] = None,
 ) -> None:
-    """Say line by line what is wrong with a submission."""
+    """Report the faults of a submission line by line."""
     from benchmark.submit.pack import listed_names
 
     try:
@@ -95,7 +95,9 @@ def check(
 
 def score(
     file: _File,
-    truth: Annotated[str, typer.Option("--truth", metavar="TASK|DIR", help="What the set was packed from.")],
+    truth: Annotated[
+        str, typer.Option("--truth", metavar="TASK|DIR", help="Task or dataset that the set was packed from.")
+    ],
     name: Annotated[str, typer.Option("--name", help="Name on the leaderboard.")],
     stars: _Stars = None,
     out: Annotated[
@@ -146,7 +148,7 @@ def _opened(
 
 
 def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
-    """Read both files; print what is wrong and exit where anything is."""
+    """Read both files; print their problems and exit if there are any."""
     answers = check_answers(file, names)
     table = None if stars is None else check_stars(stars, names)
     for path, checked in ((file, answers), (stars, table)):

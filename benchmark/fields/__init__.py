@@ -1,1 +1,1 @@
-"""Random star fields, and what the default solver must reach on them."""
+"""Random star fields, and the bars that the default solver must reach on them."""

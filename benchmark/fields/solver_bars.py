@@ -1,4 +1,4 @@
-"""Measure a celnav solver on random fields: how many are solved, how many wrong, how well, how fast."""
+"""Measure a celnav solver on random fields: success, wrong fixes, accuracy and time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CHI2_95 = 5.991464547107979
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a solver did on fields of one condition.
+    """Results of a solver on fields of one condition.
 
     Attributes
     ----------
@@ -75,13 +75,13 @@ class Measured:
 
 
 def camera_of(condition: Condition) -> celnav.Camera:
-    """Return the camera that the solver is told."""
+    """Return the camera that the solver is given."""
     model = "equidistant" if condition.equidistant else "pinhole"
     return celnav.Camera(model, WIDTH, HEIGHT, f_px=condition.f_px)
 
 
 def attitude_of(condition: Condition, field: Field) -> celnav.Attitude:
-    """Return the attitude that the solver is told."""
+    """Return the attitude that the solver is given."""
     return celnav.Attitude.exact(field.R_cam) if condition.exact_attitude else celnav.Attitude.up(field.R_cam[:, 2])
 
 

@@ -29,7 +29,7 @@ PRESSURE_HPA, TEMPERATURE_C = 1010.0, 10.0
 
 @dataclass(frozen=True)
 class Condition:
-    """What a field looks like.
+    """How a field is made.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Condition:
 
     @property
     def f_px(self) -> float:
-        """Focal length that the solver is told, pixels."""
+        """Focal length that the solver is given, pixels."""
         if self.equidistant:
             return WIDTH / math.radians(self.hfov_deg)
         return WIDTH / 2 / math.tan(math.radians(self.hfov_deg) / 2)

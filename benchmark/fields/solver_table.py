@@ -1,4 +1,4 @@
-"""The table of what the default solver must reach on random fields, and the command that measures it."""
+"""The bars of the default solver on random fields, and the command that measures it against them."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ CENTROID_MS, CENTROID_P95_MS, IMAGE_MS = 5.0, 15.0, 40.0
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A bar and what was measured for it."""
+    """A bar and its measurements."""
 
     bar: Bar
     measured: tuple[Measured, ...]

@@ -1,11 +1,11 @@
-"""The Cramér-Rao bound: no unbiased solver's position can scatter less than what its stars' places hold on it.
+"""The Cramér-Rao bound: no unbiased solver's position can scatter less than the information that its stars' places hold.
 
 From the noise of the pixels to the position in three steps. (1) A star's pixels give Fisher information on its place
 (`benchmark.judge.place_information`). (2) The camera's projection turns the place's information into that on the
 direction of the sky. (3) Moving east or north turns the sky; where the attitude is not known exactly, its error turns
-the sky as well, and the information on position is what is left when it is taken out (Schur's complement).
+the sky as well, and the information on position is the Schur complement that remains.
 
-The stars are taken as named, the camera and the time as known: what really happens is worse, so the bound stays one.
+The stars are taken as identified, the camera and the time as known. A real solver knows less, so the bound holds.
 Refraction's own change of the scale (below 1 % at 10 degrees of altitude) is left out. Stars whose middle lies outside
 the frame are left out, those near its edge count whole: on average over places the two make up for each other.
 

@@ -13,10 +13,10 @@ from benchmark.judge.place_information import StarLight, background_variance
 
 
 def light_of(frame: Frame) -> StarLight | None:
-    """Gather a frame's light as it truly was, whatever the solver is told.
+    """Gather a frame's true light, whatever the solver is given.
 
-    Read anew from the frame's record (``camera``, ``attitude.R_cam``, ``optics.psf_sigma_px``); None where there is no
-    record, or it does not say how wide the point spread function is.
+    Read anew from the frame's record (``camera``, ``attitude.R_cam``, ``optics.psf_sigma_px``); None where there is
+    no record, or no width of the point spread function in it.
 
     Raises
     ------
@@ -44,13 +44,13 @@ def light_of(frame: Frame) -> StarLight | None:
 
 
 def bound_of(frame: Frame) -> float | None:
-    """Least root mean square position error, km, with the attitude as well known as the solver was told.
+    """Least root mean square position error, km, for a solver with the attitude's stated uncertainty.
 
     None where the frame has no bound: no width of the point spread function on record, or no stars that fix a position.
     """
     light = light_of(frame)
     if light is None:
         return None
-    told = frame.observation
-    bound = bound_km(light, AttitudePrior(told.tilt_sigma_deg, told.heading_sigma_deg))
+    given = frame.observation
+    bound = bound_km(light, AttitudePrior(given.tilt_sigma_deg, given.heading_sigma_deg))
     return bound if math.isfinite(bound) else None

@@ -36,7 +36,7 @@ _NODES = 24
 
 @dataclass(frozen=True, eq=False)
 class StarLight:
-    """What the truth says of a frame's light, and how it was seen.
+    """A frame's true light, and the camera that saw it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Detection for peers that bring none of their own: sep (Barbary 2016), the core of SExtractor (Bertin and Arnouts 1996)."""
+"""Detection for peers without their own: sep (Barbary 2016), the core of SExtractor (Bertin and Arnouts 1996)."""
 
 from dataclasses import dataclass
 

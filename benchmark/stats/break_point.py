@@ -72,7 +72,7 @@ def break_point(
     """Condition at which success falls to one half, with its clustered bootstrap interval.
 
     Success at each tested value is made to fall with difficulty by isotonic regression; between two tested values it
-    is taken as linear. No shape of the curve is assumed beyond that, so the result says no more than was tested.
+    is taken as linear. No other shape of the curve is assumed, so the result rests on the tested values only.
 
     Parameters
     ----------

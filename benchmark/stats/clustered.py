@@ -1,7 +1,7 @@
-"""Bootstrap of whole clusters: frames of one site and night share weather, sky and luck, so they are drawn together.
+"""Bootstrap of whole clusters: frames of one site and night share weather and sky, so they are drawn together.
 
 Intervals are percentile intervals with levels widened for few clusters (Hesterberg's expanded percentiles). Statistics
-must be functions of weighted frames; sums and quantiles are worked out for all resamples at once.
+must be functions of weighted frames; sums and quantiles are computed for all resamples at once.
 """
 
 from __future__ import annotations
@@ -143,8 +143,8 @@ def percentile_interval(
     n_clusters : int
         Below 2 nothing is known: the interval is `bounds`.
     bounds : tuple of float
-        The statistic's range. Where all clusters agree, resamples say nothing of those that were not seen: a share of
-        z^2 / (n + z^2) of them (Wilson's bound for none of n) may lie at either end of a finite range.
+        The statistic's range. Where all clusters agree, resamples carry no information about clusters that were not
+        drawn: a share of z^2 / (n + z^2) of them (Wilson's bound for 0 of n) may lie at either end of a finite range.
     """
     x = np.asarray(replicates, dtype=np.float64)
     x = x[~np.isnan(x)]

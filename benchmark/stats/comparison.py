@@ -188,9 +188,9 @@ def ranks(
 ) -> tuple[Rank, ...]:
     """Ranks by success with joint confidence intervals, best first.
 
-    A solver's true rank is one more than the number of solvers that are better. Those that the tests say are better
-    are at least so many; those that they do not say are worse are at most so many. Holm's adjustment keeps the chance
-    of any false verdict below the level, and with none all intervals hold.
+    A solver's true rank is one more than the number of solvers that are better. That number is at least the number of
+    solvers that test as better, and at most the number of those that do not test as worse. Holm's adjustment keeps the
+    probability of any false verdict below the level; without one, all intervals hold.
 
     Parameters
     ----------

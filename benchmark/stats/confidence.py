@@ -1,4 +1,4 @@
-"""What a solver's confidence is worth, and whether its covariance is honest.
+"""Calibration of a solver's confidence and of its covariance.
 
 Confidence: the reliability diagram, the expected calibration error, and the risk-coverage curve. Covariance: the
 normalised estimation error squared and the coverage of error ellipses. All take a table of frames.
@@ -81,11 +81,11 @@ class Nees:
     n : int
         Fixes.
     mean : float
-        2 where the covariance is honest; above, it promises too much; below, too little.
+        2 where the covariance is right; more where it is too small, less where it is too large.
     low, high : float
         Where the mean lies with 95 % probability if all errors are Gaussian with the covariance claimed.
     median : float
-        1.386 where it is honest; not moved by a few gross errors.
+        1.386 where it is right; robust against a few gross errors.
     """
 
     n: int
@@ -157,7 +157,7 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
     the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: the smallest error,
     among solvers whose gaps are those of the sample times a factor, that would not give the sample's error too rarely;
     the noise of the gaps is taken from the resamples. The upper end, which the bias does not threaten, lies as many
-    standard deviations above the value as the t distribution says.
+    standard deviations above the value as the t distribution gives.
 
     References
     ----------
@@ -188,7 +188,7 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
 
 
 def overconfidence(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Mean confidence less success over the fixes: above 0 the solver promises too much. Free of bins and of bias."""
+    """Mean confidence less success over the fixes: above 0 the solver is overconfident. Independent of bins and unbiased."""
     confidence, known = _confident(frames)
     n = int(known.sum())
     if n == 0:
@@ -254,7 +254,7 @@ def _curve(weights: F8, wrong: F8, block: NDArray[np.intp]) -> tuple[F8, F8]:
 def nees_values(frames: pd.DataFrame) -> F8:
     """Squared error in units of the covariance claimed, shape (n,); NaN without a fix or a covariance.
 
-    A covariance that is not positive definite claims certainty in some direction: +inf.
+    +inf for a covariance that is not positive definite, which claims certainty in some direction.
     """
     east, north = column(frames, "error_east_km"), column(frames, "error_north_km")
     ee, en, nn = (column(frames, f"cov_{name}_km2") for name in ("ee", "en", "nn"))
@@ -266,13 +266,13 @@ def nees_values(frames: pd.DataFrame) -> F8:
 
 
 def nees(frames: pd.DataFrame, right_only: bool = False, confidence: float = 0.95) -> Nees:
-    """Normalised estimation error squared with the bounds that an honest covariance keeps.
+    """Normalised estimation error squared with the bounds that a correct covariance keeps.
 
     Parameters
     ----------
     frames : DataFrame
     right_only : bool
-        Over the fixes within the limit of success only: what the covariance is worth once the stars are named right.
+        Over the fixes within the limit of success only: the covariance by itself, once the stars are identified correctly.
     confidence : float
 
     References
@@ -291,7 +291,7 @@ def nees(frames: pd.DataFrame, right_only: bool = False, confidence: float = 0.9
 
 
 def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:
-    """Share of the fixes with a covariance whose truth lies inside the error ellipse of a level; honest: the level."""
+    """Share of the fixes with a covariance whose error ellipse of a level holds the truth; the level if it is correct."""
     values = nees_values(frames)
     inside = values <= stats.chi2.ppf(level, NEES_DIMENSIONS)
     return proportion_estimate(inside & ~np.isnan(values), ~np.isnan(values), resamples)

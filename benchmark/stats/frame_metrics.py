@@ -1,7 +1,7 @@
 """Metrics of one solver as functions of its table of frames (docs/benchmark.md defines and sources each).
 
 A table is a pandas data frame with the columns of ``frames.parquet``. Frames without a fix have an infinite error, so
-that refusing never improves a quantile; every rate is one of all frames unless its definition says otherwise.
+that refusing never improves a quantile; every rate is a share of all frames unless its definition states otherwise.
 """
 
 from __future__ import annotations

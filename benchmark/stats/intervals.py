@@ -86,7 +86,7 @@ def pooled_proportion(successes: ArrayLike, trials: ArrayLike, confidence: float
     The stars of one frame are not independent: a wrong fix mislabels them all. The variance is therefore taken
     between frames (ratio estimator, linearised), turned into an effective number of independent stars and put into
     Wilson's interval. The effective number never exceeds the number of stars, and is scaled by the t quantile of the
-    frames' degrees of freedom. Where all frames agree on 0 or 1 the variance says nothing; each frame then counts as
+    frames' degrees of freedom. Where all frames agree on 0 or 1 the variance is no guide; each frame then counts as
     one trial.
 
     Parameters

@@ -21,7 +21,7 @@ class PairedTest:
     n : int
         Frames.
     only_first, only_second : int
-        Frames on which one solver succeeds and the other fails; the others say nothing about a difference.
+        Frames on which one solver succeeds and the other fails; the others carry no information about a difference.
     p : float
         Two-sided.
     """

@@ -1,4 +1,4 @@
-"""What a comparison can find: the minimum detectable difference of two solvers' success on the same frames."""
+"""Power of a comparison: the minimum detectable difference of two solvers' success on the same frames."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def minimum_detectable_difference(n_frames: float, discordant: float, level: flo
 
 
 def design_effect(gap: ArrayLike, clusters: ArrayLike) -> float:
-    """Variance of a sum of paired differences over what it were if the frames of a cluster were independent.
+    """Variance of a sum of paired differences over its variance for independent frames within a cluster.
 
     Under the null hypothesis of no difference: the sum of the clusters' squared sums over that of the frames' squares;
     not below 1. 1 where nothing differs.

@@ -1,8 +1,8 @@
 """Cells of an untrusted table, CSV or Parquet, within limits of size.
 
 CSV is read line by line, so that a quote that is never closed spoils one line only. Parquet is read by a process of its
-own with limited memory and time (`benchmark.submit.parquet_guard`): its compression can hide far more than the file's
-size says.
+own with limited memory and time (`benchmark.submit.parquet_guard`): it can
+unpack to far more than the file's size.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LARGEST_FILE_BYTES = 64 * 2**20
 LONGEST_LINE_BYTES = 4096
 LONGEST_CELL = 200
 MOST_SPARE_LINES = 1000
-"""Empty lines and such, beyond the rows that are allowed."""
+"""Empty and faulty lines, beyond the rows that are allowed."""
 PARQUET_MAGIC = b"PAR1"
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
 
@@ -48,7 +48,7 @@ class CellTable:
 
 
 def read_cells(path: Path, known: tuple[str, ...], max_rows: int, report: Report) -> CellTable | None:
-    """Open a table; what is wrong with it is reported, at once or while its rows are read.
+    """Open a table; faults are reported, at once or while its rows are read.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def read_cells(path: Path, known: tuple[str, ...], max_rows: int, report: Report
     Returns
     -------
     CellTable or None
-        None where there is nothing to be read.
+        None where the file cannot be read.
     """
     content = _content(path, report)
     if content is None:

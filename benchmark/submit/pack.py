@@ -109,8 +109,8 @@ def _unpack(sharded: Sharded, scratch: Path) -> None:
 def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
     """Name of each frame in a set without truth, by frame id.
 
-    A keyed hash of the id (HMAC-SHA-256, RFC 2104), the key being a hash of the truth: who does not have the truth cannot
-    tell which frame is which, and who has it needs nothing else.
+    A keyed hash of the id (HMAC-SHA-256, RFC 2104), the key being a hash of the truth: names
+    reveal nothing without the truth, and need nothing else with it.
     """
     digest = hashlib.sha256()
     for frame in sorted(frames, key=lambda frame: frame.frame_id):
@@ -126,7 +126,7 @@ def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
 
 
 def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = lambda name: None) -> None:
-    """Write images and what a solver is told of them, and nothing else.
+    """Write images with the records that a solver is given, without the truth.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = l
 
 
 def public_record(name: str, frame: Frame) -> dict[str, Any]:
-    """What a solver is told of a frame, under the keys of the frame record; null: the heading is not known."""
+    """The record of a frame that a solver is given, with the keys of the frame record; a null sigma: unknown heading."""
     seen = frame.observation
     heading = seen.heading_sigma_deg
     return {

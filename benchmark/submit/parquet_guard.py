@@ -1,4 +1,4 @@
-"""Reading an untrusted Parquet file in a process of its own, whose memory and time are limited.
+"""Reading an untrusted Parquet file in a separate process with limited memory and time.
 
 A small file can claim enormous columns, and a damaged one can bring its reader down. Run as a program, this module reads a
 file from standard input and writes an Arrow stream of plain columns (texts, integers, floating-point numbers), or exits
@@ -30,7 +30,7 @@ _NUMBERS = {"INT32", "INT64", "FLOAT", "DOUBLE"}
 
 
 class GuardError(Exception):
-    """The file cannot be read within the limits; says why in words that are safe to print."""
+    """The file cannot be read within the limits; the message is safe to print."""
 
 
 def read_guarded(content: bytes, max_rows: int, longest_text: int) -> pa.Table:
@@ -82,7 +82,7 @@ _CHILD = (
 
 
 def serve(max_rows: int, longest_text: int) -> None:
-    """Do the reading, in the process that is limited."""
+    """Read, in the limited process."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -164,7 +164,7 @@ def _dataset_provenance(dataset: Dataset, version: str) -> RunProvenance:
         solver_version=version,
         detector=DETECTOR,
         versions=provenance.versions(),
-        machine=dict.fromkeys(provenance.machine(), "not told"),
+        machine=dict.fromkeys(provenance.machine(), "not stated"),
         date_utc=provenance.now_utc(),
         jobs=1,
     )
@@ -180,7 +180,7 @@ def _task_provenance(frames: TaskFrames, version: str, key: str) -> RunProvenanc
         solver_version=version,
         detector=DETECTOR,
         versions=provenance.versions(),
-        machine=dict.fromkeys(provenance.machine(), "not told"),
+        machine=dict.fromkeys(provenance.machine(), "not stated"),
         date_utc=provenance.now_utc(),
         jobs=1,
         task={

@@ -1,7 +1,7 @@
-"""Answers of a solver that ran elsewhere: one file, CSV or Parquet, checked line by line before anything is made of it.
+"""Answers of a solver that ran elsewhere: one file, CSV or Parquet, checked line by line before use.
 
-A submission is untrusted. It is read as data only; size, number of lines, length of lines and of cells are limited; what
-it says is never printed or stored but for identifiers and numbers of the expected form. docs/submissions.md is for people.
+A submission is untrusted. It is read as data only; size, number of lines, length of lines and of cells are limited; of its
+content only identifiers and numbers of the expected form are printed or stored. docs/submissions.md documents the format.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,10}")
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong with a submission.
+    """A fault of a submission.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Problem:
     column : str
         Empty where the whole line is meant.
     reason : str
-        What is wrong and what is expected; made of printable characters only.
+        The fault and the expected form; printable characters only.
     """
 
     line: int
@@ -59,7 +59,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """What a submission says of one frame; None where it says nothing. Units as in docs/submissions.md."""
+    """A submission's answer to one frame; None where a cell is empty. Units as in docs/submissions.md."""
 
     frame_id: str
     status: str
@@ -72,7 +72,7 @@ class FrameAnswer:
 
 @dataclass(frozen=True)
 class StarRow:
-    """One detection of a frame and the star it is said to be; `star_id` is None where it is not named."""
+    """One detection of a frame and the star that it is identified as; `star_id` is None where it is not identified."""
 
     frame_id: str
     u_px: float
@@ -100,14 +100,14 @@ class Checked:
 
 
 class Notes:
-    """Problems as they are found, up to a limit."""
+    """Problems in the order in which they are found, up to a limit."""
 
     def __init__(self) -> None:
         self.found: list[Problem] = []
         self.left_out = 0
 
     def add(self, line: int, column: str, reason: str) -> None:
-        """Note one."""
+        """Add one."""
         if len(self.found) < MAX_PROBLEMS:
             self.found.append(Problem(line, column, reason))
         else:
@@ -127,7 +127,7 @@ def check_answers(path: Path, frame_ids: Collection[str] | None = None) -> Check
     Parameters
     ----------
     path : Path
-        CSV or Parquet, told by its first bytes.
+        CSV or Parquet, distinguished by its first bytes.
     frame_ids : collection of str, optional
         The frames that must be answered, each once; without them ids are checked for their form only.
     """
@@ -157,7 +157,7 @@ def check_answers(path: Path, frame_ids: Collection[str] | None = None) -> Check
 
 
 def check_stars(path: Path, frame_ids: Collection[str] | None = None) -> Checked:
-    """Read and check a star table: detections, and the stars they are said to be.
+    """Read and check a star table: detections, and the stars that they are identified as.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def _integer(row: Mapping[str, Cell], column: str, line: int, notes: Notes) -> i
 
 
 def _parsed(cell: Cell, form: re.Pattern[str], convert: Callable[[str], float]) -> float | str | None:
-    """The number in a cell; None where it is empty; the text itself, or what is no number, where it is none."""
+    """The number in a cell; None where it is empty; its text, or NaN, where it is not a number."""
     if cell is None:
         return None
     if isinstance(cell, str):
@@ -279,7 +279,7 @@ def _parsed(cell: Cell, form: re.Pattern[str], convert: Callable[[str], float]) 
 
 
 def shown(cell: Cell) -> str:
-    """A cell as it may be printed: short, quoted, every character that is not plain ASCII escaped."""
+    """A cell made safe to print: short, quoted, with every character outside ASCII escaped."""
     if cell is None or cell == "":
         return "nothing"
     if not isinstance(cell, str):

@@ -1,1 +1,1 @@
-"""What errors of calibration do to a position, `skybench study calibration`."""
+"""Effects of calibration errors on a position, `skybench study calibration`."""

@@ -1,9 +1,9 @@
-r"""What a wrong camera, attitude, clock or sky does to a position, to first order.
+r"""First-order effect of a wrong camera, attitude, clock or sky on a position.
 
 A solver that turns its sky until predicted and observed positions agree minimises sum |d_i - D_i t|^2 over small turns t,
-where d_i is what the fault adds to observed minus predicted position of star i (px), and D_i the derivative of the predicted
-position by a turn. Its answer moves by the t of that least-squares problem, linear in d. Faults that turn the whole sky, or
-the horizon, add to t directly and leave no residual: no fit can see them.
+where d_i is the fault's share in the observed minus predicted position of star i (px), and D_i the derivative of the
+predicted position by a turn. Its answer moves by the t of that least-squares problem, linear in d. Faults that turn the
+whole sky, or the horizon, add to t directly and leave no residual: no fit can see them.
 
 A turn of the sky by t (east, north, up; right-handed, rad) against the horizon is a displacement of the observer: going north
 by n turns the sky about east by n; going east by e turns it about the Earth's axis, by -e about north and -e tan(latitude)
@@ -36,7 +36,7 @@ FREE = ("focal length", "cx", "cy", "r^3", "r^5")
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a frame shows, as far as a prediction needs to know.
+    """The part of a frame that a prediction depends on.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class View:
     latitude_deg : float
         Of the observer.
     f_px : float
-        Focal length that the solver is told.
+        Focal length that the solver is given.
     half_diagonal_px : float
         Of the frame.
     """
@@ -60,13 +60,13 @@ class View:
 
     @property
     def from_centre(self) -> F8:
-        """Positions of the stars on the told pinhole from its principal point, px, shape (n, 2)."""
+        """Positions of the stars on the declared pinhole from its principal point, px, shape (n, 2)."""
         return self.f_px * self.rays[:, :2] / self.rays[:, 2:]
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """A fault as the solver meets it.
+    """A fault as it enters the solver's least squares.
 
     Attributes
     ----------
@@ -82,19 +82,19 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Estimator:
-    """What a solver fits.
+    """The least squares of a solver.
 
     Attributes
     ----------
     horizon : str
-        What it is told of its attitude.
+        The part of the attitude that it is given.
     weights : str
         Whether errors count in pixels or in angle.
     free_sigmas : tuple of float
         Standard deviations before the fit of the camera's five corrections, in the order of `FREE`: of the logarithm of the
         focal length, of the principal point (px), and of the factors q of q (r/half diagonal)^2 and ^4; empty for none.
     noise_px : float
-        Of a centroid along each axis; says what the priors weigh.
+        Of a centroid along each axis; sets the weight of the priors.
     """
 
     horizon: Horizon = "whole attitude"
@@ -133,7 +133,7 @@ def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
     misfit : Misfit
         Of the fault, or the sum of several.
     estimator : Estimator
-        What the solver fits: least squares, with Gaussian priors on the camera's corrections.
+        Of the solver: least squares with Gaussian priors on the camera's corrections.
     """
     design = turning_derivatives(view) @ view.R_cam  # by turns about east, north and up
     if estimator.free_sigmas:
@@ -163,23 +163,23 @@ def _to_angle(view: View) -> F8:
 
 
 def focal_misfit(view: View, part: float) -> Misfit:
-    """Told focal length (1 + part) times the true one: observed minus predicted is -part x (position from the centre)."""
+    """Declared focal length (1 + part) times the true one: observed minus predicted is -part x (position from the centre)."""
     return Misfit(-part * view.from_centre)
 
 
 def centre_misfit(view: View, shift_px: F8) -> Misfit:
-    """Told principal point shifted by `shift_px`, shape (2,): all positions are shifted by its negative."""
+    """Declared principal point shifted by `shift_px`, shape (2,): all positions are shifted by its negative."""
     return Misfit(np.broadcast_to(-shift_px, (len(view.rays), 2)))
 
 
 def k1_misfit(view: View, k1: float) -> Misfit:
-    """Told radial term k1 of a lens without one: predicted positions move outward by k1 r^2, r the tangent off the axis."""
+    """Radial term k1 declared for a lens without one: predicted positions move outward by k1 r^2 with r = tan(theta)."""
     q = np.sum((view.from_centre / view.f_px) ** 2, axis=1)
     return Misfit(-k1 * q[:, None] * view.from_centre)
 
 
 def projection_misfit(view: View) -> Misfit:
-    """Told a pinhole of a stereographic lens.
+    """A stereographic lens declared as pinhole.
 
     Observed is 2 f tan(theta/2), predicted f tan(theta), theta off the axis: to the third order they differ by -f theta^3/4.
     """
@@ -189,12 +189,12 @@ def projection_misfit(view: View) -> Misfit:
 
 
 def attitude_misfit(view: View, turn_rad: F8) -> Misfit:
-    """Told R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems turned back by it."""
+    """Declared R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems turned back by it."""
     return Misfit(np.zeros((len(view.rays), 2)), -np.asarray(turn_rad, dtype=np.float64))
 
 
 def clock_misfit(view: View, late_s: float) -> Misfit:
-    """Told a time later than the true one: the sky is expected to have turned on about the Earth's axis.
+    """A declared time later than the true one: the sky is expected to have turned on about the Earth's axis.
 
     The Earth's rate times the delay, about (0, cos, sin) of the latitude: the position moves west by 464 m x cos(latitude)
     a second.
@@ -205,7 +205,7 @@ def clock_misfit(view: View, late_s: float) -> Misfit:
 
 
 def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> Misfit:
-    """Told that there is no air: stars stand higher than predicted by the refraction.
+    """Air declared absent: stars stand higher than predicted, by the refraction.
 
     Refraction by apparent altitude h, in arc minutes: cot(h + 7.31/(h + 4.4)), h in degrees, at 1010 hPa and 10 deg C, in
     proportion to pressure over absolute temperature (Bennett 1982, Journal of Navigation 35, 255).
@@ -221,8 +221,8 @@ def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> 
     return Misfit(np.einsum("nij,nj->ni", turning_derivatives(view), axis * angle[:, None]))
 
 
-def epoch_misfit(view: View, pole: F8, told_pole: F8, local_angle_rad: float) -> Misfit:
-    """Told a date whose celestial pole stands elsewhere, at the same Earth rotation angle.
+def epoch_misfit(view: View, pole: F8, declared_pole: F8, local_angle_rad: float) -> Misfit:
+    """A declared date with another celestial pole, at the same Earth rotation angle.
 
     Between two dates the celestial intermediate system turns by the difference (dX, dY) of the pole's coordinates: by
     (dY, -dX, 0) about the axes that the Earth rotation angle counts from (X grows by 20.04 arcsec a year). Proper motion,
@@ -231,12 +231,12 @@ def epoch_misfit(view: View, pole: F8, told_pole: F8, local_angle_rad: float) ->
     Parameters
     ----------
     view : View
-    pole, told_pole : ndarray, shape (2,)
-        X and Y of the celestial intermediate pole, rad, at the true and at the told date.
+    pole, declared_pole : ndarray, shape (2,)
+        X and Y of the celestial intermediate pole, rad, at the true and at the declared date.
     local_angle_rad : float
         Earth rotation angle plus longitude.
     """
-    dx, dy = np.asarray(told_pole) - np.asarray(pole)
+    dx, dy = np.asarray(declared_pole) - np.asarray(pole)
     sky_turn = np.array([dy, -dx, 0.0])
     latitude = math.radians(view.latitude_deg)
     c, s = math.cos(local_angle_rad), math.sin(local_angle_rad)
@@ -247,5 +247,5 @@ def epoch_misfit(view: View, pole: F8, told_pole: F8, local_angle_rad: float) ->
             [math.cos(latitude) * c, math.cos(latitude) * s, math.sin(latitude)],
         ]
     )
-    # The predicted sky is turned by this; what is observed seems turned back.
+    # The predicted sky is turned by this; the observed one seems turned back.
     return Misfit(np.zeros((len(view.rays), 2)), -to_enu @ sky_turn)

@@ -1,8 +1,8 @@
 """A camera recovered from pictures by differentiating the renderer's star pass, against its Cramer-Rao bound.
 
-A picture is rendered and read out with noise. The recovery is told a camera that is wrong in focal length, distortion and
-attitude, renders the stars through it with derivatives, and follows them until the picture is explained as well as noise
-allows: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
+A picture is rendered and read out with noise. The recovery starts from a camera that is wrong in focal length,
+distortion and attitude, renders the stars through it with derivatives, and corrects it until the residuals are those of
+noise: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
 steps look at both images through a wide Gaussian, and the last at the pixels themselves.
 
 Known are the names and light of the stars, the sky behind them, and the noise. The bound is that of the five camera
@@ -36,9 +36,9 @@ BLURS_PX = (8.0, 4.0, 2.0, 1.0, 0.0)
 COARSE_STEPS, MOST_STEPS = 8, 40
 """Of a stage through a wide Gaussian, and of the last one, which goes on until it has settled."""
 STARTING_SIGMA = np.array([3e-3, 5e-3, *np.radians([0.15, 0.15, 0.15])])
-"""How wrong the told camera is, one standard deviation: 0.3 % of focal length, 0.005 of k1, 0.15 deg about each axis."""
+"""Standard deviations of the starting camera's errors: 0.3 % of focal length, 0.005 of k1, 0.15 deg about each axis."""
 SATURATED = 0.8
-"""Pixels whose expectation exceeds this part of saturation say nothing."""
+"""Pixels whose expectation exceeds this part of saturation are left out."""
 SETTLED = 1e-3
 """A step shorter than this part of its standard deviation ends the iteration."""
 
@@ -51,7 +51,7 @@ class Recovery:
     ----------
     frame : int
     start, error, sigma : ndarray, shape (5,)
-        How wrong the told camera and the recovered one are, and the bound's standard deviations, in the order and units of
+        Errors of the starting camera and of the recovered one, and the bound's standard deviations, in the order and units of
         `generator.plugins.star_gradient.PARAMETERS`.
     nees : float
         Square of the error in the bound's metric: chi^2 with five degrees of freedom where the bound is reached.
@@ -70,7 +70,7 @@ class Recovery:
 
 
 def recover_camera(scenario: Scenario, index: int) -> Recovery:
-    """Render a frame, spoil what is known of its camera, and recover it.
+    """Render a frame, perturb its camera, and recover it.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     rendered = render_frame(scenario, index)
     plan = rendered.plan
     start = STARTING_SIGMA * random_stream(scenario.seed, "study.gradient_start", index).standard_normal(5)
-    told = spoiled(plan, start)
-    stars = DifferentiableStars(mi.load_dict(scene_dict(told, _black())))
+    declared = spoiled(plan, start)
+    stars = DifferentiableStars(mi.load_dict(scene_dict(declared, _black())))
     observed, background, noise_variance = _electrons(rendered)
     rays = _rays(plan, rendered)
-    steps, path = 0, [_distance_px(plan, told, np.zeros(5), rays)]
+    steps, path = 0, [_distance_px(plan, declared, np.zeros(5), rays)]
     values = np.zeros(5)
     information = np.eye(5)
     for blur_px in BLURS_PX:
@@ -99,14 +99,14 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
                                        saturation_e(plan.spec.sensor), blur_px)  # fmt: skip
             values = values + step
             steps += 1
-            path.append(_distance_px(plan, told, values, rays))
+            path.append(_distance_px(plan, declared, values, rays))
             if float(step @ information @ step) < SETTLED**2 * len(values):
                 break
-    error = difference(plan, told, values)
+    error = difference(plan, declared, values)
     covariance = np.linalg.inv(information)
     return Recovery(
-        index, difference(plan, told, np.zeros(5)), error, np.sqrt(np.diag(covariance)), float(error @ information @ error),
-        steps, tuple(path),
+        index, difference(plan, declared, np.zeros(5)), error, np.sqrt(np.diag(covariance)),
+        float(error @ information @ error), steps, tuple(path),
     )  # fmt: skip
 
 
@@ -129,12 +129,12 @@ def spoiled(plan: FramePlan, change: F8) -> FramePlan:
     return replace(plan, spec=spec, motion=replace(plan.motion, R_cam=R_cam))
 
 
-def difference(plan: FramePlan, told: FramePlan, values: F8) -> F8:
-    """How far a told camera plus `values` is from a plan's own, shape (5,)."""
-    ours, theirs = plan.spec.camera.projection, told.spec.camera.projection
+def difference(plan: FramePlan, declared: FramePlan, values: F8) -> F8:
+    """Difference of a declared camera plus `values` from a plan's own, shape (5,)."""
+    ours, theirs = plan.spec.camera.projection, declared.spec.camera.projection
     x, y, z = values[2:] / 2
     turn = Rotation.from_quat([x, y, z, 1.0])
-    off = turn * Rotation.from_matrix(told.motion.R_cam[0]) * Rotation.from_matrix(plan.motion.R_cam[0]).inv()
+    off = turn * Rotation.from_matrix(declared.motion.R_cam[0]) * Rotation.from_matrix(plan.motion.R_cam[0]).inv()
     log_f = math.log(theirs.f_px / ours.f_px) + values[0]
     return np.array([log_f, theirs.full_k[0] - ours.full_k[0] + values[1], *off.as_rotvec()])
 
@@ -181,10 +181,10 @@ def _rays(plan: FramePlan, rendered: RenderedFrame) -> F8:
     return np.asarray(plan.middle.enu[inside], dtype=np.float64)
 
 
-def _distance_px(plan: FramePlan, told: FramePlan, values: F8, enu: F8) -> float:
-    """Root mean square distance, px, between stars through the true camera and through the told one plus `values`."""
+def _distance_px(plan: FramePlan, declared: FramePlan, values: F8, enu: F8) -> float:
+    """Root mean square distance, px, between stars through the true camera and through the declared one plus `values`."""
     places = []
-    off = difference(plan, told, values)
+    off = difference(plan, declared, values)
     for change in (np.zeros(5), off):
         camera = spoiled(plan, change)
         rays = enu @ camera.motion.R_cam[0].T

@@ -1,4 +1,4 @@
-"""Frames of star positions, the faults in what a solver is told of them, and what each should do to its position."""
+"""Frames of star positions, faults in their declared camera, attitude, time or air, and each fault's predicted effect."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ class StudyFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What a solver is told of a frame."""
+class Declared:
+    """The camera, attitude, time and air that a solver is given."""
 
     camera: celnav.Camera
     R_cam: F8
@@ -120,7 +120,7 @@ def make_study_frame(stars: StarList, setting: Setting, noise_px: float = NOISE_
     uv = project(rays, camera_record(setting), setting.projection)
     with np.errstate(invalid="ignore"):
         inside = (uv > -0.5).all(axis=1) & (uv[:, 0] < WIDTH - 0.5) & (uv[:, 1] < HEIGHT - 0.5)
-    # A stereographic frame reaches farther from the axis than a pinhole can; its rim has no image in the told camera.
+    # A stereographic frame reaches farther from the axis than a pinhole can; its rim has no image in the declared camera.
     inside &= (enu[:, 2] > math.sin(math.radians(LOWEST_ALTITUDE_DEG))) & (rays[:, 2] > 0.2)
     rows = np.flatnonzero(inside)
     rows = rows[np.argsort(stars.v_mag[rows], kind="stable")][:MOST_STARS]
@@ -143,25 +143,25 @@ def make_study_frame(stars: StarList, setting: Setting, noise_px: float = NOISE_
     )
 
 
-def truth_told(frame: StudyFrame) -> Told:
-    """What is true."""
-    return Told(celnav.Camera(frame.model, WIDTH, HEIGHT, f_px=frame.view.f_px), frame.view.R_cam, frame.utc)
+def declared_truth(frame: StudyFrame) -> Declared:
+    """The true values."""
+    return Declared(celnav.Camera(frame.model, WIDTH, HEIGHT, f_px=frame.view.f_px), frame.view.R_cam, frame.utc)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A way to be wrong, in sizes.
+    """A kind of fault in several sizes.
 
     Attributes
     ----------
     key, title, unit : str
     sizes : tuple of float
     typical : float
-        The size that the summary is about.
+        The size shown in the summary.
     setting : callable
         Setting of the frame for a size.
-    tell : callable
-        What the solver is told of a frame, for a size.
+    declare : callable
+        Makes the values that the solver is given, for a size.
     misfit : callable
         Its first-order misfit.
     logarithmic : bool
@@ -173,52 +173,52 @@ class Fault:
     unit: str
     sizes: tuple[float, ...]
     typical: float
-    tell: Callable[[StudyFrame, float], Told]
+    declare: Callable[[StudyFrame, float], Declared]
     misfit: Callable[[StudyFrame, float], Misfit]
     setting: Callable[[float], Setting] = lambda size: Setting()
     logarithmic: bool = True
 
 
-def _turned(frame: StudyFrame, turn_rad: F8) -> Told:
+def _turned(frame: StudyFrame, turn_rad: F8) -> Declared:
     R_cam = frame.view.R_cam @ Rotation.from_rotvec(turn_rad).as_matrix()
-    return replace(truth_told(frame), R_cam=R_cam)
+    return replace(declared_truth(frame), R_cam=R_cam)
 
 
-def _tell_focal(frame: StudyFrame, percent: float) -> Told:
-    told = truth_told(frame)
+def _declare_focal(frame: StudyFrame, percent: float) -> Declared:
+    declared = declared_truth(frame)
     f_px = frame.view.f_px * (1 + percent / 100)
-    return replace(told, camera=replace(told.camera, f_px=f_px, fy_px=f_px))
+    return replace(declared, camera=replace(declared.camera, f_px=f_px, fy_px=f_px))
 
 
-def _tell_centre(frame: StudyFrame, shift_px: float) -> Told:
-    told = truth_told(frame)
-    return replace(told, camera=replace(told.camera, cx_px=told.camera.cx_px + shift_px))
+def _declare_centre(frame: StudyFrame, shift_px: float) -> Declared:
+    declared = declared_truth(frame)
+    return replace(declared, camera=replace(declared.camera, cx_px=declared.camera.cx_px + shift_px))
 
 
-def _tell_k1(frame: StudyFrame, k1: float) -> Told:
-    told = truth_told(frame)
-    return replace(told, camera=replace(told.camera, model="brown_conrady", k=(k1,)))
+def _declare_k1(frame: StudyFrame, k1: float) -> Declared:
+    declared = declared_truth(frame)
+    return replace(declared, camera=replace(declared.camera, model="brown_conrady", k=(k1,)))
 
 
-def _tell_pinhole(frame: StudyFrame, size: float) -> Told:
+def _declare_pinhole(frame: StudyFrame, size: float) -> Declared:
     del size
-    told = truth_told(frame)
-    return replace(told, camera=replace(told.camera, model="pinhole"))
+    declared = declared_truth(frame)
+    return replace(declared, camera=replace(declared.camera, model="pinhole"))
 
 
-def _tell_clock(frame: StudyFrame, late_s: float) -> Told:
-    return replace(truth_told(frame), utc=_later(frame.utc, late_s))
+def _declare_clock(frame: StudyFrame, late_s: float) -> Declared:
+    return replace(declared_truth(frame), utc=_later(frame.utc, late_s))
 
 
-def _tell_epoch(frame: StudyFrame, years: float) -> Told:
+def _declare_epoch(frame: StudyFrame, years: float) -> Declared:
     """A date so many years too early, a whole number of turns of the Earth: at its UT1, which `dut1_s` carries over."""
-    return replace(truth_told(frame), utc=_earlier_date(frame.utc, years), dut1_s=frame.dut1_s)
+    return replace(declared_truth(frame), utc=_earlier_date(frame.utc, years), dut1_s=frame.dut1_s)
 
 
 def _epoch_misfit(frame: StudyFrame, years: float) -> Misfit:
-    instant, told = Instant.parse(frame.utc), Instant.parse(_earlier_date(frame.utc, years))
+    instant, declared = Instant.parse(frame.utc), Instant.parse(_earlier_date(frame.utc, years))
     angle = erfa.era00(instant.utc1, instant.utc2 + frame.dut1_s / 86400) + math.radians(frame.longitude_deg)
-    return bias.epoch_misfit(frame.view, celestial_pole(instant), celestial_pole(told), angle)
+    return bias.epoch_misfit(frame.view, celestial_pole(instant), celestial_pole(declared), angle)
 
 
 def celestial_pole(instant: Instant) -> F8:
@@ -238,21 +238,21 @@ def _earlier_date(utc: str, years: float) -> str:
 
 FAULTS = (
     Fault(
-        "focal", "Focal length too long", "%", (0.1, 0.3, 1.0, 3.0), 0.3, _tell_focal,
+        "focal", "Focal length too long", "%", (0.1, 0.3, 1.0, 3.0), 0.3, _declare_focal,
         lambda frame, size: bias.focal_misfit(frame.view, size / 100),
     ),
     Fault(
-        "centre", "Principal point off", "px", (0.3, 1.0, 3.0, 10.0), 1.0, _tell_centre,
+        "centre", "Principal point off", "px", (0.3, 1.0, 3.0, 10.0), 1.0, _declare_centre,
         lambda frame, size: bias.centre_misfit(frame.view, np.array([size, 0.0])),
     ),
     Fault(
-        "k1", "Radial distortion k1 declared for a lens without", "", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2), 3e-4, _tell_k1,
+        "k1", "Radial distortion k1 declared for a lens without", "", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2), 3e-4, _declare_k1,
         lambda frame, size: bias.k1_misfit(frame.view, size),
     ),
     Fault(
         "projection", "Stereographic lens declared as pinhole, by horizontal field", "deg",
         (20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
-        40.0, _tell_pinhole, lambda frame, size: bias.projection_misfit(frame.view),
+        40.0, _declare_pinhole, lambda frame, size: bias.projection_misfit(frame.view),
         lambda size: Setting(hfov_deg=size, projection="stereographic"), logarithmic=False,
     ),
     Fault(
@@ -266,14 +266,14 @@ FAULTS = (
         lambda frame, size: bias.attitude_misfit(frame.view, np.radians([0.0, 0.0, size])),
     ),
     Fault(
-        "clock", "Clock fast", "s", (0.1, 1.0, 10.0, 100.0), 10.0, _tell_clock,
+        "clock", "Clock fast", "s", (0.1, 1.0, 10.0, 100.0), 10.0, _declare_clock,
         lambda frame, size: bias.clock_misfit(frame.view, size),
     ),
     Fault(
         "refraction", "Refraction neglected, by tilt of a 60 deg camera", "deg", (0.0, 10.0, 20.0, 30.0, 40.0), 30.0,
-        lambda frame, size: replace(truth_told(frame), pressure_hpa=0.0),
+        lambda frame, size: replace(declared_truth(frame), pressure_hpa=0.0),
         lambda frame, size: bias.refraction_misfit(frame.view, PRESSURE_HPA, TEMPERATURE_C),
         lambda size: Setting(hfov_deg=60.0, tilt_deg=size), logarithmic=False,
     ),
-    Fault("epoch", "Epoch of the sky too early", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, _tell_epoch, _epoch_misfit),
+    Fault("epoch", "Epoch of the sky too early", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, _declare_epoch, _epoch_misfit),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Solving frames with what is wrong in what the solver is told, on centroids and on pictures."""
+"""Solving frames with faulty declarations, on centroids and on pictures."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from benchmark.studies.calibration.faults import (
     NOISE_PX,
     TEMPERATURE_C,
     WIDTH,
+    Declared,
     Fault,
     Setting,
     StudyFrame,
-    Told,
+    declared_truth,
     make_study_frame,
-    truth_told,
 )
 from benchmark.studies.common.centroid_frames import Projection, StarList
 from benchmark.studies.common.progress import Advance
@@ -65,7 +65,7 @@ THESIS_CASE = "thesis' own case"
 
 @dataclass(frozen=True)
 class Shift:
-    """What a fault did to one position.
+    """Shift of one position by a fault.
 
     Attributes
     ----------
@@ -112,21 +112,27 @@ class Shift:
         return (self.east_km * self.predicted_east_km + self.north_km * self.predicted_north_km) / square
 
 
-def offset_km(frame: StudyFrame, contestant: str, told: Told) -> F8:
+def offset_km(frame: StudyFrame, contestant: str, declared: Declared) -> F8:
     """Position minus truth, east and north, km, shape (2,); NaN where refused."""
-    weather = Weather(told.pressure_hpa, TEMPERATURE_C)
+    weather = Weather(declared.pressure_hpa, TEMPERATURE_C)
     if contestant == THESIS_FIX:
         if frame.star_id is None:
             raise ValueError("true names come with centroids alone")
         fix = celnav.fix_position(
-            frame.uv, frame.star_id, told.camera, told.utc, told.R_cam, weather=weather, dut1_s=told.dut1_s
+            frame.uv,
+            frame.star_id,
+            declared.camera,
+            declared.utc,
+            declared.R_cam,
+            weather=weather,
+            dut1_s=declared.dut1_s,
         )
     else:
         exact = contestant != VERTICAL
-        attitude = celnav.Attitude.exact(told.R_cam) if exact else celnav.Attitude.up(told.R_cam[:, 2])
+        attitude = celnav.Attitude.exact(declared.R_cam) if exact else celnav.Attitude.up(declared.R_cam[:, 2])
         fix = celnav.solve(
-            frame.uv, told.camera, told.utc, attitude, SOLVER_OF.get(contestant) or SOLVERS[contestant],
-            flux=frame.flux, pressure_hpa=told.pressure_hpa, temperature_c=TEMPERATURE_C, dut1_s=told.dut1_s,
+            frame.uv, declared.camera, declared.utc, attitude, SOLVER_OF.get(contestant) or SOLVERS[contestant],
+            flux=frame.flux, pressure_hpa=declared.pressure_hpa, temperature_c=TEMPERATURE_C, dut1_s=declared.dut1_s,
         )  # fmt: skip
     if not fix.ok:
         return np.full(2, math.nan)
@@ -137,10 +143,10 @@ def shifts_of(
     part: str, fault: Fault, size: float, frame: StudyFrame, contestants: Sequence[str], faultless: dict[str, F8]
 ) -> list[Shift]:
     """Solve a frame with a fault and compare with `faultless`, the offsets of the same frame without it."""
-    told, misfit = fault.tell(frame, size), fault.misfit(frame, size)
+    declared, misfit = fault.declare(frame, size), fault.misfit(frame, size)
     rows = []
     for name in contestants:
-        with_fault, without = offset_km(frame, name, told), faultless[name]
+        with_fault, without = offset_km(frame, name, declared), faultless[name]
         predicted = np.full(2, math.nan)
         if name in ESTIMATORS:
             predicted = bias.position_bias_km(frame.view, misfit, ESTIMATORS[name])
@@ -160,7 +166,7 @@ def solve_centroids(sites: Sequence[StarList], progress: Advance) -> list[Shift]
                 setting = fault.setting(size)
                 if setting not in known:
                     frame = make_study_frame(stars, setting)
-                    right = {name: offset_km(frame, name, truth_told(frame)) for name in ON_CENTROIDS}
+                    right = {name: offset_km(frame, name, declared_truth(frame)) for name in ON_CENTROIDS}
                     known[setting] = frame, right
                 rows += shifts_of(CENTROIDS, fault, size, known[setting][0], ON_CENTROIDS, known[setting][1])
         progress()
@@ -176,7 +182,7 @@ def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: A
 def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Advance) -> list[Shift]:
     """Faults of typical size on rendered frames, and the thesis' own case: a stereographic frame at the zenith.
 
-    The size of the thesis' case is the horizontal field of the pinhole that the solver is told.
+    The size of the thesis' case is the horizontal field of the declared pinhole.
     """
     from generator.frame.render import render_dataset  # loads Mitsuba
 
@@ -194,7 +200,7 @@ def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Ad
         render_dataset(made, folder / projection, lambda frame: progress())
         for frame in open_dataset(folder / projection).frames:
             seen = picture_frame(frame, projection, f_px)
-            right = {name: offset_km(seen, name, truth_told(seen)) for name in ON_PICTURES}
+            right = {name: offset_km(seen, name, declared_truth(seen)) for name in ON_PICTURES}
             for fault in FAULTS:
                 if (fault.key == "projection") != (projection == "stereographic"):
                     continue
@@ -206,7 +212,7 @@ def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Ad
 
 
 def picture_frame(frame: Frame, projection: Projection, f_px: float) -> StudyFrame:
-    """Detect the stars of a picture; for predictions, take its true stars that leave a trace and stand in the told field."""
+    """Detect the stars of a picture; for predictions, take the true stars that leave a trace in the declared field."""
     detections = celnav.detect(load_image(frame))
     if detections.flux is None:
         raise ValueError("detection gives brightness")

@@ -59,7 +59,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Study:
-    """What the page says."""
+    """Everything that the page shows."""
 
     sizes: Sizes
     shifts: Shifts

@@ -1,1 +1,1 @@
-"""What the studies share: contestants, records, pages."""
+"""Shared by the studies: contestants, records, pages."""

@@ -1,6 +1,6 @@
 """Frames of star positions without a picture: the generator's places, one of two projections, and centroid noise.
 
-They are cheap, and free of everything that a detector does. Places come from the generator's astrometry, so that a
+They are cheap and exclude all effects of detection. Places come from the generator's astrometry, so that a
 solver under test shares no code with them.
 """
 
@@ -97,7 +97,7 @@ def make_frame(
     depth_mag : float
         Stars fainter than this leave no detection.
     projection : str
-        How the frame is made; the camera that the solver is told is a pinhole in any case.
+        How the frame is made; the camera that the solver is given is a pinhole in any case.
     noise_px : float
         Standard deviation of the centroids along each axis.
     seed : int

@@ -20,7 +20,7 @@ from celnav.problem import Solver
 
 @dataclass(frozen=True, eq=False)
 class Contestant:
-    """A solver under a name of the study.
+    """A solver with its name in the study.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Contestant:
     solver : Solver
         Of `celnav`.
     history : celnav.History or None
-        Carried from frame to frame when given; the study says so where it does.
+        Carried from frame to frame if given.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Contestant:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """A contestant that is handed its detections instead of an image."""
+    """A contestant that receives detections instead of an image."""
 
     contestant: Contestant
     found: celnav.Detections
@@ -76,17 +76,17 @@ class _Prepared:
 def judge_detections(
     frame: Frame, detections: celnav.Detections, contestants: Sequence[Contestant], warm_up: bool = False
 ) -> tuple[SolverOutcome, ...]:
-    """Judge contestants on detections that are there already; the benchmark's own judge does the work.
+    """Judge contestants on given detections by the benchmark's own judge.
 
     Parameters
     ----------
     frame : Frame
         With its truth.
     detections : celnav.Detections
-        What all contestants are given.
+        Given to all contestants.
     contestants : sequence of Contestant
     warm_up : bool
-        Answer once without the clock first. A history would learn from it, so contestants with one are not warmed up.
+        Solve once untimed before. Contestants with a history are not warmed up, since it would learn from the frame.
     """
     prepared = [_Prepared(contestant, detections) for contestant in contestants]
     no_image = np.zeros((1, 1), dtype=np.uint16)

@@ -1,4 +1,4 @@
-"""What a study's page is made of: numbers with intervals, tables, tests, answers."""
+"""Building blocks of a study's page: numbers with intervals, tables, tests, answers."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ Cell = str | Number
 
 @dataclass(frozen=True)
 class Table:
-    """A table; every number in it has an interval or says what it is."""
+    """A table; numbers come with their intervals where they are estimates."""
 
     title: str
     source: str

@@ -56,17 +56,17 @@ class Row:
 
     @property
     def near(self) -> bool:
-        """A fix within 10 km: what the thesis calls recall."""
+        """A fix within 10 km, which the thesis counts in its recall."""
         return self.error_km < SUCCESS_KM
 
     @property
     def identified(self) -> bool:
-        """Most of the stars claimed are the right ones; of one star, it is."""
+        """More than half of the named stars are right."""
         return 2 * self.n_correct > self.n_matches
 
 
 def row_of(part: str, depth_mag: float, contestant: str, outcome: SolverOutcome, detect_ms: float = 0.0) -> Row:
-    """Take from a judged outcome what the study keeps."""
+    """Make a row of a judged outcome."""
     score = outcome.score
     confidence = outcome.details.confidence
     return Row(
@@ -87,7 +87,7 @@ def row_of(part: str, depth_mag: float, contestant: str, outcome: SolverOutcome,
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows that can be asked for; the order is the order in which frames were solved."""
+    """Rows with selections and summaries, in the order in which frames were solved."""
 
     rows: tuple[Row, ...]
 

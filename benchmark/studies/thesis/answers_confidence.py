@@ -37,7 +37,7 @@ class CalibrationErrors:
 
 
 def h8(rows: Rows) -> Answer:
-    """Whether confidence says how likely a fix is right."""
+    """Whether confidence is the probability that a fix is right."""
     body: list[tuple[Cell, ...]] = []
     errors = []
     for part, frames, name in (

@@ -20,7 +20,7 @@ SAME_MAG = 0.25
 
 @dataclass(frozen=True)
 class LabelDepth:
-    """What the magnitude labels say about the depth of frames.
+    """Magnitude labels against the depth of frames.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class LabelDepth:
 
 
 def label_answer(rows: Rows, depths: Sequence[Depth]) -> Answer:
-    """Whether the magnitude label says how deep a frame is."""
+    """Whether the magnitude label is the depth of a frame."""
     faintest = max(depths, key=lambda depth: depth.label_mag)
     true_labels = [depth.label_mag for depth in depths if abs(depth.half_mag - depth.label_mag) <= SAME_MAG]
     recalls = {depth: rows.of("centroids", who.LITERAL_BASELINE, (depth,)).recall() for depth in DEPTHS_MAG}

@@ -143,7 +143,7 @@ def h7(part: CentroidPart) -> Answer:
 
 
 def h9(part: CentroidPart) -> Answer:
-    """What an attitude error does."""
+    """Effect of an attitude error."""
     errors = {f"{sigma:g} deg": _errors(part.true_stars, "attitude", f"{sigma:g}") for sigma in ATTITUDE_ERRORS_DEG}
     exact, tenth = (quantile_estimate(errors[name], 0.5) for name in ("0 deg", "0.1 deg"))
     return Answer(

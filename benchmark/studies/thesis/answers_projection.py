@@ -25,7 +25,7 @@ CENTROID_NOISE_KM = 0.1
 
 @dataclass(frozen=True)
 class ProjectionEffect:
-    """H5: one-star errors with the right and the wrong projection, and what the wrong one does to identification.
+    """H5: one-star errors with the right and the wrong projection, and identification with each.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ def swap_error_km(off_axis_deg: ArrayLike) -> NDArray[np.float64]:
 
 
 def h5(rows: Rows, part: CentroidPart) -> Answer:
-    """What the wrong projection does to one star and to identification."""
+    """Effect of the wrong projection on a fix from one star and on identification."""
     body: list[tuple[Cell, ...]] = []
     medians: dict[tuple[str, float, float], Estimate] = {}
     for projection, depth, noise_px in itertools.product(("pinhole", "stereographic"), ONE_STAR_DEPTHS_MAG, NOISES_PX):

@@ -1,7 +1,7 @@
 """The part of the replication that needs no pictures: star positions with noise, in two projections.
 
 Frames of one site at several depths share the site, the instant and the noise stream, so that they can be compared in
-pairs. "True star" experiments leave identification out: the solver is told which star is which.
+pairs. "True star" experiments leave identification out: the solver is given the identities of the stars.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ DISTURBED_DEPTH_MAG, SHALLOW_DEPTH_MAG = 5.0, 3.0
 
 @dataclass(frozen=True)
 class OneStar:
-    """A fix from one star whose name is known.
+    """A fix from one identified star.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class OneStar:
 
 @dataclass(frozen=True)
 class TrueStarFix:
-    """A fix from stars whose names are known, under a choice of stars or an attitude error.
+    """A fix from identified stars, under a choice of stars or an attitude error.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def _disturbances(sites: Sequence[StarList]) -> list[Row]:
 
 
 def disturb(made: CentroidFrame, kind: str) -> CentroidFrame:
-    """Take detections away or add false ones: the position part of clouds, hot pixels and noise, without their light.
+    """Remove detections or add false ones: the effect of clouds, hot pixels and noise on positions, without their light.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def disturb(made: CentroidFrame, kind: str) -> CentroidFrame:
         One of `DISTURBANCES`.
     """
     if kind not in DISTURBANCES:
-        raise ValueError(f"disturbance {kind!r} is none of {', '.join(DISTURBANCES)}")
+        raise ValueError(f"disturbance {kind!r} is not one of {', '.join(DISTURBANCES)}")
     found, camera = made.detections, made.frame.observation.camera
     uv, flux = found.uv, np.asarray(found.flux)
     draw = random_stream(3, f"study.disturb.{kind}", made.frame.index)

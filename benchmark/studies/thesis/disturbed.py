@@ -1,4 +1,4 @@
-"""Pictures of one set of sites under one disturbance after the other, for what the thesis leaves out: light and blur.
+"""Pictures of one set of sites under each disturbance that the thesis leaves out: light and blur.
 
 All settings share sites, instants and, but for the disturbance, every pixel's light, so that they can be compared in pairs.
 The night is that of a full Moon near an equinox: with the Sun 12 deg below the horizon the Moon is up wherever the site.

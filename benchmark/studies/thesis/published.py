@@ -1,4 +1,4 @@
-"""What the thesis reports, number by number ("UAV Celestial Navigation with Light Pollution Adaptation", section 5)."""
+"""The thesis' reported numbers ("UAV Celestial Navigation with Light Pollution Adaptation", section 5)."""
 
 from __future__ import annotations
 

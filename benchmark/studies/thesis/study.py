@@ -67,7 +67,7 @@ class Headline:
 
 @dataclass(frozen=True)
 class Study:
-    """What the page says.
+    """Everything that the page shows.
 
     Attributes
     ----------

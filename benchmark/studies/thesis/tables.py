@@ -16,7 +16,7 @@ from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis.rendered import PART, Depth
 
 # Where the literal reading on centroids is held beside Table 1.1: the depth at which its baseline comes closest to the
-# thesis' 39 %, chosen after looking at the curve; the page says so.
+# thesis' 39 %, chosen after looking at the curve, which the page states.
 CENTROIDS = "centroids"
 
 
@@ -133,7 +133,7 @@ def table_1_2(rows: Rows) -> Table:
 
 
 def table_labels(rows: Rows, depths: Sequence[Depth]) -> Table:
-    """What each label means, with the recalls of figure 5."""
+    """Depth of each label's frames, with the recalls of figure 5."""
     body: list[tuple[Cell, ...]] = []
     for depth in depths:
         place = thesis.LABELS_MAG.index(depth.label_mag) if depth.label_mag in thesis.LABELS_MAG else None

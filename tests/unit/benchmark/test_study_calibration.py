@@ -26,8 +26,8 @@ from benchmark.studies.calibration.faults import (
     PRESSURE_HPA,
     Setting,
     celestial_pole,
+    declared_truth,
     make_study_frame,
-    truth_told,
 )
 from benchmark.studies.calibration.gradient_summary import gradient_finding, gradient_table, nees_interval
 from benchmark.studies.calibration.run import Shift
@@ -98,10 +98,10 @@ class World:
             )
             heading = x[2] if estimator.horizon == "vertical alone" else 0.0
             # R_cam exp(turn) exp(heading) takes ENU to the told camera.
-            told = (
+            declared = (
                 self.R_cam @ Rotation.from_rotvec(turn).as_matrix() @ Rotation.from_rotvec([0, 0, heading]).as_matrix()
             )
-            rays = told_rays(lat, lon) @ self.R_cam @ told.T
+            rays = told_rays(lat, lon) @ self.R_cam @ declared.T
             if estimator.weights == "angle":
                 place = observed / self.f_px
                 seen = np.column_stack((place, np.ones(len(place))))
@@ -139,18 +139,18 @@ def close(found, predicted, rel=0.01):
 def test_camera_faults_shift_as_predicted(world, estimator):
     """Focal length, principal point, k1 and projection: derivatives of a least-squares position by the fault's size."""
     seen, view = world.project(world.rays(world.lat, world.lon)), world.view
-    told = world.rays
+    declared = world.rays
 
     def bent(part):
         return world.project(world.rays(world.lat, world.lon), stereographic=part)
 
     faults = {
-        "focal": (lambda h: world.solve(seen, told, estimator=estimator, camera=(math.log1p(h), 0, 0, 0, 0)), 1e-4,
+        "focal": (lambda h: world.solve(seen, declared, estimator=estimator, camera=(math.log1p(h), 0, 0, 0, 0)), 1e-4,
                   bias.focal_misfit(view, 1.0)),
-        "centre": (lambda h: world.solve(seen, told, estimator=estimator, camera=(0, h, 0, 0, 0)), 1e-2,
+        "centre": (lambda h: world.solve(seen, declared, estimator=estimator, camera=(0, h, 0, 0, 0)), 1e-2,
                    bias.centre_misfit(view, np.array([1.0, 0.0]))),
-        "k1": (lambda h: world.solve(seen, told, estimator=estimator, k1=h), 1e-5, bias.k1_misfit(view, 1.0)),
-        "projection": (lambda h: world.solve(bent(h), told, estimator=estimator), 1e-4, bias.projection_misfit(view)),
+        "k1": (lambda h: world.solve(seen, declared, estimator=estimator, k1=h), 1e-5, bias.k1_misfit(view, 1.0)),
+        "projection": (lambda h: world.solve(bent(h), declared, estimator=estimator), 1e-4, bias.projection_misfit(view)),
     }  # fmt: skip
     for measure, h, misfit in faults.values():
         close(derivative(measure, h), bias.position_bias_km(view, misfit, estimator))
@@ -161,8 +161,8 @@ def test_faults_of_horizon_and_sky_shift_as_predicted(world, estimator):
     """Tilt, heading, clock and refraction, also with the camera free."""
     seen, view, plan = world.project(world.rays(world.lat, world.lon)), world.view, world.plan
 
-    def solve(told=world.rays, turn=(0.0, 0.0, 0.0)):
-        return world.solve(seen, told, turn, estimator)
+    def solve(declared=world.rays, turn=(0.0, 0.0, 0.0)):
+        return world.solve(seen, declared, turn, estimator)
 
     def thinner(part):
         return dataclasses.replace(AIR, pressure_hpa=PRESSURE_HPA * (1 - part))
@@ -272,7 +272,7 @@ def test_solver_shifts_as_predicted_and_calibrates_it_away():
         for stars in sites:
             frame = make_study_frame(stars, fault.setting(fault.typical))
             names = (run.DECLARED, run.CALIBRATED)
-            right = {name: run.offset_km(frame, name, truth_told(frame)) for name in names}
+            right = {name: run.offset_km(frame, name, declared_truth(frame)) for name in names}
             declared, calibrated = run.shifts_of(run.CENTROIDS, fault, fault.typical, frame, names, right)
             assert declared.along == pytest.approx(1.0, abs=0.15), fault.key
             if fault.key in ("focal", "centre", "k1"):
