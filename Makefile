@@ -5,7 +5,7 @@ BIN := .venv/bin
 .PHONY: help demo demo-small test test-slow lint format install lock clean
 
 help:
-	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/report.html"
+	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
 	@echo "make test        run the tests"
 	@echo "make test-slow   run the tests that take longer"
 	@echo "make lint        ruff and mypy"

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from benchmark.cli import bench as bench_cli
 from benchmark.cli import datasets as dataset_cli
 from benchmark.cli import speed as speed_cli
 from benchmark.cli import studies as study_cli
 from benchmark.cli.errors import InterruptibleGroup, fail
+from benchmark.cli.progress import progress_bars
 
 app = typer.Typer(
     help="Render synthetic night skies, solve them, and compare solvers.",
@@ -32,19 +32,6 @@ app.command(epilog=speed_cli.EPILOG)(speed_cli.speed)
 app.add_typer(study_cli.app, name="study")
 
 DEMO_SOLVERS = ("thesis-baseline", "thesis-adaptive")
-
-
-def frame_progress() -> Progress:
-    """A progress bar over frames, on standard error."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("frames"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-    )
 
 
 @app.command(epilog="Example: skybench render scenes/00_hello.yaml --out out/hello")
@@ -75,7 +62,7 @@ def render(
         loaded = load_scenario(scenario)
         from generator.frame.render import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
 
-        with frame_progress() as progress:
+        with progress_bars() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
             render_dataset(
                 loaded, out, lambda index: progress.advance(task), layers=layers, exr=exr, overwrite=overwrite
@@ -136,7 +123,7 @@ def demo(
 ) -> None:
     """Render a small dataset, solve it with two solvers, and write the report."""
     render(scenario, frames, layers=False, exr=None, overwrite=False)
-    bench_cli.run(frames, list(DEMO_SOLVERS), out)
+    bench_cli.run([str(frames)], list(DEMO_SOLVERS), out)
     bench_cli.report(out)
 
 

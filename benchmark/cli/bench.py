@@ -2,17 +2,18 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from benchmark.cli import submissions as submission_cli
+from benchmark.cli.errors import fail
+from benchmark.cli.progress import progress_bars
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError, ResultsError
 
-app = typer.Typer(help="Run solvers over a rendered dataset and report how they did.", no_args_is_help=True)
+app = typer.Typer(help="Run solvers over frames and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
 
 
@@ -24,31 +25,36 @@ class DetectionsChoice(StrEnum):
 
 
 _DEFAULT_OUT = Path("results/demo")
-_Out = Annotated[Path, typer.Option("--out", help="Results folder.")]
+_DATA_HELP = "Folder for the frames of tasks and of datasets in shards; what is there is used again."
 
 
 @app.command("list")
 def list_all() -> None:
     """Show all tasks and solvers, and whether each solver can run here."""
-    from benchmark.cli.tasks import solver_table, task_table  # loads the solvers
+    from benchmark.cli.listing import solver_table, task_table  # loads the solvers
 
     console = Console()
     try:
         console.print(task_table())
         console.print(solver_table())
     except BenchmarkError as error:
-        _fail(error)
+        fail(error)
 
 
 @app.command(
     epilog="Examples: skybench bench run bortle --solver skybench --solver tetra3rs --frames 20 | "
-    "skybench bench run --all --frames 50 --jobs 2 | skybench bench run out/demo --solver thesis-adaptive"
+    "skybench bench run bortle --condition 7 --solver skybench | skybench bench run out/demo --solver ./mine --try 3 | "
+    "skybench bench run s3://skies/set --solver skybench --out results/set | "
+    "skybench bench run --all --frames 50 --jobs 2.  "
+    "Exit status: 0 done, 1 every answer of a solver is an error, 2 the input is not acceptable."
 )
 def run(
-    target: Annotated[
-        Path | None,
+    targets: Annotated[
+        list[str] | None,
         typer.Argument(
-            metavar="[TASK|DIR]", help="Task (see `bench list`), or a dataset that `skybench render` wrote."
+            metavar="[TASK|DIR|URL|TASKFILE]…",
+            help="Task (see `bench list`), file of a task of your own (NAME.task.yaml), folder that `skybench render` "
+            "wrote, folder or URL that `skybench generate` wrote.",
         ),
     ] = None,
     solver: Annotated[
@@ -56,102 +62,89 @@ def run(
         typer.Option("--solver", help="Name of a solver, or a folder with a solver.yaml; repeat for several."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Results folder; default results/leaderboard or results/demo.")
+        Path | None,
+        typer.Option(
+            "--out", help="Results folder; default: results/leaderboard for skybench's tasks, else results/demo."
+        ),
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Processes to share the frames among.")] = 1,
-    split: Annotated[Split, typer.Option("--split", help="Of the task.")] = Split.DEV,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,
+    split: Annotated[Split, typer.Option("--split", help="Of a task.")] = Split.DEV,
     detections: Annotated[
         DetectionsChoice,
         typer.Option("--detections", help="own: each solver detects by itself; shared: all get the same."),
     ] = DetectionsChoice.OWN,
     frames: Annotated[
-        int | None, typer.Option("--frames", min=1, help="Frames a condition; default: the task's number.")
+        int | None,
+        typer.Option("--frames", min=1, help="Frames of a task at each condition; default: the task's number."),
+    ] = None,
+    condition: Annotated[
+        float | None, typer.Option("--condition", help="Only the frames of this value of the task's condition.")
     ] = None,
     all_tasks: Annotated[
         bool, typer.Option("--all", help="All tasks; without --solver, all solvers that can run here.")
     ] = False,
-    data: Annotated[
-        Path, typer.Option("--data", help="Folder for the tasks' frames; what is there is used again.")
-    ] = Path("out/tasks"),
+    attempt: Annotated[
+        int | None,
+        typer.Option(
+            "--try",
+            min=1,
+            metavar="N",
+            help="Put N frames to one solver, show its answers and its standard error as they come, write no result.",
+        ),
+    ] = None,
+    data: Annotated[Path | None, typer.Option("--data", help=f"{_DATA_HELP} Default: out/tasks.")] = None,
 ) -> None:
-    """Run solvers over a task's frames, all tasks', or those of a dataset; what is done is skipped."""
-    if all_tasks == (target is not None):
-        _fail(ResultsError("give either a task or dataset, or --all"))
+    """Run solvers over frames; finished results are skipped, interrupted runs resume."""
+    if all_tasks == bool(targets):
+        fail(ResultsError("give tasks or frames to run on, or --all"))
     if not solver and not all_tasks:
-        _fail(ResultsError("give at least one --solver"))
+        fail(ResultsError("give at least one --solver"))
+    from benchmark.cli.running import (  # loads the solvers, which --help need not wait for
+        Request,
+        run_request,
+        try_request,
+    )
+    from benchmark.frames.task_frames import DEFAULT_DATA, FrameChoice
+    from benchmark.tasks.definition import task_names
+
+    names = list(task_names()) if all_tasks else list(targets or ())
+    choice = FrameChoice(split.value, frames, condition, data or DEFAULT_DATA, jobs)
+    request = Request(names, solver or [], choice, detections.value, out, jobs)
     try:
-        if target is not None and (target.is_dir() or len(target.parts) > 1):
-            _run_on_dataset(target, solver or [], out or _DEFAULT_OUT, jobs)
-            return
-        from benchmark.cli.tasks import DEFAULT_OUT, run_on_tasks  # loads the solvers, which --help need not wait for
-        from benchmark.tasks.definition import task_names
-
-        names = task_names() if target is None else [str(target)]
-        run_on_tasks(names, solver or [], split.value, detections.value, frames, out or DEFAULT_OUT, data, jobs)
+        code = run_request(request) if attempt is None else try_request(request, attempt)
     except BenchmarkError as error:
-        _fail(error)
+        fail(error)
+    if code:
+        raise typer.Exit(code)
 
 
-def _run_on_dataset(folder: Path, solvers: list[str], out: Path, jobs: int) -> None:
-    from benchmark.run.run import run_benchmark
-
-    summaries = run_benchmark(folder, solvers, out, jobs=jobs)
-    for name, summary in summaries.items():
-        counts = f"{summary.n_frames} frames, {summary.n_fixes} fixes, {summary.n_refused} refused"
-        typer.echo(f"{name}: {counts}, {summary.n_errors} errors")
-    typer.echo(f"results in {out}; next: skybench bench report --out {out}")
-
-
-@app.command(epilog="Example: skybench bench report --out results/tasks")
+@app.command(epilog="Example: skybench bench report --out results/leaderboard")
 def report(
-    out: _Out = _DEFAULT_OUT,
+    out: Annotated[Path, typer.Option("--out", help="Results folder.")] = _DEFAULT_OUT,
     data: Annotated[
-        Path, typer.Option("--data", help="Folder of the tasks' frames; pictures come from there if it exists.")
-    ] = Path("out/tasks"),
+        Path | None, typer.Option("--data", help="Folder of the frames, for pictures. Default: out/tasks.")
+    ] = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
 ) -> None:
-    """Report the results in a folder.
+    """Print the table of the results in a folder and write their pages to its folder `site`.
 
-    Of one dataset: print its table and write report.html. Of tasks: print the leaderboard and write the folder `site`;
-    its pages need neither a server nor the network, and index.html is the first.
+    The pages need neither a server nor the network, and index.html is the first.
     """
-    from benchmark.report.site.tree import is_tree  # reads tables, which --help need not wait for
-
-    try:
-        path = _report_tasks(out, data, figure) if is_tree(out) else _report_dataset(out, figure)
-    except BenchmarkError as error:
-        _fail(error)
-    typer.echo(str(path))
-
-
-def _report_tasks(out: Path, data: Path, figure: Path | None) -> Path:
-    from benchmark.report.site.pages import leaderboard_table, make_boards, render_figure, write_site
+    from benchmark.frames.task_frames import DEFAULT_DATA
+    from benchmark.report.site.pages import make_boards, render_figure, result_table, write_site
     from benchmark.run.results import write_atomically
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("boards"))
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("comparing", total=None)
-        boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
-    Console().print(leaderboard_table(boards))
-    if figure is not None:
-        write_atomically(figure, render_figure(boards).encode())
-    with Console(stderr=True).status("writing the pages"):
-        return write_site(boards, out, data)
-
-
-def _report_dataset(out: Path, figure: Path | None) -> Path:
-    from benchmark.report.report import result_table, write_report  # loads the chart engine
-
-    if figure is not None:
-        raise ResultsError(f"{out}: holds results of one dataset; --figure needs results of tasks")
-    table = result_table(out)
-    Console().print(table)
-    with Console(stderr=True).status("drawing the report"):
-        return write_report(out)
-
-
-def _fail(error: BenchmarkError) -> NoReturn:
-    typer.echo(f"skybench: {error}", err=True)
-    raise typer.Exit(2)
+    try:
+        with progress_bars("boards") as bar:
+            task = bar.add_task("comparing", total=None)
+            boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
+        Console().print(result_table(boards))
+        if figure is not None:
+            write_atomically(figure, render_figure(boards).encode())
+        with Console(stderr=True).status("writing the pages"):
+            path = write_site(boards, out, data or DEFAULT_DATA)
+    except BenchmarkError as error:
+        fail(error)
+    typer.echo(str(path))

@@ -14,18 +14,11 @@ import typer
 import yaml
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TaskProgressColumn, TextColumn
 from rich.table import Column, Table
 
 from benchmark.cli.errors import fail
+from benchmark.cli.progress import progress_bars
 from benchmark.report.formatting import duration, file_size
 from generator.errors import GeneratorError
 
@@ -161,9 +154,8 @@ def generate(
         index, count = _part(part)
         spec = DatasetSpec(split, shard_size or natural_shard_size(loaded.frame_count), exr, codec)
         done = failed = 0
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TaskProgressColumn(show_speed=True),
-                   TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
-        with Progress(*columns, console=Console(stderr=True), disable=as_json) as progress:
+        rates = TaskProgressColumn(show_speed=True), TextColumn("{task.fields[rate]}")
+        with progress_bars("frames", *rates, hidden=as_json) as progress:
             task = progress.add_task("rendering", total=chosen[1] - chosen[0], rate="")
 
             def frame_done(frame: int) -> None:
@@ -264,7 +256,7 @@ def show(
 
     place = folder.resolve()
     try:
-        with Progress(console=Console(stderr=True)) as progress:
+        with progress_bars() as progress:
             task = progress.add_task("drawing", total=frames)
             written = write_page(
                 folder,

@@ -9,17 +9,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TaskID
 
+from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
 from benchmark.studies.common.progress import StudyProgress
 
@@ -111,14 +103,7 @@ def calibration(
 @contextmanager
 def _bars() -> Iterator[StudyProgress]:
     """Show progress bars, one a stage, on the terminal's error stream."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with progress_bars("") as bar:
         tasks: list[TaskID] = []
 
         def begin(name: str, total: int) -> None:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from benchmark.cli.errors import fail
+from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
 from benchmark.submit.submission import Checked, Problem, check_answers, check_stars
 
 if TYPE_CHECKING:
-    from benchmark.submit.pack import Truth
+    from benchmark.frames.frame_set import FrameFacts, FrameSet
 
 EXIT_PROBLEMS = 1
 MOST_PRINTED = 100
@@ -31,7 +29,9 @@ class Split(StrEnum):
 
 
 _File = Annotated[Path, typer.Argument(metavar="FILE", help="The answers: CSV or Parquet (docs/submissions.md).")]
-_Target = Annotated[str, typer.Argument(metavar="TASK|DIR", help="Task (see `bench list`), or a dataset folder.")]
+_Target = Annotated[
+    str, typer.Argument(metavar="TASK|DIR", help="Task (see `bench list`) or its file; folder or URL of frames.")
+]
 _SplitOption = Annotated[Split, typer.Option("--split", help="Of the task.")]
 _Frames = Annotated[
     int | None,
@@ -66,7 +66,8 @@ def pack_test(
     from benchmark.submit.pack import pack  # loads the solvers, which --help need not wait for
 
     try:
-        with _progress() as progress, _opened(target, split, frames, data, jobs, progress) as truth:
+        with progress_bars() as progress:
+            truth = _opened(target, split, frames, data, jobs, progress)
             task = progress.add_task("packing", total=len(truth.frames))
             pack(truth.frames, out, lambda name: progress.advance(task))
             count = len(truth.frames)
@@ -115,11 +116,12 @@ def score(
 
     try:
         check_name(name)
-        with _progress() as progress, _opened(truth, split, frames, data, jobs, progress) as found:
+        with progress_bars() as progress:
+            found = _opened(truth, split, frames, data, jobs, progress)
             names = names_in_use(found.frames, [answer.frame_id for answer in check_answers(file).answers])
             answers, table = _read(file, stars, frozenset(names.values()))
             outcomes = judge_submission(found.frames, names, answers, table)
-            folder = out or Path("results/demo" if found.task is None else "results/leaderboard")
+            folder = out or default_out(found.facts)
             path = write_score(found, folder, name, version_of(file, stars), outcomes)
     except BenchmarkError as error:
         fail(error)
@@ -128,23 +130,26 @@ def score(
         f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
         f"median error {number(summary.median_error_km.value, 'km')}"
     )
-    typer.echo(f"results in {path.parent}; next: skybench bench report --out {folder}")
+    typer.echo(f"results in {path}; next: skybench bench report --out {folder}")
 
 
-@contextmanager
-def _opened(
-    target: str, split: Split, frames: int | None, data: Path, jobs: int, progress: Progress
-) -> Iterator[Truth]:
-    from benchmark.submit.pack import TaskChoice, opened
+def default_out(frames: FrameFacts) -> Path:
+    """Where results go unless told: those of skybench's own tasks to the leaderboard, others to the demonstration's."""
+    return Path("results/demo" if frames.grading is None else "results/leaderboard")
+
+
+def _opened(target: str, split: Split, frames: int | None, data: Path, jobs: int, progress: Progress) -> FrameSet:
+    from benchmark.frames.opening import open_frames
+    from benchmark.frames.task_frames import FrameChoice
 
     line = progress.add_task("frames", total=None, visible=False)
 
     def advance(count: int) -> None:
         progress.update(line, advance=count, visible=True)
 
-    with opened(target, TaskChoice(split.value, frames, data, jobs), advance) as truth:
-        progress.update(line, visible=False)
-        yield truth
+    found = open_frames(target, FrameChoice(split.value, frames, None, data, jobs), advance)
+    progress.update(line, visible=False)
+    return found
 
 
 def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
@@ -164,8 +169,3 @@ def _print(path: Path, problems: tuple[Problem, ...]) -> None:
         typer.echo(f"{path}: {problem}", err=True)
     if len(problems) > MOST_PRINTED:
         typer.echo(f"{path}: and {len(problems) - MOST_PRINTED} more problems", err=True)
-
-
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=Console(stderr=True))

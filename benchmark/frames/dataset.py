@@ -66,7 +66,7 @@ class Dataset:
     scenario_name, scenario_sha256 : str
         From the frame records, the same in all of them.
     truth_sha256 : str
-        Of the bytes of stars.parquet; together with the scenario it says which frames were scored.
+        See `truth_digest`; together with the scenario it says which frames were scored.
     frames : tuple of Frame
         In the order of their index.
     provenance : mapping of str to str
@@ -81,13 +81,15 @@ class Dataset:
     provenance: Mapping[str, str]
 
 
-def open_dataset(folder: Path) -> Dataset:
-    """Read all frame records and the truth table of a dataset folder.
+def open_dataset(folder: Path, truth_tables: Sequence[Path] | None = None) -> Dataset:
+    """Read all frame records and the truth of a folder of frames.
 
     Parameters
     ----------
     folder : Path
         What `skybench render --out` wrote.
+    truth_tables : sequence of Path, optional
+        Tables of the stars; by default the folder's ``stars.parquet``.
 
     Returns
     -------
@@ -104,9 +106,11 @@ def open_dataset(folder: Path) -> Dataset:
     if not record_paths:
         raise DatasetError(f"{folder}: no frame-*.json in it; make a dataset with `skybench render`")
     truth_path = folder / "stars.parquet"
-    if not truth_path.is_file():
+    if truth_tables is None and not truth_path.is_file():
         raise DatasetError(f"{truth_path}: missing, so the rendering was not finished; {RENDER_AGAIN}")
-    truth = _read_truth(truth_path)
+    truth: dict[str, TruthStars] = {}
+    for path in [truth_path] if truth_tables is None else truth_tables:
+        truth |= _read_truth(path)
     records = [read_record(path) for path in record_paths]
     frames = [_frame(path, record, truth) for path, record in zip(record_paths, records, strict=True)]
     scenarios = {_scenario(path, record) for path, record in zip(record_paths, records, strict=True)}
@@ -119,15 +123,31 @@ def open_dataset(folder: Path) -> Dataset:
     strangers = set(truth) - {frame.frame_id for frame in frames}
     if strangers:
         raise DatasetError(f"{truth_path}: has stars of {min(strangers)}, which has no frame record; {RENDER_AGAIN}")
-    provenance = records[0].get("provenance", {})
     return Dataset(
         name=folder.resolve().name,
         scenario_name=scenario_name,
         scenario_sha256=scenario_sha256,
-        truth_sha256=hashlib.sha256(truth_path.read_bytes()).hexdigest(),
+        truth_sha256=truth_digest(frames),
         frames=tuple(sorted(frames, key=lambda frame: frame.index)),
-        provenance={str(key): str(value) for key, value in provenance.items()} if isinstance(provenance, dict) else {},
+        provenance=rendered_with(records[0]),
     )
+
+
+def truth_digest(frames: Sequence[Frame]) -> str:
+    """SHA-256 of the truth of frames: ids, sites and stars, whatever files hold them and in whatever order."""
+    digest = hashlib.sha256()
+    for frame in sorted(frames, key=lambda frame: frame.frame_id):
+        place = frame.conditions.latitude_deg, frame.conditions.longitude_deg
+        digest.update(f"{frame.frame_id}:{place!r}:{len(frame.truth.star_id)}:".encode())
+        for values in (frame.truth.star_id, frame.truth.uv, frame.truth.electrons_e, frame.truth.snr):
+            digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def rendered_with(record: Mapping[str, Any]) -> dict[str, str]:
+    """The generator's versions, from a frame record."""
+    found = record.get("provenance", {})
+    return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
 
 def read_frames(record_paths: Sequence[Path], truth_paths: Sequence[Path]) -> Iterator[Frame]:

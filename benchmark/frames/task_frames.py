@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmark.errors import TaskError
-from benchmark.frames.dataset import Frame, read_frames
+from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_digest
+from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
+from benchmark.frames.record_values import read_record
 from benchmark.protocol import Observation
 from benchmark.tasks.definition import SplitName, Task, Told
 from generator.dataset.archive import read_frames as read_archive
@@ -28,98 +30,148 @@ from generator.seeds import random_stream
 
 SHARD_FRAMES = 10
 UNPACKED = "unpacked"
+DEFAULT_DATA = Path("out/tasks")
+"""Folder of the frames of tasks and of datasets in shards."""
 UNKNOWN_HEADING_DEG = 180.0
 
 
 @dataclass(frozen=True)
-class TaskFrames:
-    """Frames of one split, condition by condition.
+class FrameChoice:
+    """Which frames of a task, and where frames are kept.
 
     Attributes
     ----------
-    task : Task
     split : str
-    per_condition : int
-    scenario_sha256 : str
-        Of the split's scenario, the generator's version included.
-    frames : tuple of Frame
-        With unique ids, `condition` set, and observations as the solver is told them.
+    per_condition : int or None
+        Frames at each value of the condition, at most the task's own number, which None stands for. The first are the
+        same however many are asked for.
+    condition : float or None
+        Only the frames of this value, as the task states it; None: all.
+    data : Path
+        Folder of all frames; each split of a task and each dataset in shards has a folder of its own in it.
+    workers : int
+        Processes that render; 0 renders in this one.
     """
 
-    task: Task
-    split: SplitName
-    per_condition: int
-    scenario_sha256: str
-    frames: tuple[Frame, ...]
+    split: SplitName = "dev"
+    per_condition: int | None = None
+    condition: float | None = None
+    data: Path = DEFAULT_DATA
+    workers: int = 1
 
 
 def make_task_frames(
-    task: Task,
-    split: SplitName,
-    per_condition: int,
-    data: Path,
-    workers: int,
-    progress: Callable[[int], None] = lambda frames: None,
-) -> TaskFrames:
-    """Render what is missing of a split, and read it.
-
-    The first `per_condition` frames of a condition are the same however many are asked for.
+    task: Task, target: str, choice: FrameChoice, progress: Callable[[int], None] = lambda frames: None
+) -> FrameSet:
+    """Render what is missing of a task's frames, and read them.
 
     Parameters
     ----------
     task : Task
-    split : str
-    per_condition : int
-        At most the task's own number.
-    data : Path
-        Folder of all tasks' frames; each split has one of its own in it, named after task, split and scenario hash.
-    workers : int
-        Processes that render; 0 renders in this one.
+    target : str
+        What the user calls it: its name or the path of its file.
+    choice : FrameChoice
     progress : callable
         Called with the number of frames that have come to hand.
+
+    Returns
+    -------
+    FrameSet
+        With unique ids, `condition` set, and observations as the solver is told them.
 
     Raises
     ------
     TaskError
-        A frame cannot be made, or the folder cannot be used.
+        There is no such condition, a frame cannot be made, or the folder cannot be used.
     """
-    full = task.definition.frames_per_condition
-    if not 1 <= per_condition <= full:
-        raise TaskError(f"{task.label}: {per_condition} frames a condition; it has 1 to {full}")
+    split, definition = choice.split, task.definition
+    per_condition = frames_per_condition(task, choice)
+    levels = chosen_levels(task, choice.condition)
     scenario = task.scenario_of(split)
-    folder = split_folder(task, split, scenario, data)
-    shards = wanted_shards(scenario, per_condition, split)
+    folder = split_folder(task.label, split, scenario.sha256, choice.data)
+    shards = wanted_shards(scenario, per_condition, split, rendered_combinations(task, levels))
     unpacked = folder / UNPACKED
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
-        target = LocalTarget(folder)
-        open_dataset_target(target, scenario, task.text_of(split))
-        missing = [shard for shard in shards if read_receipt(target, shard, scenario, spec) is None]
+        store = LocalTarget(folder)
+        open_dataset_target(store, scenario, task.text_of(split))
+        missing = [shard for shard in shards if read_receipt(store, shard, scenario, spec) is None]
         for shard in shards:
             if shard not in missing:
                 _unpack(folder / shard.tar, unpacked, again=False)
                 progress(shard.stop - shard.first)
-        for report in run_shards(scenario, spec, missing, target, workers, lambda index: progress(1)):
+        for report in run_shards(scenario, spec, missing, store, choice.workers, lambda index: progress(1)):
             if report.failures:
                 raise TaskError(f"{task.label}: frame {report.failures[0].index}: {report.failures[0].error}")
             _unpack(folder / report.shard.tar, unpacked, again=True)
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
     records = [unpacked / f"frame-{index:05d}.json" for shard in shards for index in range(shard.first, shard.stop)]
-    frames = read_frames(records, [folder / shard.stars for shard in shards])
-    return TaskFrames(task, split, per_condition, scenario.sha256, tuple(_graded(task, split, list(frames))))
+    read = list(read_frames(records, [folder / shard.stars for shard in shards]))
+    frames = tuple(_graded(task, split, read, levels))
+    graded = definition.condition
+    facts = FrameFacts(
+        target=target,
+        label=task.label,
+        title=definition.title,
+        split=split,
+        condition=None if choice.condition is None else graded.values[levels[0]],
+        per_condition=per_condition,
+        grading=Grading(graded.name, graded.unit, graded.values, graded.harder),
+        metric=definition.metric.name,
+        definition_sha256=task.sha256,
+        scenario_name=scenario.name,
+        scenario_sha256=scenario.sha256,
+        truth_sha256=truth_digest(frames),
+        rendered_with=rendered_with(read_record(records[0])),
+    )
+    return FrameSet(facts, frames)
 
 
-def split_folder(task: Task, split: SplitName, scenario: Scenario, data: Path) -> Path:
-    """Folder of a split's frames."""
-    return data / task.label / f"{split}-{scenario.sha256[:12]}"
+def frames_per_condition(task: Task, choice: FrameChoice) -> int:
+    """Frames at each value of the condition that are chosen. Raises TaskError where the task has fewer."""
+    full = task.definition.frames_per_condition
+    chosen = full if choice.per_condition is None else choice.per_condition
+    if not 1 <= chosen <= full:
+        raise TaskError(f"{task.label}: {chosen} frames a condition; it has 1 to {full}")
+    return chosen
 
 
-def wanted_shards(scenario: Scenario, per_condition: int, split: SplitName) -> list[Shard]:
-    """Shards that hold the first frames of every combination of the scenario."""
+def chosen_levels(task: Task, condition: float | None) -> list[int]:
+    """Places of the chosen values among the task's, from easy to hard.
+
+    Raises
+    ------
+    TaskError
+        The task has no such value; lists those that it has.
+    """
+    graded = task.definition.condition
+    if condition is None:
+        return list(range(len(graded.values)))
+    found = [level for level, value in enumerate(graded.values) if math.isclose(value, condition)]
+    if not found:
+        values = ", ".join(f"{value:.12g}" for value in graded.values)
+        raise TaskError(f"{task.label}: {graded.name} {condition:.12g} is not one of its values: {values}")
+    return found
+
+
+def rendered_combinations(task: Task, levels: Sequence[int]) -> list[int]:
+    """Combinations of the scenario that hold the frames of these levels; one holds all levels of what is told."""
+    return [0] if task.definition.told.lengths else list(levels)
+
+
+def split_folder(label: str, split: str, scenario_sha256: str, data: Path) -> Path:
+    """Folder of the frames of a task's split."""
+    return data / label / f"{split}-{scenario_sha256[:12]}"
+
+
+def wanted_shards(
+    scenario: Scenario, per_condition: int, split: SplitName, combinations: Sequence[int] | None = None
+) -> list[Shard]:
+    """Shards that hold the first frames of combinations of the scenario, of all unless given."""
     shards_per_condition = math.ceil(scenario.repeats / SHARD_FRAMES)
     shards = []
-    for combination in range(scenario.combination_count):
+    for combination in range(scenario.combination_count) if combinations is None else combinations:
         start = combination * scenario.repeats
         for number, offset in enumerate(range(0, per_condition, SHARD_FRAMES)):
             stop = start + min(offset + SHARD_FRAMES, per_condition)
@@ -143,8 +195,8 @@ def _unpack(archive_path: Path, folder: Path, again: bool) -> None:
         raise TaskError(f"{error}; delete {archive_path} and run the same command again") from error
 
 
-def _graded(task: Task, split: SplitName, frames: list[Frame]) -> list[Frame]:
-    """Give every frame its condition, and each observation what the solver is told."""
+def _graded(task: Task, split: SplitName, frames: Sequence[Frame], levels: Sequence[int]) -> list[Frame]:
+    """Give every frame its condition, and each observation what the solver is told at these levels."""
     values = task.definition.condition.values
     told = task.definition.told
     if not told.lengths:
@@ -156,10 +208,10 @@ def _graded(task: Task, split: SplitName, frames: list[Frame]) -> list[Frame]:
             frame,
             frame_id=f"{frame.frame_id}-{level}",
             index=level * task.definition.frames_per_condition + frame.index,
-            condition=value,
+            condition=values[level],
             observation=misinformed(frame.observation, told, level, seed, frame.index),
         )
-        for level, value in enumerate(values)
+        for level in levels
         for frame in frames
     ]
 

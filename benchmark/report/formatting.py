@@ -1,11 +1,9 @@
-"""Numbers as the terminal table and the report print them."""
+"""Numbers as tables and pages print them."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from benchmark.stats.intervals import Estimate
-from benchmark.stats.metrics import Summary
 
 
 def number(value: float, unit: str = "") -> str:
@@ -45,41 +43,6 @@ def interval(estimate: Estimate, form: Callable[[float], str]) -> str:
     if math.isnan(estimate.value):
         return ""
     return f"{form(estimate.low).removesuffix(' %')} – {form(estimate.high)}"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A metric of the headline table: its heading, what it says in a few words, and how to print it."""
-
-    key: str
-    heading: str
-    hint: str
-    form: Callable[[float], str]
-
-    def value(self, summary: Summary) -> str:
-        """Print the metric's value."""
-        return self.form(self._estimate(summary).value)
-
-    def interval(self, summary: Summary) -> str:
-        """Print the metric's interval."""
-        return interval(self._estimate(summary), self.form)
-
-    def _estimate(self, summary: Summary) -> Estimate:
-        estimate = getattr(summary, self.key)
-        assert isinstance(estimate, Estimate)
-        return estimate
-
-
-HEADLINE = (
-    Column("recall", "recall", "error < 10 km, of all frames", percent),
-    Column("median_error_km", "median error, km", "of all frames, refused = ∞", number),
-    Column("p90_error_km", "90 % error, km", "of all frames, refused = ∞", number),
-    Column("wrong_and_confident", "wrong and confident", "a fix off by ≥ 10 km, of all frames", percent),
-    Column("star_precision", "star-ID precision", "correct of claimed", percent),
-    Column("star_recall", "star-ID recall", "correct of detected stars", percent),
-    Column("median_time_ms", "median time, ms", "per frame", number),
-    Column("p95_time_ms", "95 % time, ms", "per frame", number),
-)
 
 
 def duration(seconds: float) -> str:

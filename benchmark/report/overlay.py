@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from benchmark.run.result_tables import DetectionRow
+from benchmark.judge.outcome import DetectionRow
 
 
 @dataclass(frozen=True)

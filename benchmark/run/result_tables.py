@@ -1,13 +1,14 @@
 """The tables of a result: one row per frame, one row per detection (docs/benchmark.md describes the columns)."""
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from benchmark.frames.conditions import FrameConditions
+from benchmark.judge.outcome import SolverOutcome
 from benchmark.stats.metrics import FrameScore
 
 CONDITION_UNITS = {
@@ -21,64 +22,10 @@ CONDITION_UNITS = {
 """Circumstances with a column of their own, and its unit."""
 
 
-@dataclass(frozen=True)
-class DetectionRow:
-    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
-
-    frame_id: str
-    detection: int
-    u_px: float
-    v_px: float
-    flux: float | None
-    star_id: int | None
-    correct: bool | None
-
-
-@dataclass(frozen=True)
-class FrameDetails:
-    """What is recorded of a frame beside its score.
-
-    Attributes
-    ----------
-    cov_km2 : (float, float, float) or None
-        Covariance claimed: east-east, east-north, north-north.
-    confidence : float or None
-        As claimed.
-    detect_ms, solve_ms : float
-    stage_ms : mapping of str to float
-        The solver's own account.
-    utc : str
-        Mid-exposure.
-    conditions : FrameConditions
-    condition : float or None
-        The frame's graded value in its task.
-    site : str
-        Names the place and the night; frames of one site are not independent.
-    error_east_km, error_north_km : float or None
-        Components of the error; None without a fix.
-    crlb_km : float or None
-        Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is none.
-    peak_memory_mib : float or None
-        Of the process that solved, while it did.
-    """
-
-    cov_km2: tuple[float, float, float] | None
-    confidence: float | None
-    detect_ms: float
-    solve_ms: float
-    stage_ms: Mapping[str, float]
-    utc: str
-    conditions: FrameConditions
-    condition: float | None = None
-    site: str = ""
-    error_east_km: float | None = None
-    error_north_km: float | None = None
-    crlb_km: float | None = None
-    peak_memory_mib: float | None = None
-
-
-def frame_table(scores: Sequence[FrameScore], details: Sequence[FrameDetails]) -> pa.Table:
+def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
     """One row per frame; every column's unit is in its field metadata."""
+    scores = [outcome.score for outcome in outcomes]
+    details = [outcome.details for outcome in outcomes]
     columns: list[tuple[str, Any, str, list[Any]]] = [
         ("frame_id", pa.string(), "", [s.frame_id for s in scores]),
         ("index", pa.int32(), "", [s.index for s in scores]),
@@ -122,8 +69,9 @@ def frame_table(scores: Sequence[FrameScore], details: Sequence[FrameDetails]) -
     return _table(columns)
 
 
-def match_table(rows: Sequence[DetectionRow]) -> pa.Table:
+def match_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
     """One row per detection."""
+    rows = [row for outcome in outcomes for row in outcome.detections]
     columns: list[tuple[str, Any, str, list[Any]]] = [
         ("frame_id", pa.string(), "", [r.frame_id for r in rows]),
         ("detection", pa.int32(), "", [r.detection for r in rows]),
@@ -134,6 +82,24 @@ def match_table(rows: Sequence[DetectionRow]) -> pa.Table:
         ("correct", pa.bool_(), "", [r.correct for r in rows]),
     ]
     return _table(columns)
+
+
+def scores_of(frames: pa.Table) -> list[FrameScore]:
+    """The scores in a table of frames, in its order."""
+    names = [field.name for field in dataclasses.fields(FrameScore)]
+    scores = []
+    for row in frames.select(names).to_pylist():
+        row["error_km"] = math.inf if row["error_km"] is None else row["error_km"]
+        scores.append(FrameScore(**row))
+    return scores
+
+
+def in_order(table: pa.Table, frame_ids: Sequence[str]) -> pa.Table:
+    """The rows of these frames, in their order; rows of one frame keep theirs."""
+    place = pc.index_in(table["frame_id"], value_set=pa.array(frame_ids, pa.string()))
+    known = pc.is_valid(place)
+    numbered = pa.table({"place": place.filter(known), "row": pa.array(range(len(table)), pa.int64()).filter(known)})
+    return table.take(numbered.sort_by([("place", "ascending"), ("row", "ascending")])["row"])
 
 
 def _table(columns: Sequence[tuple[str, Any, str, list[Any]]]) -> pa.Table:

@@ -12,7 +12,7 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -77,12 +77,29 @@ class ProgramFailedError(Exception):
 
 
 class ProgramSession:
-    """A running program; start it with `start`, ask it frame by frame, and close it."""
+    """A running program; start it with `start`, ask it frame by frame, and close it.
 
-    def __init__(self, command: Sequence[str], folder: Path, limits: Limits) -> None:
+    Parameters
+    ----------
+    command : sequence of str
+    folder : Path
+        Where it is started.
+    limits : Limits
+    on_stderr : callable, optional
+        Called with what it writes on its standard error, as it comes.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        folder: Path,
+        limits: Limits,
+        on_stderr: Callable[[bytes], None] | None = None,
+    ) -> None:
         self._command = list(command)
         self._folder = folder
         self.limits = limits
+        self._on_stderr = on_stderr
         self._process: subprocess.Popen[bytes] | None = None
         self._selector = selectors.DefaultSelector()
         self._received = b""
@@ -207,7 +224,7 @@ class ProgramSession:
                         continue
                     chunk = os.read(key.fd, _CHUNK)
                     if key.data == "stderr":
-                        self._stderr = (self._stderr + chunk)[-_KEPT_STDERR_BYTES:]
+                        self._hear(chunk)
                         if not chunk:
                             self._selector.unregister(key.fileobj)
                         continue
@@ -233,14 +250,18 @@ class ProgramSession:
             return f"ended by signal {signal.Signals(-code).name}"
         return f"ended with exit status {code}"
 
+    def _hear(self, words: bytes) -> None:
+        """Keep the end of what it writes on standard error."""
+        self._stderr = (self._stderr + words)[-_KEPT_STDERR_BYTES:]
+        if words and self._on_stderr is not None:
+            self._on_stderr(words)
+
     def _last_words(self) -> str:
         """The last line that it wrote on standard error."""
         assert self._process is not None
         assert self._process.stderr is not None
         with contextlib.suppress(OSError):
-            self._stderr = (self._stderr + (os.read(self._process.stderr.fileno(), _CHUNK) or b""))[
-                -_KEPT_STDERR_BYTES:
-            ]
+            self._hear(os.read(self._process.stderr.fileno(), _CHUNK) or b"")
         lines = self._stderr.decode("utf-8", "replace").split("\n")
         words = [" ".join(line.split()) for line in lines if line.strip()]
         return f" ({words[-1][:120]})" if words else ""

@@ -8,102 +8,26 @@ import hmac
 import io
 import json
 import math
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
 from benchmark.errors import DatasetError, ResultsError
-from benchmark.frames.dataset import Dataset, Frame, load_image, open_dataset
+from benchmark.frames.dataset import Frame, load_image
 from benchmark.frames.record_values import FRAME_FORMAT
-from benchmark.frames.task_frames import TaskFrames, make_task_frames
 from benchmark.run.results import write_atomically
 from benchmark.stats.metrics import REFUSED
 from benchmark.submit.csv_cells import csv_lines
 from benchmark.submit.submission import FRAME_COLUMNS
-from benchmark.tasks.definition import SplitName, load_task, task_names
-from generator.dataset.images import decode
-from generator.dataset.reader import Dataset as Sharded
-from generator.errors import GeneratorError
 
 LISTING = "frames.json"
 TEMPLATE = "answers.csv"
 LARGEST_LISTING_BYTES = 64 * 2**20
 _SHARDED = "manifest.json"
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Frames with their truth: of a dataset, or of a split of a task (the other is None)."""
-
-    frames: tuple[Frame, ...]
-    dataset: Dataset | None = None
-    task: TaskFrames | None = None
-
-
-@dataclass(frozen=True)
-class TaskChoice:
-    """Which frames of a task; None: the task's own number a condition (`benchmark.frames.task_frames.make_task_frames`)."""
-
-    split: SplitName
-    per_condition: int | None
-    data: Path
-    workers: int
-
-
-@contextmanager
-def opened(target: str, choice: TaskChoice, progress: Callable[[int], None] = lambda frames: None) -> Iterator[Truth]:
-    """Open a dataset folder, plain or in shards (which are unpacked for the while), or a task by its name.
-
-    Parameters
-    ----------
-    target : str
-        Folder or task.
-    choice : TaskChoice
-        Of a task's frames; those that are missing are rendered.
-    progress : callable
-        Called with the number of a task's frames that have come to hand.
-
-    Raises
-    ------
-    DatasetError, TaskError
-    """
-    folder = Path(target)
-    if not folder.is_dir():
-        if folder.name.partition("@")[0] not in task_names() or folder.name != target:
-            raise DatasetError(f"{target}: neither a dataset folder nor a task ({', '.join(task_names())})")
-        task = load_task(target)
-        per_condition = choice.per_condition or task.definition.frames_per_condition
-        made = make_task_frames(task, choice.split, per_condition, choice.data, choice.workers, progress)
-        yield Truth(made.frames, task=made)
-    elif (folder / _SHARDED).is_file():
-        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
-            try:
-                _unpack(Sharded.open(folder), Path(scratch))
-            except GeneratorError as error:
-                raise DatasetError(str(error)) from error
-            dataset = dataclasses.replace(open_dataset(Path(scratch)), name=folder.resolve().name)
-            yield Truth(dataset.frames, dataset)
-    else:
-        dataset = open_dataset(folder)
-        yield Truth(dataset.frames, dataset)
-
-
-def _unpack(sharded: Sharded, scratch: Path) -> None:
-    codec = sharded.manifest.codec
-    for frame in sharded.stored_frames():
-        name = Path(frame.frame_id).name
-        image = frame.members[codec]
-        (scratch / f"{name}.png").write_bytes(image if codec == "png" else _png(decode(image, codec)))
-        (scratch / f"{name}.json").write_bytes(frame.members["json"])
-    pq.write_table(sharded.stars(), scratch / "stars.parquet")
 
 
 def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:

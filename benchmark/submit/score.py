@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from benchmark import provenance
 from benchmark.errors import ResultsError
-from benchmark.frames.dataset import Dataset, Frame, load_image
-from benchmark.frames.preview import preview_webp
-from benchmark.frames.task_frames import TaskFrames
+from benchmark.frames.dataset import Frame
+from benchmark.frames.frame_set import FrameSet
+from benchmark.judge.answers import Response, check_answer, judge_answer
 from benchmark.judge.frame_bounds import bound_of
+from benchmark.judge.outcome import SolverOutcome
 from benchmark.protocol import Answer
-from benchmark.run.result_tables import match_table
-from benchmark.run.results import (
-    PREVIEW_FOLDER,
-    ResultFiles,
-    RunProvenance,
-    check_room,
-    check_solver_name,
-    write_atomically,
-    write_result,
-)
-from benchmark.run.run import SolverOutcome, check_answer, judge_answer
-from benchmark.run.task_run import KEY_DIGITS, task_facts
+from benchmark.run.provenance import SolverFacts, provenance_of
+from benchmark.run.result_tables import frame_table, match_table
+from benchmark.run.results import check_solver_name, result_folder, write_result
 from benchmark.solvers.registry import known_solvers
 from benchmark.stats.metrics import FIX, REFUSED
-from benchmark.submit.pack import Truth, withheld_names
+from benchmark.submit.pack import withheld_names
 from benchmark.submit.submission import Checked, FrameAnswer, StarRow
 
-DETECTOR = "submission"
+DETECTOR: Final = "submission"
 """Name of the detector in results that were submitted; no solver that runs here has it."""
 
 
@@ -81,7 +72,8 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
     check_answer(answer, len(uv))
     # A time that was not given is not known to be finite.
     time_ms = math.inf if given is None or given.time_ms is None else given.time_ms
-    return judge_answer(frame, answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None, bound_of(frame))
+    response = Response(answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None)
+    return judge_answer(frame, response, bound_of(frame))
 
 
 def check_name(name: str) -> None:
@@ -105,93 +97,40 @@ def version_of(*paths: Path | None) -> str:
     return f"sha256:{digest.hexdigest()[:12]}"
 
 
-def write_score(truth: Truth, out: Path, name: str, version: str, outcomes: Sequence[SolverOutcome]) -> Path:
+def write_score(frames: FrameSet, out: Path, name: str, version: str, outcomes: Sequence[SolverOutcome]) -> Path:
     """Write a judged submission where the results of solvers on the same frames are.
 
     Parameters
     ----------
-    truth : Truth
+    frames : FrameSet
     out : Path
-        Folder of results.
+        Root of all results.
     name, version : str
     outcomes : sequence of SolverOutcome
 
     Returns
     -------
     Path
-        Its summary.
+        Folder of its result.
 
     Raises
     ------
     ResultsError
-        The name cannot be used, or `out` holds results on another dataset.
+        The name cannot be used.
     """
     check_name(name)
-    if truth.task is not None:
-        key = _key(name, version, truth.task)
-        folder = out / truth.task.task.label / truth.task.split / "own" / f"{name}-{key}"
-        files, found = ResultFiles.within(folder), _task_provenance(truth.task, version, key)
-    else:
-        assert truth.dataset is not None
-        check_room(out, [name], truth.dataset.scenario_sha256, truth.dataset.truth_sha256)
-        _write_previews(truth.dataset, out)
-        files, found = ResultFiles.beside(out, name), _dataset_provenance(truth.dataset, version)
-    write_result(
-        files,
-        name,
-        [outcome.score for outcome in outcomes],
-        [outcome.details for outcome in outcomes],
-        match_table([row for outcome in outcomes for row in outcome.detections]),
-        found,
-    )
-    return files.summary
-
-
-def _write_previews(dataset: Dataset, out: Path) -> None:
-    for frame in dataset.frames:
-        preview = out / PREVIEW_FOLDER / f"{frame.frame_id}.webp"
-        if frame.image_path.is_file() and not preview.is_file():
-            write_atomically(preview, preview_webp(load_image(frame)))
-
-
-def _dataset_provenance(dataset: Dataset, version: str) -> RunProvenance:
-    return RunProvenance(
-        dataset=dataset.name,
-        scenario_name=dataset.scenario_name,
-        scenario_sha256=dataset.scenario_sha256,
-        truth_sha256=dataset.truth_sha256,
-        dataset_provenance=dataset.provenance,
-        solver_version=version,
+    solver = SolverFacts(
+        target=None,
+        kind=DETECTOR,
+        title="submitted answers",
+        licence="not stated",
+        version=version,
         detector=DETECTOR,
-        versions=provenance.versions(),
-        machine=dict.fromkeys(provenance.machine(), "not stated"),
-        date_utc=provenance.now_utc(),
-        jobs=1,
+        revision=version,
+        time_limit_s=None,
+        memory_limit_mib=None,
     )
-
-
-def _task_provenance(frames: TaskFrames, version: str, key: str) -> RunProvenance:
-    return RunProvenance(
-        dataset=frames.task.label,
-        scenario_name=frames.task.scenario_of(frames.split).name,
-        scenario_sha256=frames.scenario_sha256,
-        truth_sha256="",
-        dataset_provenance={},
-        solver_version=version,
-        detector=DETECTOR,
-        versions=provenance.versions(),
-        machine=dict.fromkeys(provenance.machine(), "not stated"),
-        date_utc=provenance.now_utc(),
-        jobs=1,
-        task={
-            **task_facts(frames, "own"),
-            "solver_title": "submitted answers",
-            "solver_licence": "",
-            "key": key,
-        },
-    )
-
-
-def _key(name: str, version: str, frames: TaskFrames) -> str:
-    parts = [name, version, DETECTOR, frames.task.sha256, frames.scenario_sha256, frames.per_condition]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:KEY_DIGITS]
+    source = provenance_of(name, solver, frames.facts, "own", jobs=1, here=False)
+    folder = result_folder(out, name, source)
+    write_result(folder, name, frame_table(outcomes), match_table(outcomes), source)
+    return folder

@@ -20,6 +20,7 @@ from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 LARGEST_FILE_BYTES = 100_000
+TASK_SUFFIX = ".task.yaml"
 SplitName = Literal["dev", "test"]
 SPLITS: tuple[SplitName, ...] = ("dev", "test")
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
@@ -156,7 +157,24 @@ class Task:
 
 def task_names() -> tuple[str, ...]:
     """All tasks, sorted."""
-    return tuple(sorted(path.name.removesuffix(".task.yaml") for path in FOLDER.glob("*.task.yaml")))
+    return tuple(sorted(path.name.removesuffix(TASK_SUFFIX) for path in FOLDER.glob(f"*{TASK_SUFFIX}")))
+
+
+def load_task_file(path: Path) -> Task:
+    """Read and check a task of the user's own by its file, ``NAME.task.yaml``, with its scenario beside it.
+
+    Raises
+    ------
+    TaskError
+        Its files are wrong, or it has the name of a task of skybench and is another.
+    """
+    name = path.name.removesuffix(TASK_SUFFIX)
+    if not path.is_file():
+        raise TaskError(f"{path}: no such file")
+    task = load_task(name, path.parent)
+    if name in task_names() and load_task(name).sha256 != task.sha256:
+        raise TaskError(f"{path}: {name} is the name of a task of skybench; choose another for yours")
+    return task
 
 
 def load_task(name: str, folder: Path = FOLDER) -> Task:
@@ -168,9 +186,9 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
         There is no such task or revision, or its files are wrong.
     """
     bare, _, revision = name.partition("@")
-    path = folder / f"{bare}.task.yaml"
+    path = folder / f"{bare}{TASK_SUFFIX}"
     if not path.is_file() or path.parent != folder:
-        known = ", ".join(sorted(file.name.removesuffix(".task.yaml") for file in folder.glob("*.task.yaml")))
+        known = ", ".join(sorted(file.name.removesuffix(TASK_SUFFIX) for file in folder.glob(f"*{TASK_SUFFIX}")))
         raise TaskError(f"unknown task {name!r}; known: {known}")
     try:
         definition = TaskDefinition.model_validate(_read_yaml(path, yaml.SafeLoader))

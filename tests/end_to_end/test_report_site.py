@@ -7,7 +7,7 @@ import pytest
 from browser import chromium, console, open_page, requested
 from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
-from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
+from unit.benchmark.fake_results import SOLVERS, TASKS, write_frames, write_results
 
 from benchmark.report.site.pages import make_boards, write_site
 
@@ -16,10 +16,10 @@ PHONE_PX = 390
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    root = write_results(
-        tmp_path_factory.mktemp("site") / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared")
-    )
-    return write_site(make_boards(root), root).parent
+    folder = tmp_path_factory.mktemp("site")
+    root = write_results(folder / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared"))
+    data = write_frames(folder / "data", TASKS[:2], frames_per_level=9)
+    return write_site(make_boards(root), root, data).parent
 
 
 @pytest.fixture(scope="module")

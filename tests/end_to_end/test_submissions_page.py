@@ -8,9 +8,9 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 from unit.benchmark.fake_night import write_dataset
+from unit.benchmark.stored import stored
 
 from benchmark.cli.app import app
-from benchmark.run.results import read_results
 
 PAGE = Path(__file__).parents[2] / "docs" / "submissions.md"
 
@@ -37,6 +37,6 @@ def test_the_commands_of_the_page_work(tmp_path, monkeypatch):
             subprocess.run([sys.executable, *arguments], check=True, env={"PYTHONPATH": path[0]}, timeout=300)
         ran += 1
     assert ran == 5
-    (result,) = read_results(tmp_path / "results" / "demo")
-    assert (result.solver, len(result.scores)) == ("my-solver", 3)
-    assert (tmp_path / "results" / "demo" / "report.html").is_file()
+    (result,) = stored(tmp_path / "results" / "demo").values()
+    assert (result.solver, len(result.frames)) == ("my-solver", 3)
+    assert (tmp_path / "results" / "demo" / "site" / "index.html").is_file()

@@ -1,10 +1,11 @@
 """What the report shows, worked out and ready to draw: boards of entries, one board to each set of results compared.
 
-A board holds the results of one task, split and mode of detections; all its solvers answered the same frames.
+A board holds the results on one set of frames in one mode of detections; all its solvers answered the same frames.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from benchmark.errors import ResultsError
 from benchmark.report.formatting import number
@@ -31,9 +33,15 @@ from benchmark.stats.frame_metrics import METRICS, column, errors_km, fixed, gro
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
 
+F8 = NDArray[np.float64]
+
 MOST_LEVELS = 16
+_MOST_SHOWN = 9
+"""Groups of frames that success is shown by where no task grades them: as many as there are Bortle classes."""
+_NO_BREAK = Estimate(math.nan, math.nan, math.nan, 0)
 _MOST_GROUPS = 4
 _CIRCUMSTANCES = (
+    ("bortle", "Bortle class", ""),
     ("zenith_mag_arcsec2", "zenith brightness", "mag/arcsec²"),
     ("moon_altitude_deg", "altitude of the Moon", "°"),
     ("cloud_optical_depth", "optical depth of cloud", ""),
@@ -142,22 +150,22 @@ class Board:
     entries: tuple[Entry, ...]
     comparisons: tuple[Comparison, ...]
     detectable: float
-    discrimination: Discrimination
+    discrimination: Discrimination | None
     circumstances: tuple[Circumstance, ...]
 
     @property
     def file_name(self) -> str:
         """Of the board's page."""
-        return f"{self.task.name}@{self.task.revision}-{self.split}-{self.detections}.html"
+        return f"{self.task.key}-{self.split}-{self.detections}.html"
 
     @property
     def title(self) -> str:
         """Task and mode, for tables."""
-        return f"{self.task.name}@{self.task.revision}, {self.split}, {self.detections} detections"
+        return f"{self.task.key}, {self.split}, {self.detections} detections"
 
 
 def make_board(results: Sequence[StoredResult]) -> Board:
-    """Compare the results of one task, split and mode of detections.
+    """Compare the results on one set of frames in one mode of detections.
 
     Raises
     ------
@@ -167,11 +175,13 @@ def make_board(results: Sequence[StoredResult]) -> Board:
     first = results[0]
     for other in results[1:]:
         _check_same_frames(first, other)
-    task, limit_km = first.task, first.task.limit_km
+    task = first.task if first.task.graded else _shown_by(first.task, first.frames)
+    results = [dataclasses.replace(result, task=task) for result in results]
+    limit_km = task.limit_km
     tables = {result.label: result.frames for result in results}
     comparisons = compare(tables, limit_km)
     placed = {rank.solver: rank for rank in ranks(tables, comparisons, limit_km=limit_km)}
-    circumstances = _circumstances(first.frames)
+    circumstances = _circumstances(first.frames, task)
     entries = [_entry(result, placed[result.label], circumstances) for result in results]
     entries.sort(key=lambda entry: (entry.rank.rank, entry.label))
     return Board(
@@ -183,18 +193,22 @@ def make_board(results: Sequence[StoredResult]) -> Board:
         entries=tuple(entries),
         comparisons=comparisons,
         detectable=detectable(comparisons),
-        discrimination=discrimination(tables, task.harder, limit_km=limit_km),
+        discrimination=discrimination(tables, task.harder, limit_km=limit_km) if task.graded else None,
         circumstances=circumstances,
     )
 
 
 def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
     """Refuse to compare results of different frames. Raises ResultsError."""
-    same = one.provenance.scenario_sha256 == other.provenance.scenario_sha256
+    mine, theirs = one.provenance.frames, other.provenance.frames
+    truths = {mine.truth_sha256, theirs.truth_sha256} - {""}  # results of earlier formats do not say
+    same = mine.scenario_sha256 == theirs.scenario_sha256 and len(truths) < 2
     if same and set(one.frames["frame_id"]) == set(other.frames["frame_id"]):
         return
     reason = (
-        f"{len(one.frames)} and {len(other.frames)} frames" if same else "frames of different scenarios or generators"
+        f"{len(one.frames)} and {len(other.frames)} frames"
+        if len(one.frames) != len(other.frames)
+        else "frames of different scenarios or generators"
     )
     raise ResultsError(
         f"{one.folder} and {other.folder}: {reason} cannot be compared; run both solvers again with the same --frames, "
@@ -202,14 +216,27 @@ def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
     )
 
 
-def _circumstances(frames: pd.DataFrame) -> tuple[Circumstance, ...]:
-    """What varies from frame to frame besides the graded condition, in a few groups of like size each."""
-    graded = pd.Series(column(frames, "condition"))
+def _shown_by(task: TaskFacts, frames: pd.DataFrame) -> TaskFacts:
+    """Let success be shown by the first circumstance that varies, where nothing grades the frames."""
+    for name, words, unit in _CIRCUMSTANCES:
+        if pd.Series(column(frames, name)).nunique() > 1:
+            return dataclasses.replace(task, condition=words, unit=unit, by=name)
+    return task
+
+
+def _conditions(frames: pd.DataFrame, task: TaskFacts) -> F8:
+    """What success is shown by, frame by frame; NaN where it is not known, or nothing varies."""
+    return column(frames, task.by) if task.by else np.full(len(frames), math.nan)
+
+
+def _circumstances(frames: pd.DataFrame, task: TaskFacts) -> tuple[Circumstance, ...]:
+    """What varies from frame to frame besides the condition, in a few groups of like size each."""
+    graded = pd.Series(_conditions(frames, task)).fillna(-math.inf)
     found = []
     for name, words, unit in _CIRCUMSTANCES:
         values = column(frames, name)
         # What goes with the condition is shown by the condition.
-        if np.isnan(values).any() or pd.Series(values).groupby(graded).nunique().max() < 2:
+        if name == task.by or np.isnan(values).any() or pd.Series(values).groupby(graded).nunique().max() < 2:
             continue
         groups = groups_of(values, _MOST_GROUPS)
         limits = tuple((float(values[group].min()), float(values[group].max())) for group in groups)
@@ -236,7 +263,7 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
         metrics=metrics,
         success=metrics[task.metric],
         rank=rank,
-        break_point=break_point(frames, task.harder, limit_km=task.limit_km),
+        break_point=break_point(frames, task.harder, limit_km=task.limit_km) if task.graded else _NO_BREAK,
         levels=_levels(frames, task),
         bins=reliability(frames),
         curve=curve,
@@ -249,10 +276,10 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
 
 
 def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
-    values = column(frames, "condition")
+    values = _conditions(frames, task)
     metrics = [metric for metric in METRICS if metric.key in {task.metric, "median_error_km"}]
     levels = []
-    for group in groups_of(values, MOST_LEVELS):
+    for group in groups_of(values, MOST_LEVELS if task.graded else _MOST_SHOWN):
         part = frames[group]
         found = measure(part, metrics)
         bound = pd.Series(column(part, "crlb_km")).median()
@@ -263,13 +290,15 @@ def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
 
 
 def _worst(frames: pd.DataFrame, task: TaskFacts) -> WorstFrame | None:
-    failed = ~succeeded(frames, task.limit_km)
+    failed, values = ~succeeded(frames, task.limit_km), _conditions(frames, task)
     if not failed.any():
         return None
     errors = pd.Series(errors_km(frames)).where(fixed(frames) & failed, -math.inf)
     if errors.max() > -math.inf:
-        row = frames.iloc[int(errors.argmax())]
-        return WorstFrame(row["frame_id"], float(row["condition"]), f"fix off by {number(float(errors.max()), 'km')}")
-    ease = pd.Series(-task.harder * column(frames, "condition")).where(failed, -math.inf)
-    row = frames.iloc[int(ease.argmax())]
-    return WorstFrame(row["frame_id"], float(row["condition"]), str(row["reason"]))
+        place = int(errors.argmax())
+        words = f"fix off by {number(float(errors.max()), 'km')}"
+        return WorstFrame(frames["frame_id"].iloc[place], float(values[place]), words)
+    ease = pd.Series(-task.harder * values).fillna(-math.inf).where(failed, -math.inf)
+    # Where no condition tells frames apart, the first failure is as good as any.
+    place = int(ease.argmax()) if ease.max() > -math.inf else int(failed.argmax())
+    return WorstFrame(frames["frame_id"].iloc[place], float(values[place]), str(frames["reason"].iloc[place]))

@@ -100,6 +100,12 @@ FULL = (
     Column("95 % time, ms", "per frame", _metric("p95_time_ms"), number, "ascending"),
     Column("peak memory, MiB", "largest", _metric("peak_memory_mib"), number, "ascending"),
 )
+HEADLINE = tuple(
+    column
+    for column in FULL
+    if column.heading not in {"1 km", "3 km", "30 km", "Kelvins score", "error / bound", "peak memory, MiB"}
+)
+"""What the terminal shows of one set of frames."""
 CALIBRATION = (
     Column("calibration error", "0 is perfect", _metric("ece"), percent, "ascending", True),
     Column("overconfidence", "claimed less right, points", _metric("overconfidence"), signed, "ascending"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,11 @@ from PIL import Image, UnidentifiedImageError
 
 from benchmark.errors import ResultsError
 from benchmark.frames.preview import preview_webp
+from benchmark.frames.sharded import dataset_folder
+from benchmark.frames.task_frames import UNPACKED, split_folder
 from benchmark.judge.star_id import TRACE_SNR
 from benchmark.report.site.tree import StoredResult
-from benchmark.run.results import PREVIEW_FOLDER
+from benchmark.run.results import RUN_AGAIN
 
 MOST_STARS = 200
 # A task that varies what solvers are told has several frame ids to a picture, with the level at their end.
@@ -29,8 +32,7 @@ class FrameSource:
     Attributes
     ----------
     data : Path or None
-        Folder of the tasks' rendered frames, ``data/<task>@<revision>/<split>-<scenario>/``. Previews beside the
-        results, ``<task>@<revision>/<split>/previews/<frame>.webp``, are taken first.
+        Folder of the frames of tasks and of datasets in shards. Frames of a rendered folder are looked for in that folder.
     """
 
     data: Path | None = None
@@ -43,23 +45,17 @@ class FrameSource:
         ResultsError
             It is damaged.
         """
-        rendered = _RENDERED_ID.match(frame_id)
-        if rendered is None:
+        rendered, place = _RENDERED_ID.match(frame_id), self._place(result)
+        if rendered is None or place is None:
             return None
-        names = dict.fromkeys((Path(frame_id).name, rendered.group()))
-        for name in names:
-            path = result.folder.parents[1] / PREVIEW_FOLDER / f"{name}.webp"
-            if path.is_file():
-                return path.read_bytes()
-        folder = self._folder(result)
-        image = folder / "unpacked" / f"{rendered.group()}.png" if folder else None
-        if image is None or not image.is_file():
+        image = place.images / f"{rendered.group()}.png"
+        if not image.is_file():
             return None
         try:
             with Image.open(image, formats=["PNG"]) as opened:
                 return preview_webp(np.asarray(opened).astype(np.uint16))
         except (UnidentifiedImageError, OSError, ValueError) as error:
-            raise ResultsError(f"{image}: not a readable image ({error}); delete it and run the task again") from error
+            raise ResultsError(f"{image}: not a readable image ({error}); delete it and {RUN_AGAIN}") from error
 
     def true_stars(self, result: StoredResult, frame_id: str) -> list[tuple[float, float]]:
         """Positions (px) of a frame's brightest stars that leave a trace; none where the truth is not at hand.
@@ -69,22 +65,47 @@ class FrameSource:
         ResultsError
             The table of stars is damaged.
         """
-        rendered, folder = _RENDERED_ID.match(frame_id), self._folder(result)
-        if rendered is None or folder is None:
+        rendered, place = _RENDERED_ID.match(frame_id), self._place(result)
+        if rendered is None or place is None:
             return []
-        for path in sorted((folder / "stars" / result.split).glob("*.parquet")):
+        for path in sorted(place.stars.glob("*.parquet")):
             wanted = [("frame_id", "=", rendered.group()), ("snr", ">=", TRACE_SNR)]
             try:
                 stars = pq.read_table(path, columns=["u_px", "v_px", "electrons_e"], filters=wanted).to_pandas()
             except (pa.ArrowException, OSError) as error:
-                raise ResultsError(f"{path}: damaged ({error}); delete it and run the task again") from error
+                raise ResultsError(f"{path}: damaged ({error}); delete it and {RUN_AGAIN}") from error
             if len(stars):
                 brightest = stars.nlargest(MOST_STARS, "electrons_e")
                 return list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
         return []
 
-    def _folder(self, result: StoredResult) -> Path | None:
+    def _place(self, result: StoredResult) -> _Place | None:
+        """Where a result's frames are, if anywhere."""
+        frames = result.provenance.frames
+        rendered = Path(frames.target)
+        if frames.grading is None and frames.definition_sha256 is None:
+            return _Place(rendered, rendered) if _is_of(rendered, frames.scenario_sha256) else None
         if self.data is None:
             return None
-        folder = self.data / result.task.key / f"{result.split}-{result.provenance.scenario_sha256[:12]}"
-        return folder if folder.is_dir() else None
+        if frames.grading is not None:
+            folder = split_folder(frames.label, frames.split, frames.scenario_sha256, self.data)
+        else:
+            folder = dataset_folder(str(frames.definition_sha256), self.data)
+        return _Place(folder / UNPACKED, folder / "stars" / frames.split) if folder.is_dir() else None
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Folders of images and of tables of stars."""
+
+    images: Path
+    stars: Path
+
+
+def _is_of(folder: Path, scenario_sha256: str) -> bool:
+    """Whether a folder holds frames of a scenario, which gives the same frames wherever it is rendered."""
+    record = next(iter(sorted(folder.glob("frame-*.json"))), None) if folder.is_dir() else None
+    try:
+        return record is not None and json.loads(record.read_bytes())["scenario"]["sha256"] == scenario_sha256
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

@@ -96,6 +96,26 @@ def write_site(boards: Sequence[Board], root: Path, data: Path | None = None) ->
     return folder / "index.html"
 
 
+def result_table(boards: Sequence[Board]) -> Table:
+    """What the terminal shows: all numbers of one board, or the successes of several."""
+    return board_table(boards[0]) if len(boards) == 1 else leaderboard_table(boards)
+
+
+def board_table(board: Board) -> Table:
+    """All numbers of one board with their intervals, for the terminal."""
+    title = f"{board.task.title} ({board.title}): {board.n_frames} frames (95 % intervals in brackets)"
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("", no_wrap=True)
+    for entry in board.entries:
+        table.add_column(escape(entry.label), justify="left", overflow="fold")
+    for column in columns.HEADLINE:
+        shown = [(column.value(entry), column.interval(entry)) for entry in board.entries]
+        table.add_row(column.heading, *(f"{value} [dim]\\[{limits}][/dim]" for value, limits in shown))
+    counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in board.entries]
+    table.add_row("fixes, refused, errors", *counts)
+    return table
+
+
 def leaderboard_table(boards: Sequence[Board]) -> Table:
     """Success of each solver on each task with its interval, for the terminal."""
     view = make_view(boards, make_styles(boards), ".")
@@ -138,7 +158,11 @@ def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> 
         )
 
     curves = {
-        solver.name: [(board, _success_panel(board, entry, styles[solver.name])) for board, entry in solver.entries]
+        solver.name: [
+            (board, _success_panel(board, entry, styles[solver.name]))
+            for board, entry in solver.entries
+            if board.task.by
+        ]
         for solver in view.solvers
     }
 
@@ -220,22 +244,26 @@ def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
         Mark(entry.label, style_of[entry.label], _inside(entry), columns.break_words(entry)) for entry in board.entries
     ]
     breaks.sort(key=lambda mark: (math.isnan(mark.estimate.value), -task.harder * mark.estimate.value))
-    scale = charts.condition_scale([entry.levels for entry in board.entries], task)
     curves = [(entry.label, style_of[entry.label], entry.levels) for entry in board.entries]
     sure = [entry for entry in board.entries if entry.bins]
     bins = [(e.label, style_of[e.label], [(one.confidence, one.success) for one in e.bins]) for e in sure]
     risks = [(e.label, style_of[e.label], _thinned(e.curve)) for e in sure]
-    return {
-        "breaks": charts.forest(breaks, scale, f"Break points by solver over {task.axis}; the table above has them"),
+    drawn: dict[str, Any] = {
         "pareto": charts.pareto(
             [(e.label, style_of[e.label], e.metrics["median_time_ms"], e.success) for e in board.entries],
             "Success against median time by solver; the table above has both",
         ),
-        "success": _drawings(board.entries, charts.success_curves(curves, task, "back-success")),
-        "errors": _drawings(board.entries, charts.error_curves(curves, task, "back-errors")),
         "reliability": _drawings(sure, charts.reliabilities(bins, "back-reliability")),
         "risk": _drawings(sure, charts.risk_coverages(risks, "back-risk")),
     }
+    if task.by:
+        drawn["success"] = _drawings(board.entries, charts.success_curves(curves, task, "back-success"))
+        drawn["errors"] = _drawings(board.entries, charts.error_curves(curves, task, "back-errors"))
+    if task.graded:
+        scale = charts.condition_scale([entry.levels for entry in board.entries], task)
+        label = f"Break points by solver over {task.axis}; the table above has them"
+        drawn["breaks"] = charts.forest(breaks, scale, label)
+    return drawn
 
 
 def _inside(entry: Entry) -> Estimate:

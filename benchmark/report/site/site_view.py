@@ -13,6 +13,7 @@ from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.tree import TaskFacts
 
 COLOURS = 8
+NOT_RECORDED = "not recorded by the version that made it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +119,8 @@ def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
                 name=name,
                 title=first.title,
                 family=first.family,
-                version=_joined(entry.stored.provenance.solver_version for _, entry in entries),
-                detector=_joined(entry.stored.provenance.detector for _, entry in entries),
+                version=_joined(entry.stored.provenance.solver.version for _, entry in entries),
+                detector=_joined(entry.stored.provenance.solver.detector for _, entry in entries),
                 file_name=solver_page(name),
                 entries=tuple(entries),
                 reasons=tuple(reasons.most_common()),
@@ -198,6 +199,8 @@ def board_verdict(board: Board) -> str:
     rivals = [entry.label for entry in board.entries[1:] if entry.rank.low == 1]
     tail = f" It cannot be told from {', '.join(rivals)}." if rivals else " No other can be the best."
     found = board.discrimination
+    if found is None:
+        return head + tail
     graded = (
         f" {found.n_informative} of {found.n_conditions} conditions tell solvers apart (some success between 5 % and"
         f" 95 %); at the hardest the best reaches {percent(found.best_at_hardest)}."
@@ -228,20 +231,20 @@ def run_words(entry: Entry) -> str:
     )
     versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
     return (
-        f"key {entry.stored.key}, version {run.solver_version}, detector {run.detector}, run {run.date_utc} with "
+        f"key {entry.stored.key}, version {run.solver.version}, detector {run.solver.detector}, run {run.date_utc} with "
         f"{run.jobs} process{'es' if run.jobs != 1 else ''} on {machine}; {versions}"
     )
 
 
 def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     """Where a board comes from."""
-    run = board.entries[0].stored.provenance
-    rendered = ", ".join(f"{name} {version}" for name, version in sorted(run.dataset_provenance.items()))
+    frames = board.entries[0].stored.provenance.frames
+    rendered = ", ".join(f"{name} {version}" for name, version in sorted(frames.rendered_with.items()))
     head = (
-        ("task", f"{board.task.key}, {board.split} split"),
-        ("scenario", f"{run.scenario_name}, SHA-256 {run.scenario_sha256}"),
-        ("truth table", f"SHA-256 {run.truth_sha256}"),
-        ("rendered with", rendered),
+        ("frames", f"{frames.target} ({board.task.key}, {board.split})"),
+        ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
+        ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else NOT_RECORDED),
+        ("rendered with", rendered or NOT_RECORDED),
     )
     return head + tuple((entry.label, run_words(entry)) for entry in board.entries)
 

@@ -1,4 +1,4 @@
-"""Reading a tree of results, ``RESULTS/<task>@<revision>/<split>/<detections>/<solver>-<key>/`` (docs/benchmark.md)."""
+"""Reading a tree of results, ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/`` (docs/benchmark.md)."""
 
 from __future__ import annotations
 
@@ -13,28 +13,36 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
-from benchmark.run.result_tables import DetectionRow
-from benchmark.run.results import SUMMARY_NAME, RunProvenance, read_summary
+from benchmark.frames.frame_set import FrameFacts
+from benchmark.judge.outcome import DetectionRow
+from benchmark.run.provenance import RunProvenance
+from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.frame_metrics import SUCCESS_LEVELS_KM, read_frames
+from benchmark.stats.metrics import ERROR, FIX
 
 SUCCESS_METRICS = tuple(f"success_{limit:g}km" for limit in SUCCESS_LEVELS_KM)
 _PATTERN = f"*@*/*/*/*/{SUMMARY_NAME}"
+GRADED = "condition"
+"""Column of the value that a task grades."""
 
 
 @dataclass(frozen=True)
 class TaskFacts:
-    """What the report needs to know of a task.
+    """What the report needs to know of a task, or of frames that nothing grades.
 
     Attributes
     ----------
     name, revision, title : str
     condition, unit : str
-        What the task grades; the unit may be empty.
+        What the task grades; the unit may be empty. Of frames that nothing grades: what success is shown by instead, empty
+        where nothing varies.
     harder : int
         1 where larger values of the condition are harder, -1 where smaller ones are.
     metric : str
         Key of the metric that ranks solvers, one of `SUCCESS_METRICS`.
+    by : str
+        Column of the condition; `GRADED` in a task.
     """
 
     name: str
@@ -44,6 +52,12 @@ class TaskFacts:
     unit: str
     harder: int
     metric: str
+    by: str = GRADED
+
+    @property
+    def graded(self) -> bool:
+        """Whether a task grades the frames."""
+        return self.by == GRADED
 
     @property
     def key(self) -> str:
@@ -85,7 +99,7 @@ class StoredResult:
         ResultsError
             The table is damaged.
         """
-        path = self.folder / "matches.parquet"
+        path = self.folder / MATCHES_NAME
         if not path.is_file():
             return []
         try:
@@ -102,64 +116,68 @@ def family_of(solver: str) -> str:
     return "celnav" if solver_folder(solver).spec.adapter == "celnav" else "peers"
 
 
-def is_tree(root: Path) -> bool:
-    """Whether a folder holds results of tasks."""
-    return any(root.glob(_PATTERN))
-
-
 def read_tree(root: Path) -> list[list[StoredResult]]:
-    """Read all results, grouped by task, split and mode of detections, in the order of their paths.
+    """Read all results, grouped by frames and mode of detections, in the order of their paths.
 
     Raises
     ------
     ResultsError
         There is none, or a file is damaged.
     """
-    groups: defaultdict[tuple[str, ...], list[StoredResult]] = defaultdict(list)
+    groups: defaultdict[Path, list[StoredResult]] = defaultdict(list)
     for summary in sorted(root.glob(_PATTERN)):
-        result = _read(summary)
-        groups[(result.task.key, result.split, result.detections)].append(result)
+        groups[summary.parents[1]].append(_read(summary))
     if not groups:
-        raise ResultsError(f"{root}: no results of tasks in it; make some with `skybench bench run TASK --solver NAME`")
+        raise ResultsError(
+            f"{root}: no results in it; make some with `skybench bench run TASK|DIR --solver NAME --out {root}`"
+        )
     return [_labelled(group) for group in groups.values()]
 
 
 def _read(path: Path) -> StoredResult:
-    summary, provenance = read_summary(path)
-    folder = path.parent
-    task, solver = provenance.task or {}, summary["solver"]
-    try:
-        facts = TaskFacts(
-            name=str(task["name"]),
-            revision=str(task["revision"]),
-            title=str(task["title"]),
-            condition=str(task["condition"]["name"]),
-            unit=str(task["condition"]["unit"]),
-            harder=1 if task["condition"]["harder"] == "higher" else -1,
-            metric=str(task["metric"]["name"]),
-        )
-        if facts.metric not in SUCCESS_METRICS:
-            raise ValueError(f"metric {facts.metric!r} is none of {', '.join(SUCCESS_METRICS)}")
-    except (KeyError, TypeError, ValueError) as error:
-        raise ResultsError(
-            f"{path}: what it says of its task cannot be read ({error!r}); run `skybench bench run` again"
-        ) from error
-    mode, split = folder.parent.name, folder.parents[1].name
-    if folder.parents[2].name != facts.key:
-        raise ResultsError(f"{path}: holds a result of {facts.key}, which its folder does not say")
+    summary = read_summary(path)
+    folder, source = path.parent, summary.provenance
+    frames = read_frames(folder / FRAMES_NAME)
+    counts = len(frames), int((frames["status"] == FIX).sum()), int((frames["status"] == ERROR).sum())
+    if counts != (summary.n_frames, summary.n_fixes, summary.n_errors):
+        raise ResultsError(f"{folder / FRAMES_NAME}: does not belong to {SUMMARY_NAME}; {RUN_AGAIN}")
+    if source.frames.metric not in SUCCESS_METRICS:
+        raise ResultsError(f"{path}: metric {source.frames.metric!r} is not one of {', '.join(SUCCESS_METRICS)}")
     return StoredResult(
         folder=folder,
-        solver=solver,
-        label=solver,
-        family=family_of(solver),
-        title=str(task.get("solver_title") or ""),
-        task=facts,
-        split=split,
-        detections=mode,
-        key=folder.name.removeprefix(f"{solver}-"),
-        provenance=provenance,
-        frames=read_frames(folder / "frames.parquet"),
+        solver=summary.solver,
+        label=summary.solver,
+        family=family_of(summary.solver),
+        title=source.solver.title,
+        task=_task_facts(source.frames),
+        split=source.frames.part,
+        detections=source.detections,
+        key=source.key,
+        provenance=source,
+        frames=frames,
     )
+
+
+def _task_facts(frames: FrameFacts) -> TaskFacts:
+    """Frames of one condition are graded no more: what success is shown by is for the board to find."""
+    name, _, revision = frames.label.rpartition("@")
+    grading = frames.grading if frames.condition is None else None
+    chosen = "" if frames.grading is None or frames.condition is None else _only(frames)
+    return TaskFacts(
+        name=name,
+        revision=revision,
+        title=frames.title + chosen,
+        condition=grading.name if grading else "",
+        unit=grading.unit if grading else "",
+        harder=-1 if grading and grading.harder == "lower" else 1,
+        metric=frames.metric,
+        by=GRADED if grading else "",
+    )
+
+
+def _only(frames: FrameFacts) -> str:
+    assert frames.grading is not None
+    return f", {frames.grading.name} {frames.condition:.12g} {frames.grading.unit}".rstrip()
 
 
 def _labelled(results: Sequence[StoredResult]) -> list[StoredResult]:

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 import celnav
 from benchmark.frames.dataset import Frame
+from benchmark.judge.answers import judge_answer
+from benchmark.judge.frame_bounds import bound_of
+from benchmark.judge.outcome import SolverOutcome
 from benchmark.protocol import Answer, Detections, Observation
 from benchmark.provenance import distribution_version
-from benchmark.run.run import SolverOutcome, judge_frame
+from benchmark.run.sessions import ask
 from benchmark.solvers.celnav_solver import answer_of
 from celnav.problem import Solver
 
@@ -91,5 +94,8 @@ def judge_detections(
     prepared = [_Prepared(contestant, detections) for contestant in contestants]
     no_image = np.zeros((1, 1), dtype=np.uint16)
     if warm_up:
-        judge_frame(frame, no_image, [p for p in prepared if p.contestant.history is None])
-    return judge_frame(frame, no_image, prepared)
+        for one in prepared:
+            if one.contestant.history is None:
+                ask(one, frame, no_image)
+    bound_km = bound_of(frame)
+    return tuple(judge_answer(frame, ask(one, frame, no_image), bound_km) for one in prepared)

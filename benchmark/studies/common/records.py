@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from benchmark.judge.outcome import SolverOutcome
 from benchmark.run.results import write_atomically
-from benchmark.run.run import SolverOutcome
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
 from benchmark.stats.metrics import SUCCESS_KM
 

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from benchmark.frames.conditions import FrameConditions
-from benchmark.frames.preview import preview_webp
-from benchmark.run.result_tables import DetectionRow, FrameDetails, match_table
-from benchmark.run.results import ResultFiles, RunProvenance, write_result
+from benchmark.frames.frame_set import FrameFacts, Grading
+from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
+from benchmark.run.provenance import RunProvenance, SolverFacts
+from benchmark.run.result_tables import frame_table, match_table
+from benchmark.run.results import result_folder, write_result
 from benchmark.stats.metrics import FIX, REFUSED, FrameScore
 
 ROOT_SEED = 20260808
@@ -59,19 +62,25 @@ def write_results(
     frames_per_level: int = 20,
     modes: tuple[str, ...] = ("own", "shared"),
 ) -> Path:
-    """Write ``root/<task>@1/dev/<mode>/<solver>-<key>/`` for all, and previews beside them."""
+    """Write ``root/<task>@1/dev/<mode>/<solver>-<key>/`` for all."""
     for place, task in enumerate(tasks):
-        split = root / f"{task.name}@1" / "dev"
         for mode in modes:
             for number, solver in enumerate(solvers):
                 rng = np.random.default_rng(np.random.SeedSequence(ROOT_SEED, spawn_key=(place, number, len(mode))))
-                _write_one(split, task, solver, mode, frames_per_level, rng)
-        _write_previews(split / "previews", len(task.levels) * frames_per_level, place)
+                _write_one(root, task, solver, mode, frames_per_level, rng)
     return root
 
 
+def write_frames(data: Path, tasks: tuple[FakeTask, ...] = TASKS, frames_per_level: int = 20) -> Path:
+    """Write the pictures of the tasks' frames where those of rendered tasks lie."""
+    for place, task in enumerate(tasks):
+        folder = data / f"{task.name}@1" / f"dev-{SCENARIO_SHA256[:12]}" / "unpacked"
+        _write_pictures(folder, len(task.levels) * frames_per_level, place)
+    return data
+
+
 def _write_one(
-    split: Path, task: FakeTask, solver: FakeSolver, mode: str, per_level: int, rng: np.random.Generator
+    root: Path, task: FakeTask, solver: FakeSolver, mode: str, per_level: int, rng: np.random.Generator
 ) -> None:
     n = per_level * len(task.levels)
     order = np.arange(n) // per_level
@@ -83,7 +92,7 @@ def _write_one(
     bound = 0.05 * 1.35**difficulty
     error = np.where(right, np.minimum(bound * 10.0 ** rng.normal(0.25, 0.3, n), 9.0), 10.0 ** rng.uniform(1.2, 3.9, n))
     confidence = np.clip(0.25 * chance + 0.72 * right + rng.normal(0.0, 0.05, n), 0.0, 1.0)
-    scores, details, rows = [], [], []
+    outcomes = []
     for i in range(n):
         # Three frames a site; a site is the same for all solvers.
         place = np.random.default_rng(np.random.SeedSequence(ROOT_SEED, spawn_key=(i // 3, 77)))
@@ -92,44 +101,40 @@ def _write_one(
         matched = int(found * rng.uniform(0.5, 0.95)) if fix[i] else 0
         angle, time_ms = float(rng.uniform(0.0, 2.0 * math.pi)), solver.time_ms * math.exp(rng.normal(0.0, 0.35))
         uv = rng.uniform((0.0, 0.0), (WIDTH - 1.0, HEIGHT - 1.0), (found + 6, 2))
-        scores.append(
-            FrameScore(
-                frame_id=f"frame-{i:05d}",
-                index=i,
-                bortle=int(task.levels[order[i]]) if task.name == "bortle" else 4,
-                width_px=WIDTH,
-                height_px=HEIGHT,
-                status=FIX if fix[i] else REFUSED,
-                reason="" if fix[i] else ("too few stars" if i % 3 else "no <b>consensus</b>"),
-                lat_deg=lat if fix[i] else None,
-                lon_deg=lon if fix[i] else None,
-                error_km=float(error[i]) if fix[i] else math.inf,
-                n_detections=found + 6,
-                n_detected_stars=found,
-                n_matches=matched,
-                n_correct=int(0.98 * matched) if right[i] else 0,
-                time_ms=time_ms,
-            )
+        score = FrameScore(
+            frame_id=f"frame-{i:05d}",
+            index=i,
+            bortle=int(task.levels[order[i]]) if task.name == "bortle" else 4,
+            width_px=WIDTH,
+            height_px=HEIGHT,
+            status=FIX if fix[i] else REFUSED,
+            reason="" if fix[i] else ("too few stars" if i % 3 else "no <b>consensus</b>"),
+            lat_deg=lat if fix[i] else None,
+            lon_deg=lon if fix[i] else None,
+            error_km=float(error[i]) if fix[i] else math.inf,
+            n_detections=found + 6,
+            n_detected_stars=found,
+            n_matches=matched,
+            n_correct=int(0.98 * matched) if right[i] else 0,
+            time_ms=time_ms,
         )
         variance = float((1.4 * bound[i]) ** 2)
-        details.append(
-            FrameDetails(
-                cov_km2=(variance, 0.0, variance) if fix[i] else None,
-                confidence=float(confidence[i]) if fix[i] else None,
-                detect_ms=0.4 * time_ms,
-                solve_ms=0.6 * time_ms,
-                stage_ms={"match": 0.3 * time_ms},
-                utc="2024-01-01T00:00:00Z",
-                conditions=FrameConditions(lat, lon, scores[-1].bortle, 21.0, 0.5, 400, moon_altitude_deg=float(i % 3)),
-                condition=task.levels[order[i]],
-                site=f"{lat:+.4f} {lon:+.4f} 2024-01-01",
-                error_east_km=float(error[i]) * math.cos(angle) if fix[i] else None,
-                error_north_km=float(error[i]) * math.sin(angle) if fix[i] else None,
-                crlb_km=float(bound[i]),
-                peak_memory_mib=120.0 + 0.1 * solver.time_ms + float(rng.uniform(0.0, 5.0)),
-            )
+        details = FrameDetails(
+            cov_km2=(variance, 0.0, variance) if fix[i] else None,
+            confidence=float(confidence[i]) if fix[i] else None,
+            detect_ms=0.4 * time_ms,
+            solve_ms=0.6 * time_ms,
+            stage_ms={"match": 0.3 * time_ms},
+            utc="2024-01-01T00:00:00Z",
+            conditions=FrameConditions(lat, lon, score.bortle, 21.0, 0.5, 400, moon_altitude_deg=float(i % 3)),
+            condition=task.levels[order[i]],
+            site=f"{lat:+.4f} {lon:+.4f} 2024-01-01",
+            error_east_km=float(error[i]) * math.cos(angle) if fix[i] else None,
+            error_north_km=float(error[i]) * math.sin(angle) if fix[i] else None,
+            crlb_km=float(bound[i]),
+            peak_memory_mib=120.0 + 0.1 * solver.time_ms + float(rng.uniform(0.0, 5.0)),
         )
-        rows += [
+        rows = tuple(
             DetectionRow(
                 f"frame-{i:05d}",
                 k,
@@ -140,42 +145,55 @@ def _write_one(
                 bool(right[i]) if k < matched else None,
             )
             for k, (u, v) in enumerate(uv)
-        ]
+        )
+        outcomes.append(SolverOutcome(score, details, rows))
     key = hashlib.sha256(f"{solver.name}{task.name}{mode}".encode()).hexdigest()[:12]
-    files = ResultFiles.within(split / mode / f"{solver.name}-{key}")
-    write_result(files, solver.name, scores, details, match_table(rows), _provenance(task, solver, mode))
+    source = _provenance(task, solver, mode, per_level, key)
+    folder = result_folder(root, solver.name, source)
+    write_result(folder, solver.name, frame_table(outcomes), match_table(outcomes), source)
 
 
-def _provenance(task: FakeTask, solver: FakeSolver, mode: str) -> RunProvenance:
+SCENARIO_SHA256 = "ab" * 32
+
+
+def _provenance(task: FakeTask, solver: FakeSolver, mode: str, per_level: int, key: str) -> RunProvenance:
     return RunProvenance(
-        dataset="dev",
-        scenario_name=task.name,
-        scenario_sha256="ab" * 32,
-        truth_sha256="cd" * 32,
-        dataset_provenance={"skybench": "0.1.0", "mitsuba": "3.9.1"},
-        solver_version="1.0",
-        detector="truth <i>",
+        frames=FrameFacts(
+            target=f"{task.name}@1",
+            label=f"{task.name}@1",
+            title=task.title,
+            split="dev",
+            condition=None,
+            per_condition=per_level,
+            grading=Grading(task.condition, task.unit, task.levels, "higher" if task.larger_is_harder else "lower"),
+            metric="success_10km",
+            definition_sha256="ef" * 32,
+            scenario_name=task.name,
+            scenario_sha256=SCENARIO_SHA256,
+            truth_sha256="cd" * 32,
+            rendered_with={"skybench": "0.1.0", "mitsuba": "3.9.1"},
+        ),
+        solver=SolverFacts(
+            target=solver.name,
+            kind="registered",
+            title=f"The solver {solver.name} & <i>its</i> title",
+            licence="MIT",
+            version="1.0",
+            detector="truth <i>",
+            revision="12" * 32,
+            time_limit_s=10.0,
+            memory_limit_mib=4096.0,
+        ),
+        detections=mode,
+        key=key,
         versions={"skybench": "0.1.0", "python": "3.11.7"},
         machine={"cpu": "a processor", "cores": "2", "system": "Linux x86_64"},
         date_utc="2026-01-01T00:00:00Z",
         jobs=1,
-        task={
-            "name": task.name,
-            "revision": 1,
-            "title": task.title,
-            "condition": {
-                "name": task.condition,
-                "unit": task.unit,
-                "values": list(task.levels),
-                "harder": "higher" if task.larger_is_harder else "lower",
-            },
-            "metric": {"name": "success_10km", "unit": "1", "better": "higher"},
-            "solver_title": f"The solver {solver.name} & <i>its</i> title",
-        },
     )
 
 
-def _write_previews(folder: Path, n: int, place: int) -> None:
+def _write_pictures(folder: Path, n: int, place: int) -> None:
     folder.mkdir(parents=True)
     for frame in range(n):
         rng = np.random.default_rng(np.random.SeedSequence(ROOT_SEED, spawn_key=(place, frame, 99)))
@@ -183,4 +201,4 @@ def _write_previews(folder: Path, n: int, place: int) -> None:
         for _ in range(60):
             u, v = rng.integers(2, WIDTH - 3), rng.integers(2, HEIGHT - 3)
             image[v - 1 : v + 2, u - 1 : u + 2] += 10.0 ** rng.uniform(1.3, 3.3)
-        (folder / f"frame-{frame:05d}.webp").write_bytes(preview_webp(np.clip(image, 0, 4095).astype(np.uint16)))
+        Image.fromarray(np.clip(image, 0, 4095).astype(np.uint16)).save(folder / f"frame-{frame:05d}.png")

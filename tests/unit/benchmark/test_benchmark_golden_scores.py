@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 from unit.benchmark.fake_night import Contestant, Raising, Random, Refusing, Truth, write_dataset
+from unit.benchmark.stored import detections, stored
 
 from benchmark.errors import DatasetError, ResultsError, UnknownSolverError
 from benchmark.frames.dataset import open_dataset
 from benchmark.protocol import Answer
-from benchmark.run.results import read_results
-from benchmark.run.run import run_benchmark
+from benchmark.run import engine
 from benchmark.stats.intervals import wilson
 
 
@@ -25,7 +25,7 @@ def frames(folder):
 
 
 def run(folder, out, *solvers, jobs=1):
-    return run_benchmark(folder, solvers, out, jobs=jobs, progress=False)
+    return {done.solver: done.summary for done in engine.run(folder, solvers, out, jobs=jobs)}
 
 
 def test_truth_scores_perfectly(folder, frames, tmp_path):
@@ -36,8 +36,9 @@ def test_truth_scores_perfectly(folder, frames, tmp_path):
     assert summary.wrong_and_confident.value == 0.0
     assert summary.star_precision.value == summary.star_recall.value == 1.0
     # All 12 stars of a frame are bright enough for the detector, so recall of 1 is not one of nothing.
-    (result,) = read_results(tmp_path)
-    assert all(score.n_detected_stars >= 11 and score.n_correct == score.n_matches for score in result.scores)
+    frames = stored(tmp_path)["truth"].frames
+    assert (frames["n_detected_stars"] >= 11).all()
+    assert (frames["n_correct"] == frames["n_matches"]).all()
     assert summary.median_time_ms.value > 0.0
 
 
@@ -64,20 +65,22 @@ def test_raising_is_a_refusal_on_record_and_stops_nothing(folder, frames, tmp_pa
     assert (summaries["raising"].n_errors, summaries["raising"].n_refused) == (9, 0)
     assert summaries["raising"].recall.value == 0.0
     assert summaries["truth"].recall.value == 1.0
-    raising = read_results(tmp_path)[0]
-    assert {score.status for score in raising.scores} == {"error"}
-    assert raising.scores[0].reason == "error: RuntimeError: singular matrix <script>alert(1)</script>"
+    raising = stored(tmp_path)["raising"].frames
+    assert set(raising["status"]) == {"error"}
+    assert raising["reason"][0] == "error: RuntimeError: singular matrix <script>alert(1)</script>"
 
 
 def test_processes_give_the_scores_of_one(folder, frames, tmp_path):
     solvers = Truth("truth", frames), Random("random", frames)
     run(folder, tmp_path / "one", *solvers)
     run(folder, tmp_path / "two", *solvers, jobs=2)
-    for one, two in zip(read_results(tmp_path / "one"), read_results(tmp_path / "two"), strict=True):
-        assert two.provenance.jobs == 2
-        assert [score.frame_id for score in one.scores] == [score.frame_id for score in two.scores]
-        assert [score.error_km for score in one.scores] == [score.error_km for score in two.scores]
-        assert one.detections == two.detections
+    ones, twos = stored(tmp_path / "one"), stored(tmp_path / "two")
+    assert set(ones) == set(twos) == {"truth", "random"}
+    for name, one in ones.items():
+        assert (one.provenance.jobs, twos[name].provenance.jobs) == (1, 2)
+        for column in ("frame_id", "error_km", "n_correct"):
+            assert one.frames[column].tolist() == twos[name].frames[column].tolist()
+        assert detections(one).equals(detections(twos[name]))
 
 
 class Answering(Contestant):
@@ -108,7 +111,7 @@ def test_an_answer_that_makes_no_sense_is_an_error(folder, frames, tmp_path, ans
     solver = Answering("nonsense", frames)
     object.__setattr__(solver, "answer", answer)
     assert run(folder, tmp_path, solver)["nonsense"].n_errors == 9
-    assert all(message in score.reason for score in read_results(tmp_path)[0].scores)
+    assert stored(tmp_path)["nonsense"].frames["reason"].str.contains(message, regex=False).all()
 
 
 class Blind(Truth):

@@ -1,15 +1,19 @@
+import dataclasses
 import json
 import math
 
 import pyarrow.parquet as pq
 import pytest
 from unit.benchmark.fake_night import Mixed, Refusing, Truth, write_dataset
+from unit.benchmark.stored import stored
 
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import open_dataset
-from benchmark.run.results import read_results, read_task_results
-from benchmark.run.run import run_benchmark
-from benchmark.stats.metrics import by_bortle, summarise
+from benchmark.report.site.boards import make_board
+from benchmark.report.site.tree import read_tree
+from benchmark.run import engine
+from benchmark.run.provenance import blanks
+from benchmark.run.results import write_result
 
 
 @pytest.fixture
@@ -21,8 +25,13 @@ def folder(tmp_path):
 def out(folder, tmp_path):
     frames = open_dataset(folder).frames
     solvers = [Mixed("mixed", frames), Refusing("empty", frames), Truth("truth", frames)]
-    run_benchmark(folder, solvers, tmp_path / "out", progress=False)
+    engine.run(folder, solvers, tmp_path / "out")
     return tmp_path / "out"
+
+
+def folder_of(out, name):
+    (found,) = out.glob(f"*@*/all/own/{name}-*")
+    return found
 
 
 def refuse_constant(token):
@@ -31,39 +40,58 @@ def refuse_constant(token):
 
 def test_summaries_are_strict_json_with_provenance(out):
     for name in ("mixed", "empty", "truth"):
-        text = (out / f"{name}.json").read_text()
+        text = (folder_of(out, name) / "summary.json").read_text()
         summary = json.loads(text, parse_constant=refuse_constant)
         assert summary["solver"] == name
         assert summary["definitions"] == "skybench-metrics/1"
-        assert summary["provenance"]["dataset"] == "night"
+        assert summary["provenance"]["frames"]["scenario_name"] == "fake night"
+        assert len(summary["provenance"]["frames"]["truth_sha256"]) == 64
         assert {"skybench", "python", "numpy"} <= set(summary["provenance"]["versions"])
         assert set(summary["provenance"]["machine"]) == {"cpu", "cores", "system"}
         assert [entry["bortle"] for entry in summary["by_bortle"]] == [1, 8, None]
         assert str(out) not in text
-    assert json.loads((out / "empty.json").read_text())["overall"]["median_error_km"]["value"] is None
-    assert json.loads((out / "empty.json").read_text())["reasons"] == {"too few stars": 6}
+    empty = json.loads((folder_of(out, "empty") / "summary.json").read_text())
+    assert empty["overall"]["median_error_km"]["value"] is None
+    assert empty["reasons"] == {"too few stars": 6}
 
 
-def test_what_is_read_is_what_was_judged(out):
-    for result in read_results(out):
-        assert repr(result.overall) == repr(summarise(result.scores))
-        assert repr(list(result.bortle)) == repr(by_bortle(result.scores))
-        assert len(result.scores) == 6
+def test_provenance_leaves_nothing_blank(out):
+    for result in stored(out).values():
+        assert blanks(result.provenance) == []
+        assert result.provenance.frames.rendered_with == {"skybench": "0.0", "mitsuba": "0.0"}
+
+
+def test_a_result_with_a_blank_provenance_is_not_written(out, tmp_path):
+    result = stored(out)["truth"]
+    frames = dataclasses.replace(result.provenance.frames, truth_sha256="")
+    blank = dataclasses.replace(result.provenance, frames=frames)
+    tables = [pq.read_table(result.folder / f"{name}.parquet") for name in ("frames", "matches")]
+    with pytest.raises(ResultsError, match=r"leaves blank: frames\.truth_sha256"):
+        write_result(tmp_path / "new", "truth", *tables, blank)
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_board_counts_what_the_summary_counts(out):
+    (group,) = read_tree(out)
+    for entry in make_board(group).entries:
+        overall = json.loads((entry.stored.folder / "summary.json").read_text())["overall"]
+        assert entry.success.value == overall["recall"]["value"]
+        assert len(entry.stored.frames) == overall["n_frames"] == 6
 
 
 def test_tables_carry_units_and_provenance(out):
-    table = pq.read_table(out / "truth.parquet")
+    table = pq.read_table(folder_of(out, "truth") / "frames.parquet")
     assert table.schema.field("error_km").metadata[b"unit"] == b"km"
     stamp = json.loads(table.schema.metadata[b"skybench"])
-    assert (stamp["solver"], stamp["scenario_name"]) == ("truth", "fake night")
+    assert (stamp["solver"], stamp["provenance"]["frames"]["scenario_name"]) == ("truth", "fake night")
     assert table["stage_ms"].to_pylist()[0] == [("look up", 0.1)]
     assert table["cov_nn_km2"].to_pylist() == [0.02] * 6
-    matches = pq.read_table(out / "truth-matches.parquet").to_pylist()
+    matches = pq.read_table(folder_of(out, "truth") / "matches.parquet").to_pylist()
     assert {row["correct"] for row in matches if row["star_id"] is not None} == {True}
 
 
 def test_frames_carry_what_statistics_sort_and_cluster_by(out):
-    table = pq.read_table(out / "mixed.parquet")
+    table = pq.read_table(folder_of(out, "mixed") / "frames.parquet")
     rows = table.to_pylist()
     # Midnight of 1 January in Munich and Reykjavik belongs to the night of 31 December, in South Africa too.
     assert rows[0]["site"] == "+48.0000 +11.0000 2019-12-31"
@@ -103,25 +131,17 @@ def test_circumstances_are_read_from_the_record(tmp_path):
     assert found.rate_deg_s == pytest.approx(0.4)  # a tenth of a degree there and back in half a second
 
 
-def test_a_tasks_results_are_read_from_their_folders(out, tmp_path):
-    folder = tmp_path / "results" / "bortle@1" / "dev" / "own" / "truth-0123456789ab"
-    folder.mkdir(parents=True)
-    for found, name in (("truth.parquet", "frames.parquet"), ("truth.json", "summary.json")):
-        (folder / name).write_bytes((out / found).read_bytes())
-    summary = json.loads((folder / "summary.json").read_text())
-    summary["provenance"]["task"] = {"name": "bortle"}
-    (folder / "summary.json").write_text(json.dumps(summary))
-    (result,) = read_task_results(tmp_path / "results")
-    assert (result.solver, result.overall.n_frames, result.detections) == ("truth", 6, ())
+def test_a_result_is_read_from_its_own_folder_alone(out):
+    folder = folder_of(out, "truth")
+    (folder / "matches.parquet").unlink()  # large, and nothing but pictures needs it
+    assert stored(out)["truth"].detections_of("frame-00000") == []
     folder.rename(folder.with_name("empty-0123456789ab"))
     with pytest.raises(ResultsError, match="result of 'truth'"):
-        read_task_results(tmp_path / "results")
-    with pytest.raises(ResultsError, match="no results of tasks"):
-        read_task_results(tmp_path / "nowhere")
+        read_tree(out)
 
 
 def test_refused_frames_have_no_error_in_the_table(out):
-    table = pq.read_table(out / "empty.parquet")
+    table = pq.read_table(folder_of(out, "empty") / "frames.parquet")
     assert table["error_km"].null_count == 6
     assert set(table["status"].to_pylist()) == {"refused"}
 
@@ -132,35 +152,54 @@ def test_no_temporary_file_is_left(out):
 
 def test_results_of_another_dataset_are_kept_apart(out, tmp_path):
     other = write_dataset(tmp_path / "other", (4,))
-    frames = open_dataset(other).frames
-    with pytest.raises(ResultsError, match=r"empty\.json: is a result on another dataset.*--solver empty"):
-        run_benchmark(other, [Truth("truth", frames)], out, progress=False)
-    run_benchmark(other, [Truth("truth", frames)], tmp_path / "second", progress=False)
-    for path in (tmp_path / "second").glob("truth*"):
-        path.replace(out / path.name)
-    with pytest.raises(ResultsError, match="different datasets"):
-        read_results(out)
+    engine.run(other, [Truth("truth", open_dataset(other).frames)], out)
+    groups = read_tree(out)
+    assert [len(group) for group in groups] in ([1, 3], [3, 1])
+    one, two = (group[0].provenance.frames for group in groups)
+    assert one.label != two.label
+    assert one.truth_sha256 != two.truth_sha256
+    # Put together by force, they are not compared.
+    with pytest.raises(ResultsError, match="cannot be compared"):
+        make_board([groups[0][0], groups[1][0]])
+
+
+def test_the_same_frames_elsewhere_have_the_same_label(out, tmp_path):
+    again = write_dataset(tmp_path / "again", (1, 8, None), per_class=2)
+    engine.run(again, [Truth("other", open_dataset(again).frames)], out)
+    (group,) = read_tree(out)
+    assert len(make_board(group).entries) == 4
 
 
 def test_damaged_results_are_refused_by_name(out, tmp_path):
     with pytest.raises(ResultsError, match="no results"):
-        read_results(tmp_path / "nowhere")
-    (out / "mixed-matches.parquet").unlink()
-    with pytest.raises(ResultsError, match=r"mixed-matches\.parquet: missing"):
-        read_results(out)
-    (out / "empty.json").write_text("{}")
-    with pytest.raises(ResultsError, match=r"empty\.json: not a readable result"):
-        read_results(out)
+        read_tree(tmp_path / "nowhere")
+    matches = folder_of(out, "mixed") / "matches.parquet"
+    matches.write_bytes(b"no table")
+    with pytest.raises(ResultsError, match=r"matches\.parquet: damaged"):
+        stored(out)["mixed"].detections_of("frame-00000")
+    (folder_of(out, "empty") / "summary.json").write_text("{}")
+    with pytest.raises(ResultsError, match=r"summary\.json: not a readable result"):
+        read_tree(out)
 
 
 def test_a_table_that_is_not_the_summarys_is_refused(out):
-    (out / "truth.parquet").write_bytes((out / "empty.parquet").read_bytes())
-    with pytest.raises(ResultsError, match=r"truth\.parquet: does not belong"):
-        read_results(out)
+    frames = folder_of(out, "truth") / "frames.parquet"
+    frames.write_bytes((folder_of(out, "empty") / "frames.parquet").read_bytes())
+    with pytest.raises(ResultsError, match=r"frames\.parquet: does not belong"):
+        read_tree(out)
 
 
-def test_a_summary_of_another_definition_is_refused(out):
-    path = out / "truth.json"
-    path.write_text(path.read_text().replace("skybench-metrics/1", "skybench-metrics/0"))
-    with pytest.raises(ResultsError, match="skybench-metrics/0"):
-        read_results(out)
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("skybench-metrics/1", "skybench-metrics/0", "skybench-metrics/0"),
+        ('"jobs": 1', '"jobs": "one"', r"provenance\.jobs"),
+        ('"detections": "own"', '"detections": "shared"', "which its folder does not say"),
+    ],
+)
+def test_a_summary_that_says_otherwise_is_refused(out, old, new, message):
+    path = folder_of(out, "truth") / "summary.json"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ResultsError, match=message):
+        read_tree(out)

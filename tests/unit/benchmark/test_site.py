@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
-from unit.benchmark.fake_results import SOLVERS, TASKS, write_results
+from unit.benchmark.fake_results import SOLVERS, TASKS, write_frames, write_results
 
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
@@ -41,13 +41,18 @@ def root(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return write_frames(tmp_path_factory.mktemp("data"), frames_per_level=9)
+
+
+@pytest.fixture(scope="module")
 def boards(root):
     return [make_board(group) for group in read_tree(root)]
 
 
 @pytest.fixture(scope="module")
-def pages(root, boards):
-    folder = write_site(boards, root).parent
+def pages(root, boards, data):
+    folder = write_site(boards, root, data).parent
     return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
@@ -181,23 +186,24 @@ def test_break_points_beyond_the_test_are_said_in_words(boards):
 def test_results_of_two_configurations_of_a_solver_are_told_apart_by_their_keys(root, tmp_path):
     copy = shutil.copytree(root / "bortle@1", tmp_path / "tree" / "bortle@1")
     folder = next((copy / "dev" / "own").glob("skybench-*"))
-    shutil.copytree(folder, folder.with_name("skybench-000000000000"))
+    other = shutil.copytree(folder, folder.with_name("skybench-000000000000")) / "summary.json"
+    other.write_text(other.read_text().replace(folder.name.removeprefix("skybench-"), "000000000000"))
     labels = {result.label for result in read_tree(tmp_path / "tree")[0] if result.solver == "skybench"}
     assert labels == {"skybench 000000", f"skybench {folder.name.removeprefix('skybench-')[:6]}"}
 
 
 def test_a_result_in_the_wrong_place_or_without_its_task_is_refused(root, tmp_path):
     shutil.copytree(root / "bortle@1" / "dev", tmp_path / "a" / "other@1" / "dev")
-    with pytest.raises(ResultsError, match="bortle@1, which its folder does not say"):
+    with pytest.raises(ResultsError, match="bortle@1/dev, own detections, which its folder does not say"):
         read_tree(tmp_path / "a")
     folder = next((root / "bortle@1" / "dev" / "own").glob("never-*"))
     copy = shutil.copytree(folder, tmp_path / "b" / "bortle@1" / "dev" / "own" / folder.name)
     summary = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
-    del summary["provenance"]["task"]["condition"]
+    del summary["provenance"]["frames"]["grading"]["values"]
     (copy / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    with pytest.raises(ResultsError, match="what it says of its task cannot be read"):
+    with pytest.raises(ResultsError, match=r"provenance\.frames\.grading\.values"):
         read_tree(tmp_path / "b")
-    with pytest.raises(ResultsError, match="no results of tasks"):
+    with pytest.raises(ResultsError, match="no results in it"):
         read_tree(tmp_path / "nothing")
 
 
@@ -205,13 +211,15 @@ def test_results_of_different_frames_are_not_compared(root):
     one, two = read_tree(root)[0][:2]
     with pytest.raises(ResultsError, match="81 and 80 frames cannot be compared"):
         make_board([one, dataclasses.replace(two, frames=two.frames.iloc[1:])])
-    other = dataclasses.replace(two.provenance, scenario_sha256="ef" * 32)
-    with pytest.raises(ResultsError, match="different scenarios"):
-        make_board([one, dataclasses.replace(two, provenance=other)])
+    for change in ({"scenario_sha256": "ef" * 32}, {"truth_sha256": "ef" * 32}):
+        frames = dataclasses.replace(two.provenance.frames, **change)
+        other = dataclasses.replace(two.provenance, frames=frames)
+        with pytest.raises(ResultsError, match="different scenarios"):
+            make_board([one, dataclasses.replace(two, provenance=other)])
 
 
 def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp_path):
-    result = dataclasses.replace(read_tree(root)[0][0], folder=tmp_path / "x" / "own" / "skybench-0")
+    result = read_tree(root)[0][0]
     assert FrameSource(tmp_path).picture(result, "frame-00003") is None
     folder = tmp_path / "bortle@1" / f"dev-{'ab' * 6}"
     (folder / "unpacked").mkdir(parents=True)
@@ -235,7 +243,7 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     assert FrameSource(tmp_path).picture(result, "../../secret") is None
 
 
-def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards):
+def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards, data):
     many = []
     for task in range(8):
         for mode in ("own", "shared"):
@@ -259,7 +267,7 @@ def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards):
                     board, task=facts, detections=mode, entries=tuple(entries), comparisons=tuple(pairs)
                 )
             )
-    pages = render_site(many, FrameSource(), "results")
+    pages = render_site(many, FrameSource(data), "results")
     assert len(pages) == 1 + 16 + 12
     size = sum(len(text.encode()) for text in pages.values())
     assert FIVE_MB / 2 < size < FIVE_MB
@@ -323,6 +331,6 @@ def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
     assert "bortle@1" in result.stdout
     assert not (copy / "site" / "solver-gone.html").exists()
     assert (tmp_path / "board.svg").is_file()
-    result = CliRunner().invoke(app, ["report", "--out", str(tmp_path), "--figure", str(tmp_path / "board.svg")])
+    result = CliRunner().invoke(app, ["report", "--out", str(tmp_path / "nothing")])
     assert result.exit_code == 2
-    assert "--figure needs results of tasks" in result.stderr
+    assert "no results in it" in result.stderr

@@ -14,7 +14,9 @@ from unit.benchmark.fake_night import write_dataset
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import open_dataset
-from benchmark.run.task_run import SolverPool
+from benchmark.run.contestants import contestant_of
+from benchmark.run.engine import outcomes
+from benchmark.run.sessions import SessionPool
 from benchmark.solvers.definition import SolverFolder, SolverSpec, read_solver_folder
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
@@ -118,10 +120,15 @@ def folder_of(tmp_path, way):
     return SolverFolder(tmp_path, spec)
 
 
+def pool_of(solver, jobs=1):
+    contestant = contestant_of(solver)
+    return SessionPool(lambda: contestant.make_session(jobs), jobs)
+
+
 def judged(tmp_path, way, frames):
-    pool = SolverPool(folder_of(tmp_path, way), 1)
+    pool = pool_of(folder_of(tmp_path, way))
     try:
-        return [pool.answer(frame, None).score for frame in frames]
+        return [outcome.score for outcome in outcomes(frames, pool, "own", {})]
     finally:
         pool.close()
 
@@ -143,15 +150,15 @@ def test_a_well_behaved_program_is_judged_by_its_answers(frames, tmp_path):
 
 def test_a_pool_keeps_as_many_processes_as_jobs(frames, tmp_path):
     # This program counts its requests in the latitude: the first is the warm-up, which is not judged.
-    pool = SolverPool(folder_of(tmp_path, "count"), 2)
+    pool = pool_of(folder_of(tmp_path, "count"), 2)
     try:
         with ThreadPoolExecutor(5) as threads:
-            scores = [outcome.score for outcome in threads.map(lambda frame: pool.answer(frame, None), frames * 5)]
+            answers = [found.answer for found in threads.map(lambda frame: pool.answer(frame, None), frames * 5)]
         children = [child for child in psutil.Process().children() if "program.py" in " ".join(child.cmdline())]
         assert len(children) <= 2
     finally:
         pool.close()
-    counts = sorted(score.lat_deg for score in scores)
+    counts = sorted(answer.lat_deg for answer in answers)
     assert counts[0] == 2.0
     assert sum(count == 2.0 for count in counts) == len(children)
     assert len(counts) == 15
@@ -167,7 +174,7 @@ def test_a_program_of_another_version_is_refused(tmp_path):
     other = folder_of(tmp_path, "well")
     spec = other.spec.model_copy(update={"version": "2"})
     with pytest.raises(SolverError, match=r"says version '1', its solver\.yaml '2'"):
-        SolverPool(SolverFolder(tmp_path, spec), 1)
+        pool_of(SolverFolder(tmp_path, spec))
 
 
 GOOD = {"type": "fix", "frame_id": "frame-00000", "status": "fix", "lat_deg": 1.0, "lon_deg": 2.0}

@@ -9,11 +9,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 from unit.benchmark.fake_night import rng_for, write_dataset
+from unit.benchmark.stored import stored
 
 from benchmark.cli.app import app
 from benchmark.frames.dataset import open_dataset
-from benchmark.run.results import read_results
-from benchmark.stats.frame_metrics import measure, read_frames
+from benchmark.report.site.tree import read_tree
+from benchmark.stats.frame_metrics import measure
 from benchmark.stats.intervals import wilson
 from benchmark.submit.csv_cells import csv_lines
 from benchmark.submit.pack import withheld_names
@@ -54,7 +55,7 @@ def submit(tmp_path, folder, rows, stars=None, name="mine"):
 
 
 def scores_of(tmp_path, name="mine"):
-    return measure(read_frames(tmp_path / "out" / f"{name}.parquet"))
+    return measure(stored(tmp_path / "out")[name].frames)
 
 
 def truth_rows(frames, names):
@@ -85,10 +86,10 @@ def test_the_truth_scores_perfectly(tmp_path, folder, packed, frames):
     assert found["wrong_and_confident"].value == 0.0
     assert found["star_precision"].value == found["star_recall"].value == found["kelvins_score"].value == 1.0
     assert found["median_time_ms"].value == 5.0
-    (result,) = read_results(tmp_path / "out")
-    assert (result.solver, result.provenance.detector) == ("mine", "submission")
-    assert result.provenance.solver_version.startswith("sha256:")
-    assert sum(score.n_correct for score in result.scores) == N * 12
+    (result,) = stored(tmp_path / "out").values()
+    assert (result.solver, result.provenance.solver.detector) == ("mine", "submission")
+    assert result.provenance.solver.version.startswith("sha256:")
+    assert result.frames["n_correct"].sum() == N * 12
 
 
 def test_an_empty_submission_scores_nothing(tmp_path, folder, packed):
@@ -179,9 +180,8 @@ def test_results_on_another_dataset_are_not_mixed(tmp_path, folder, frames):
     assert submit(tmp_path, folder, rows).exit_code == 0
     other = write_dataset(tmp_path / "other", (1,), scenario="another night")
     others = open_dataset(other).frames
-    run = submit(tmp_path, other, truth_rows(others, withheld_names(others))[0], name="second")
-    assert run.exit_code == 2
-    assert "is a result on another dataset" in run.output
+    assert submit(tmp_path, other, truth_rows(others, withheld_names(others))[0], name="second").exit_code == 0
+    assert [[result.solver for result in group] for group in read_tree(tmp_path / "out")] == [["second"], ["mine"]]
 
 
 def test_the_folder_must_be_empty_and_the_dataset_whole(tmp_path, folder):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
+from unit.benchmark.stored import stored
 from unit.benchmark.test_solver_programs import PROGRAM
 
 import celnav
@@ -15,7 +16,7 @@ from benchmark.cli.bench import app
 from benchmark.errors import TaskError
 from benchmark.frames.task_frames import misinformed, wanted_shards
 from benchmark.protocol import CameraRecord, Observation
-from benchmark.run.results import read_task_results
+from benchmark.run.provenance import blanks
 from benchmark.solvers.celnav_solver import answer_of
 from benchmark.tasks import definition
 from benchmark.tasks.definition import FOLDER, Told, load_task, task_names, widest_half_width_points
@@ -186,37 +187,39 @@ def tiny(tmp_path_factory):
     return root
 
 
-def bench(root, monkeypatch, *arguments):
-    # A task folder of the test's own.
-    for module in ("benchmark.cli.tasks", "benchmark.tasks.definition"):
-        monkeypatch.setattr(f"{module}.load_task", lambda name: load_task(name, root / "tasks"))
-    places = ["--out", str(root / "out"), "--data", str(root / "data")]
-    return CliRunner().invoke(app, ["run", "tiny", *arguments, *places], catch_exceptions=False)
+def bench(root, *arguments, out="out"):
+    """Run a task of the user's own by its file."""
+    places = ["--out", str(root / out), "--data", str(root / "data")]
+    command = ["run", str(root / "tasks" / "tiny.task.yaml"), *map(str, arguments), *places]
+    return CliRunner().invoke(app, command, catch_exceptions=False)
 
 
-def test_a_task_is_rendered_run_and_skipped_when_done(tiny, monkeypatch):
+def test_a_task_is_rendered_run_and_skipped_when_done(tiny):
     mine = ["--solver", str(tiny / "mine")]
-    first = bench(tiny, monkeypatch, "--solver", "skybench", *mine, "--frames", "2")
+    first = bench(tiny, "--solver", "skybench", *mine, "--frames", "2")
     assert first.exit_code == 0, first.output
     assert "mine: 6 frames" in first.output
-    results = {result.solver: result for result in read_task_results(tiny / "out")}
+    results = stored(tiny / "out")
     assert set(results) == {"skybench", "mine"}
-    assert {len(result.scores) for result in results.values()} == {6}
-    assert results["skybench"].overall.recall.value > 0.6
-    assert results["mine"].overall.recall.value == 0.0
-    assert results["mine"].overall.n_fixes == 6
-    assert results["mine"].provenance.task["condition"]["values"] == [5.0, 4.0, 3.0]
+    assert {len(result.frames) for result in results.values()} == {6}
+    assert (results["skybench"].frames["error_km"] < 10.0).mean() > 0.6
+    assert not (results["mine"].frames["error_km"] < 10.0).any()
+    assert (results["mine"].frames["status"] == "fix").all()
+    for result in results.values():
+        assert result.provenance.frames.grading.values == (5.0, 4.0, 3.0)
+        assert blanks(result.provenance) == []
+        assert set(result.provenance.frames.rendered_with) >= {"skybench", "mitsuba"}
     (folder,) = (tiny / "out" / "tiny@1" / "dev" / "own").glob("mine-*")
     assert len(folder.name) == len("mine-") + 12
     stamp = (folder / "summary.json").stat().st_mtime_ns
     # The same again, and less: nothing to do. More: done anew. Another configuration: beside it.
     for frames in ("2", "1"):
-        assert "mine: done before" in bench(tiny, monkeypatch, *mine, "--frames", frames).output
+        assert "mine: finished before" in bench(tiny, *mine, "--frames", frames).output
     assert (folder / "summary.json").stat().st_mtime_ns == stamp
-    assert "mine: 9 frames" in bench(tiny, monkeypatch, *mine, "--frames", "3").output
-    assert json.loads((folder / "summary.json").read_text())["provenance"]["task"]["frames_per_condition"] == 3
+    assert "mine: 9 frames" in bench(tiny, *mine, "--frames", "3").output
+    assert json.loads((folder / "summary.json").read_text())["provenance"]["frames"]["per_condition"] == 3
     (tiny / "mine" / "weights.csv").write_text("0.5")
-    assert "mine: 3 frames" in bench(tiny, monkeypatch, *mine, "--frames", "1").output
+    assert "mine: 3 frames" in bench(tiny, *mine, "--frames", "1").output
     assert len(list((tiny / "out" / "tiny@1" / "dev" / "own").glob("mine-*"))) == 2
     # Frames carry what the statistics need.
     import pyarrow.parquet as pq
@@ -227,10 +230,9 @@ def test_a_task_is_rendered_run_and_skipped_when_done(tiny, monkeypatch):
     assert all(row["peak_memory_mib"] > 1.0 and row["time_ms"] > 0.0 for row in rows)
 
 
-def test_shared_detections_are_the_same_for_all(tiny, monkeypatch):
+def test_shared_detections_are_the_same_for_all(tiny):
     outcome = bench(
         tiny,
-        monkeypatch,
         "--solver",
         "skybench",
         "--solver",
@@ -239,22 +241,24 @@ def test_shared_detections_are_the_same_for_all(tiny, monkeypatch):
         "2",
         "--detections",
         "shared",
+        out="shared",
     )
     assert outcome.exit_code == 0, outcome.output
-    results = [r for r in read_task_results(tiny / "out") if r.provenance.task["detections"] == "shared"]
-    assert len(results) == 2
-    assert [s.n_detections for s in results[0].scores] == [s.n_detections for s in results[1].scores]
-    assert max(s.n_detections for s in results[0].scores) > 10
+    one, two = stored(tiny / "shared").values()
+    assert one.detections == two.detections == "shared"
+    assert one.frames["n_detections"].tolist() == two.frames["n_detections"].tolist()
+    assert one.frames["n_detections"].max() > 10
 
 
-def test_requests_that_cannot_be_met_end_with_status_two(tiny, monkeypatch):
+def test_requests_that_cannot_be_met_end_with_status_two(tiny):
     for arguments, message in (
         (["--solver", "skybanch"], "did you mean skybench"),
         (["--solver", "skybench", "--frames", "11"], "it has 1 to 10"),
         ([], "at least one --solver"),
-        (["--solver", "skybench", "--all"], "either a task or dataset, or --all"),
+        (["--solver", "skybench", "--all"], "give tasks or frames to run on, or --all"),
+        (["--solver", "skybench", "--condition", "7"], "limiting magnitude 7 is not one of its values: 5, 4, 3"),
     ):
-        outcome = bench(tiny, monkeypatch, *arguments)
+        outcome = bench(tiny, *arguments)
         assert outcome.exit_code == 2, outcome.output
         assert message in outcome.output
 

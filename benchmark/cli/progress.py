@@ -1,0 +1,39 @@
+"""The one progress bar of all commands: on standard error, so that what a command prints can be used by another."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = False) -> Progress:
+    """Bars with a description, a count of units, the time that has passed and the time that is left.
+
+    Parameters
+    ----------
+    unit : str
+        What is counted.
+    *more : ProgressColumn
+        Columns to stand before the times.
+    hidden : bool
+        Show nothing.
+    """
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        *more,
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=hidden,
+    )

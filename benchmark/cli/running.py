@@ -1,0 +1,186 @@
+"""`skybench bench run`: frames opened, solvers run or tried, and what is said of it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import typer
+from rich.progress import Progress
+
+from benchmark.cli.progress import progress_bars
+from benchmark.errors import ResultsError
+from benchmark.frames.dataset import Frame
+from benchmark.frames.frame_set import FrameSet
+from benchmark.frames.opening import named_task, open_frames
+from benchmark.frames.task_frames import FrameChoice
+from benchmark.judge.outcome import SolverOutcome
+from benchmark.report.formatting import number
+from benchmark.run.contestants import Contestant, contestant_of
+from benchmark.run.engine import SolverRun, check_contestants, outcomes, run_all
+from benchmark.run.provenance import DetectionsMode
+from benchmark.run.sessions import session_pool
+from benchmark.solvers.registry import known_solvers
+from benchmark.stats.metrics import ERROR, FIX
+from benchmark.tasks.definition import task_names
+
+LEADERBOARD, DEMO = Path("results/leaderboard"), Path("results/demo")
+ALL_ERRORS = 1
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for.
+
+    Attributes
+    ----------
+    targets : sequence of str
+        See `benchmark.frames.opening.open_frames`.
+    solvers : sequence of str
+        Names or folders; none: all that can run here.
+    choice : FrameChoice
+    detections : str
+    out : Path or None
+        None: where such frames belong.
+    jobs : int
+    """
+
+    targets: Sequence[str]
+    solvers: Sequence[str]
+    choice: FrameChoice
+    detections: DetectionsMode
+    out: Path | None
+    jobs: int
+
+
+def run_request(request: Request) -> int:
+    """Run what is missing, and return the exit status: 1 where every answer of a solver on some frames is an error.
+
+    Raises
+    ------
+    BenchmarkError
+        Frames or a solver that are not there, or cannot be used here.
+    """
+    contestants = check_contestants(_contestants(request.solvers), request.jobs)
+    out = request.out or _default_out(request.targets)
+    runs: list[SolverRun] = []
+    with progress_bars() as bar:
+        sets = [_opened(bar, target, request.choice) for target in request.targets]
+        total = sum(len(one.frames) for one in sets)
+        lines = {contestant.name: bar.add_task(contestant.name, total=total) for contestant in contestants}
+
+        def advance(solver: str, count: int) -> None:
+            bar.advance(lines[solver], count)
+
+        for done in run_all(contestants, sets, out, request.detections, request.jobs, advance):
+            runs.append(done)
+            mine = [run for run in runs if run.solver == done.solver]
+            if len(mine) == len(sets):
+                typer.echo(_words(mine))
+    typer.echo(f"results in {out}; next: skybench bench report --out {out}")
+    failed = [run for run in runs if run.failed_throughout]
+    for run in failed:
+        _cry(f"{run.solver}: every answer of {run.summary.n_frames} is an error ({run.folder})")
+    return ALL_ERRORS if failed else 0
+
+
+def try_request(request: Request, count: int) -> int:
+    """Put a few frames, evenly spread over all, to one solver, showing what it answers and what it writes on standard error.
+
+    Parameters
+    ----------
+    request : Request
+    count : int
+        Frames.
+
+    Returns
+    -------
+    int
+        Exit status: 1 where every answer is an error.
+    """
+    if len(request.solvers) != 1 or len(request.targets) != 1:
+        raise ResultsError("--try puts the frames of one task or folder to one --solver")
+    (contestant,) = check_contestants(_contestants(request.solvers), 1)
+    target, choice = request.targets[0], request.choice
+    task = named_task(target)
+    if task is not None and choice.per_condition is None:
+        values = 1 if choice.condition is not None else len(task.definition.condition.values)
+        few = min(math.ceil(count / values), task.definition.frames_per_condition)
+        choice = replace(choice, per_condition=few)
+    with progress_bars() as bar:
+        found = _opened(bar, target, choice)
+    frames = _spread(found.frames, count)
+    statuses = []
+    with session_pool(partial(contestant.make_session, 1, _pass_on), 1) as pool:
+        typer.echo(f"{contestant.name} {pool.version} on {len(frames)} of {len(found.frames)} frames of {target}")
+        for frame, outcome in zip(frames, outcomes(frames, pool, request.detections, {}), strict=True):
+            statuses.append(outcome.score.status)
+            typer.echo(_answer(frame, outcome))
+    counts = Counter(statuses)
+    typer.echo(f"{counts[FIX]} fixes, {len(statuses) - counts[FIX] - counts[ERROR]} refused, {counts[ERROR]} errors")
+    if counts[ERROR] == len(statuses):
+        _cry(f"{contestant.name}: every answer is an error")
+        return ALL_ERRORS
+    return 0
+
+
+def _contestants(names: Sequence[str]) -> list[Contestant]:
+    """Those that are named; without names, all that can run here, saying why the others cannot."""
+    if names:
+        return [contestant_of(name) for name in names]
+    found = [contestant_of(name) for name in known_solvers()]
+    for contestant in found:
+        if obstacle := contestant.obstacle():
+            typer.echo(f"left out: {obstacle}", err=True)
+    return [contestant for contestant in found if not contestant.obstacle()]
+
+
+def _default_out(targets: Sequence[str]) -> Path:
+    ours = all(target.partition("@")[0] in task_names() and not Path(target).is_dir() for target in targets)
+    return LEADERBOARD if ours else DEMO
+
+
+def _opened(bar: Progress, target: str, choice: FrameChoice) -> FrameSet:
+    line = bar.add_task(f"frames of {target}", total=None)
+    found = open_frames(target, choice, partial(bar.advance, line))
+    bar.update(line, total=len(found.frames), completed=len(found.frames))
+    return found
+
+
+def _words(runs: Sequence[SolverRun]) -> str:
+    """One solver's runs in a line."""
+    name, solved, seconds = runs[0].solver, sum(run.n_solved for run in runs), sum(run.seconds for run in runs)
+    counts = [sum(getattr(run.summary, key) for run in runs) for key in ("n_fixes", "n_refused", "n_errors")]
+    ended = f"{counts[0]} fixes, {counts[1]} refused, {counts[2]} errors"
+    if not solved:
+        return f"{name}: finished before; {ended}"
+    return f"{name}: {solved} frames in {seconds:.0f} s, {solved / seconds:.1f} frames/s; {ended}"
+
+
+def _answer(frame: Frame, outcome: SolverOutcome) -> str:
+    score = outcome.score
+    condition = "" if frame.condition is None else f" ({frame.condition:g})"
+    ended = f"fix, {number(score.error_km, 'km')} off" if score.status == FIX else f"{score.status}: {score.reason}"
+    if score.reason.startswith(f"{score.status}:"):
+        ended = score.reason
+    return f"{frame.frame_id}{condition}: {ended}; {score.n_detections} detections, {number(score.time_ms, 'ms')}"
+
+
+def _spread(frames: Sequence[Frame], count: int) -> list[Frame]:
+    most = min(count, len(frames))
+    return [frames[n * len(frames) // most] for n in range(most)]
+
+
+def _pass_on(words: bytes) -> None:
+    """Show what a program writes on its standard error."""
+    sys.stderr.write(words.decode("utf-8", "replace"))
+    sys.stderr.flush()
+
+
+def _cry(message: str) -> None:
+    typer.secho(f"skybench: {message}", fg=typer.colors.RED, err=True)

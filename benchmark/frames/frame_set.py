@@ -1,0 +1,129 @@
+"""Frames that solvers are run on, wherever they come from, and what results say of them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from benchmark.frames.dataset import Dataset, Frame
+
+ALL = "all"
+"""Split of frames that are not divided into splits."""
+SUCCESS_METRIC = "success_10km"
+"""What solvers are ranked by where no task says otherwise."""
+_NAME_LETTERS = 40
+
+
+@dataclass(frozen=True)
+class Grading:
+    """What a task grades.
+
+    Attributes
+    ----------
+    name, unit : str
+        The condition in words; the unit of a pure number is empty.
+    values : tuple of float
+        From easy to hard.
+    harder : str
+        Which values are harder: ``higher`` or ``lower``.
+    """
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    harder: Literal["higher", "lower"]
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """What results say of the frames that they are on.
+
+    Attributes
+    ----------
+    target : str
+        What `skybench bench run` is given to get them: a task, a folder, a URL, a task's file.
+    label : str
+        Name and revision: ``bortle@1`` of a task; of a folder or a dataset its scenario's name and the start of a hash
+        of scenario and truth.
+    title : str
+    split : str
+        Of a task or a dataset; `ALL` of a folder.
+    condition : float or None
+        The graded value of all of them, where only one was chosen.
+    per_condition : int or None
+        Frames at each value of a task's condition.
+    grading : Grading or None
+        None where nothing grades them.
+    metric : str
+        Key of the metric that ranks solvers.
+    definition_sha256 : str or None
+        Of the meaning of the task's files, or of a dataset's manifest; None for a folder.
+    scenario_name, scenario_sha256 : str
+    truth_sha256 : str
+        Of the truth of these frames, see `benchmark.frames.dataset.truth_digest`.
+    rendered_with : mapping of str to str
+        The generator's versions, as recorded in the frames.
+    """
+
+    target: str
+    label: str
+    title: str
+    split: str
+    condition: float | None
+    per_condition: int | None
+    grading: Grading | None
+    metric: str
+    definition_sha256: str | None
+    scenario_name: str
+    scenario_sha256: str
+    truth_sha256: str
+    rendered_with: Mapping[str, str]
+
+    @property
+    def part(self) -> str:
+        """Which of the frames: the split, and the value of the condition where only one was chosen."""
+        return self.split if self.condition is None else f"{self.split}-{self.condition:.12g}"
+
+    @property
+    def place(self) -> Path:
+        """Folder of their results, from the results' root."""
+        return Path(self.label) / self.part
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSet:
+    """Frames for solvers, all of one scenario, and what is to be said of them."""
+
+    facts: FrameFacts
+    frames: tuple[Frame, ...]
+
+
+def ungraded(dataset: Dataset, target: str, split: str = ALL, definition_sha256: str | None = None) -> FrameSet:
+    """The frames of a rendered folder or of a dataset, which no task grades."""
+    facts = FrameFacts(
+        target=target,
+        label=ungraded_label(dataset.scenario_name, dataset.scenario_sha256, dataset.truth_sha256),
+        title=dataset.scenario_name,
+        split=split,
+        condition=None,
+        per_condition=None,
+        grading=None,
+        metric=SUCCESS_METRIC,
+        definition_sha256=definition_sha256,
+        scenario_name=dataset.scenario_name,
+        scenario_sha256=dataset.scenario_sha256,
+        truth_sha256=dataset.truth_sha256,
+        rendered_with=dataset.provenance,
+    )
+    return FrameSet(facts, dataset.frames)
+
+
+def ungraded_label(scenario_name: str, scenario_sha256: str, truth_sha256: str) -> str:
+    """Label of frames by what they are, wherever they are stored: the scenario's name and 12 digits of a hash."""
+    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", scenario_name).strip("-.")[:_NAME_LETTERS] or "frames"
+    digest = hashlib.sha256(f"{scenario_sha256}:{truth_sha256}".encode()).hexdigest()
+    return f"{name}@{digest[:12]}"

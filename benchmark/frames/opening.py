@@ -1,0 +1,73 @@
+"""Whatever a user calls frames, opened: a task, a task's file, a rendered folder, a dataset in shards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmark.errors import DatasetError, TaskError
+from benchmark.frames.dataset import open_dataset
+from benchmark.frames.frame_set import FrameSet, ungraded
+from benchmark.frames.sharded import open_sharded
+from benchmark.frames.task_frames import FrameChoice, make_task_frames
+from benchmark.tasks.definition import TASK_SUFFIX, Task, load_task, load_task_file, task_names
+from generator.dataset.layout import MANIFEST
+
+_NO_CHOICE = FrameChoice()
+
+
+def named_task(target: str) -> Task | None:
+    """The task that a target names, by its name or its file; None where it names something else.
+
+    Raises
+    ------
+    TaskError
+        Its files are wrong.
+    """
+    if target.endswith(TASK_SUFFIX):
+        return load_task_file(Path(target))
+    if "/" in target or target.partition("@")[0] not in task_names():
+        return None
+    return load_task(target)
+
+
+def open_frames(
+    target: str, choice: FrameChoice = _NO_CHOICE, progress: Callable[[int], None] = lambda frames: None
+) -> FrameSet:
+    """Open the frames that a target names; a task's are rendered where they are missing.
+
+    Parameters
+    ----------
+    target : str
+        Task (``bortle``, ``bortle@1``), file of a task (``NAME.task.yaml``), folder of `skybench render`, folder or URL
+        of `skybench generate`.
+    choice : FrameChoice
+        Split, number and condition are choices of a task's frames alone.
+    progress : callable
+        Called with the number of frames that have come to hand.
+
+    Raises
+    ------
+    DatasetError, TaskError
+        There are no such frames, or they cannot be used; says why and what to do.
+    """
+    task = named_task(target)
+    if task is not None:
+        return make_task_frames(task, target, choice, progress)
+    if choice.condition is not None or choice.per_condition is not None:
+        raise TaskError(f"{target}: is not a task, so nothing grades its frames; leave out --condition and --frames")
+    if "://" in target or (Path(target) / MANIFEST).is_file():
+        return open_sharded(target, choice.data, progress)
+    folder = Path(target)
+    if not folder.is_dir():
+        known = ", ".join(task_names())
+        raise DatasetError(
+            f"{target}: no such folder, and not a task ({known}); render frames with "
+            f"`skybench render SCENARIO --out {target}`"
+        )
+    found = ungraded(open_dataset(folder), target)
+    missing = [frame.image_path for frame in found.frames if not frame.image_path.is_file()]
+    if missing:
+        raise DatasetError(f"{missing[0]}: missing image; render the dataset again with `skybench render`")
+    progress(len(found.frames))
+    return found

@@ -1,0 +1,127 @@
+"""Frames of a dataset in shards, on this machine or in an object store, unpacked to where programs can read them."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmark.errors import DatasetError
+from benchmark.frames.dataset import open_dataset
+from benchmark.frames.frame_set import FrameSet, ungraded
+from benchmark.frames.task_frames import UNPACKED
+from generator.dataset.images import decode, encode
+from generator.dataset.layout import MANIFEST
+from generator.dataset.manifest import Manifest, read_manifest
+from generator.dataset.reader import Dataset as Sharded
+from generator.dataset.shard import StoredFile, stored_file
+from generator.dataset.target import Target, open_target
+from generator.errors import GeneratorError
+
+DATASETS = "datasets"
+"""Folder of unpacked datasets among the frames that are kept."""
+_FRAME_ID = re.compile(r"frame-[0-9]{5,8}")
+
+
+def dataset_folder(manifest_sha256: str, data: Path) -> Path:
+    """Folder of an unpacked dataset."""
+    return data / DATASETS / manifest_sha256[:12]
+
+
+def open_sharded(place: str, data: Path, progress: Callable[[int], None] = lambda frames: None) -> FrameSet:
+    """Fetch and unpack what is missing of a dataset, checking every file against its manifest, and read its frames.
+
+    Parameters
+    ----------
+    place : str
+        What `skybench generate --out` was given: a folder, or a URL such as ``s3://bucket/name``.
+    data : Path
+        Folder of all frames; the dataset has a folder of its own in it, named after its manifest's hash.
+    progress : callable
+        Called with the number of frames that have come to hand.
+
+    Raises
+    ------
+    DatasetError
+        The dataset cannot be reached, is unfinished or damaged.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
+            target = open_target(place)
+            path = _fetched(target, MANIFEST, Path(scratch))
+            manifest, digest = read_manifest(path.parent), hashlib.sha256(path.read_bytes()).hexdigest()
+            folder = dataset_folder(digest, data)
+            stars = _keep_stars(target, manifest, folder, Path(scratch))
+            for file in manifest.files:
+                if file.path.startswith("data/"):
+                    progress(_unpack(target, manifest, file, folder, Path(scratch)))
+    except GeneratorError as error:
+        raise DatasetError(str(error)) from error
+    except OSError as error:
+        raise DatasetError(f"{place}: cannot be read ({type(error).__name__}: {error})") from error
+    return ungraded(open_dataset(folder / UNPACKED, stars), place, manifest.split, digest)
+
+
+def _fetched(target: Target, place: str, scratch: Path) -> Path:
+    try:
+        found = target.fetch(place, scratch)
+    except FileNotFoundError:
+        found = scratch / place
+    if not found.is_file():
+        raise DatasetError(
+            f"{target.name}: no {place} in it, so it is no finished dataset; run `skybench generate` again"
+        )
+    return found
+
+
+def _checked(target: Target, file: StoredFile, scratch: Path) -> Path:
+    path = _fetched(target, file.path, scratch)
+    root = path.parents[len(Path(file.path).parts) - 1]
+    if stored_file(root, file.path) != file:
+        raise DatasetError(f"{target.name}: {file.path} is not what its manifest says; run `skybench verify`")
+    return path
+
+
+def _keep_stars(target: Target, manifest: Manifest, folder: Path, scratch: Path) -> list[Path]:
+    """Copy the tables of stars beside the frames, where the report finds them too."""
+    kept = []
+    for file in manifest.files:
+        if not file.path.startswith("stars/"):
+            continue
+        path = folder / file.path
+        if not (path.is_file() and stored_file(folder, file.path) == file):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(_checked(target, file, scratch), path)
+        kept.append(path)
+    return kept
+
+
+def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, scratch: Path) -> int:
+    """Put a shard's images and records beside each other; returns how many frames it holds."""
+    done = folder / "shards" / f"{Path(file.path).stem}.txt"
+    if done.is_file():
+        digest, number = done.read_text(encoding="ascii").split()
+        if digest == file.sha256:
+            return int(number)
+    path = _checked(target, file, scratch)
+    root = path.parents[len(Path(file.path).parts) - 1]
+    unpacked, codec, count = folder / UNPACKED, manifest.codec, 0
+    unpacked.mkdir(parents=True, exist_ok=True)
+    for frame in Sharded(root, dataclasses.replace(manifest, files=(file,))).stored_frames():
+        name = Path(frame.frame_id).name
+        if not _FRAME_ID.fullmatch(name) or not {codec, "json"} <= set(frame.members):
+            raise DatasetError(f"{target.name}: {file.path}: {name[:40]!r} is not a frame of a dataset")
+        image = frame.members[codec]
+        (unpacked / f"{name}.png").write_bytes(image if codec == "png" else encode(decode(image, codec), "png"))
+        (unpacked / f"{name}.json").write_bytes(frame.members["json"])
+        count += 1
+    done.parent.mkdir(parents=True, exist_ok=True)
+    # Written last: it says that the shard's frames are whole.
+    done.write_text(f"{file.sha256} {count}", encoding="ascii")
+    if scratch in path.parents:
+        path.unlink()
+    return count

@@ -1,0 +1,160 @@
+"""Answers held against the truth: refused where they make no sense, judged where they do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.frames.conditions import site_of
+from benchmark.frames.dataset import Frame
+from benchmark.judge.geodesy import east_north_km, geodesic_km
+from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
+from benchmark.judge.star_id import score_matches
+from benchmark.protocol import Answer
+from benchmark.stats.metrics import ERROR, FrameScore
+
+LONGEST_REASON = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A solver's answer to one frame as its session received it, and what it cost.
+
+    Attributes
+    ----------
+    answer : Answer
+        One that `check_answer` lets pass; a refusal with its reason where something went wrong.
+    status : str
+        ``fix``, ``refused`` or ``error``.
+    uv : ndarray, shape (n, 2)
+        Detections that the answer's matches point to, px.
+    flux : ndarray, shape (n,)
+        Their brightness, NaN where unknown.
+    detect_ms, solve_ms : float
+        Wall time of detection and of the rest.
+    peak_memory_mib : float or None
+        Largest resident memory of the process that solved, while it did; None where the system does not tell.
+    """
+
+    answer: Answer
+    status: str
+    uv: NDArray[np.float64]
+    flux: NDArray[np.float64]
+    detect_ms: float
+    solve_ms: float
+    peak_memory_mib: float | None
+
+
+def failure(error: Exception | str, time_ms: float) -> Response:
+    """What is recorded where a solver raised or answered nonsense: a refusal with status ``error`` and the reason.
+
+    Parameters
+    ----------
+    error : Exception or str
+        A text is the reason as it stands.
+    time_ms : float
+        Until it failed.
+    """
+    text = error if isinstance(error, str) else f"error: {type(error).__name__}: {error}"
+    answer = Answer(ok=False, reason=" ".join(text.split())[:LONGEST_REASON])
+    return Response(answer, ERROR, np.empty((0, 2)), np.empty(0), 0.0, time_ms, None)
+
+
+def check_answer(answer: Answer, n_detections: int) -> None:
+    """Refuse an answer that cannot be scored.
+
+    Raises
+    ------
+    ValueError
+        A fix without a possible position; matches that are not (m, 2) integers, point to no detection or to one
+        twice; a covariance that is not 2x2, finite and symmetric; a confidence beyond 0 to 1.
+    """
+    if answer.ok:
+        lat, lon = answer.lat_deg, answer.lon_deg
+        if lat is None or lon is None or not (math.isfinite(lat) and math.isfinite(lon)) or abs(lat) > 90.0:
+            raise ValueError(f"fix at impossible position ({lat}, {lon})")
+    matches = answer.matches
+    if matches.ndim != 2 or matches.shape[1] != 2 or not np.issubdtype(matches.dtype, np.integer):
+        raise ValueError(f"matches of shape {matches.shape} and type {matches.dtype}")
+    claimed = matches[:, 0]
+    if len(claimed) and (claimed.min() < 0 or claimed.max() >= n_detections):
+        raise ValueError("a match points to no detection")
+    if len(np.unique(claimed)) != len(claimed):
+        raise ValueError("a detection is matched twice")
+    cov = answer.cov_km2
+    if cov is not None and not (cov.shape == (2, 2) and np.isfinite(cov).all() and np.allclose(cov, cov.T)):
+        raise ValueError("covariance is not a finite symmetric 2x2 matrix")
+    if answer.confidence is not None and not 0.0 <= answer.confidence <= 1.0:
+        raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
+
+
+def judge_answer(frame: Frame, response: Response, crlb_km: float | None) -> SolverOutcome:
+    """Hold an answer against the frame's truth.
+
+    Parameters
+    ----------
+    frame : Frame
+    response : Response
+    crlb_km : float or None
+        The frame's Cramér-Rao bound, see `benchmark.judge.frame_bounds`.
+    """
+    answer, conditions = response.answer, frame.conditions
+    error_km = math.inf
+    lat_deg = lon_deg = east_km = north_km = None
+    if answer.ok and answer.lat_deg is not None and answer.lon_deg is not None:
+        lat_deg, lon_deg = answer.lat_deg, answer.lon_deg
+        places = conditions.latitude_deg, conditions.longitude_deg, lat_deg, lon_deg
+        error_km = geodesic_km(*places)
+        east_km, north_km = east_north_km(*places)
+    # A refused frame claims nothing, whatever the solver may have had in hand.
+    matches = answer.matches if answer.ok else np.empty((0, 2), dtype=np.int64)
+    stars = score_matches(response.uv, matches, frame.truth)
+    claims = {
+        int(detection): (int(star), bool(right))
+        for (detection, star), right in zip(matches, stars.correct, strict=True)
+    }
+    rows = tuple(
+        DetectionRow(frame.frame_id, i, float(u), float(v), _known(response.flux[i]), *claims.get(i, (None, None)))
+        for i, (u, v) in enumerate(response.uv)
+    )
+    score = FrameScore(
+        frame_id=frame.frame_id,
+        index=frame.index,
+        bortle=conditions.bortle,
+        width_px=frame.observation.camera.width,
+        height_px=frame.observation.camera.height,
+        status=response.status,
+        reason=answer.reason if not answer.ok else "",
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        error_km=error_km,
+        n_detections=len(response.uv),
+        n_detected_stars=stars.n_detected_stars,
+        n_matches=stars.n_matches,
+        n_correct=stars.n_correct,
+        time_ms=response.detect_ms + response.solve_ms,
+    )
+    cov = answer.cov_km2 if answer.ok else None
+    details = FrameDetails(
+        cov_km2=None if cov is None else (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])),
+        confidence=answer.confidence,
+        detect_ms=response.detect_ms,
+        solve_ms=response.solve_ms,
+        stage_ms=dict(answer.time_ms),
+        utc=frame.observation.utc,
+        conditions=conditions,
+        condition=frame.condition,
+        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        error_east_km=east_km,
+        error_north_km=north_km,
+        crlb_km=crlb_km,
+        peak_memory_mib=response.peak_memory_mib,
+    )
+    return SolverOutcome(score, details, rows)
+
+
+def _known(flux: np.float64) -> float | None:
+    return float(flux) if math.isfinite(flux) else None

@@ -1,0 +1,72 @@
+"""What is recorded of a solver's answer to one frame once it is judged."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmark.frames.conditions import FrameConditions
+from benchmark.stats.metrics import FrameScore
+
+
+@dataclass(frozen=True)
+class DetectionRow:
+    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
+
+    frame_id: str
+    detection: int
+    u_px: float
+    v_px: float
+    flux: float | None
+    star_id: int | None
+    correct: bool | None
+
+
+@dataclass(frozen=True)
+class FrameDetails:
+    """What is recorded of a frame beside its score.
+
+    Attributes
+    ----------
+    cov_km2 : (float, float, float) or None
+        Covariance claimed: east-east, east-north, north-north.
+    confidence : float or None
+        As claimed.
+    detect_ms, solve_ms : float
+    stage_ms : mapping of str to float
+        The solver's own account.
+    utc : str
+        Mid-exposure.
+    conditions : FrameConditions
+    condition : float or None
+        The frame's graded value in its task.
+    site : str
+        Names the place and the night; frames of one site are not independent.
+    error_east_km, error_north_km : float or None
+        Components of the error; None without a fix.
+    crlb_km : float or None
+        Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is none.
+    peak_memory_mib : float or None
+        Of the process that solved, while it did.
+    """
+
+    cov_km2: tuple[float, float, float] | None
+    confidence: float | None
+    detect_ms: float
+    solve_ms: float
+    stage_ms: Mapping[str, float]
+    utc: str
+    conditions: FrameConditions
+    condition: float | None = None
+    site: str = ""
+    error_east_km: float | None = None
+    error_north_km: float | None = None
+    crlb_km: float | None = None
+    peak_memory_mib: float | None = None
+
+
+@dataclass(frozen=True)
+class SolverOutcome:
+    """One solver's judged answer on one frame, with what the results record beside the score."""
+
+    score: FrameScore
+    details: FrameDetails
+    detections: tuple[DetectionRow, ...]

@@ -1,0 +1,116 @@
+"""Whatever a user calls a solver, ready to run: a name, a folder with a solver.yaml, a Python object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmark.errors import SolverError
+from benchmark.protocol import SolverUnderTest
+from benchmark.run.provenance import DetectionsMode, SolverFacts
+from benchmark.run.results import check_solver_name
+from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session
+from benchmark.run.shared_detections import shared_detector
+from benchmark.solvers.definition import SolverFolder
+from benchmark.solvers.registry import known_solvers, missing_message, missing_packages, solver_folder
+
+SolverChoice = str | Path | SolverFolder | SolverUnderTest
+OWN_DETECTOR = "its own"
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """A solver and how its sessions are made.
+
+    Attributes
+    ----------
+    name : str
+    target : str or None
+        What `--solver` is given to run it; None for a Python object.
+    definition : SolverFolder or None
+    instance : SolverUnderTest or None
+        Either of the two.
+    """
+
+    name: str
+    target: str | None
+    definition: SolverFolder | None
+    instance: SolverUnderTest | None
+
+    @property
+    def settled(self) -> bool:
+        """Whether its revision is known, so that a finished result of it can be told from one of another solver."""
+        return self.definition is not None or _revision(self.instance) is not None
+
+    def obstacle(self) -> str:
+        """Why it cannot run here, and what to do; empty where it can."""
+        if self.definition is None:
+            return ""
+        missing = missing_packages(self.definition)
+        if missing:
+            return missing_message(self.definition, missing)
+        try:
+            self.definition.command  # noqa: B018 - raises where the environment is missing
+        except SolverError as error:
+            return str(error)
+        return ""
+
+    def make_session(self, jobs: int, on_stderr: Callable[[bytes], None] | None = None) -> Session:
+        """Make one of `jobs` sessions; `on_stderr` gets what a program writes on its standard error."""
+        if self.definition is not None:
+            return PipeSession(self.definition, on_stderr)
+        assert self.instance is not None
+        return InProcessSession(self.instance) if jobs == 1 else OtherProcessSession(self.instance)
+
+    def facts(self, version: str, detections: DetectionsMode) -> SolverFacts:
+        """What results say of it; `version` is what its session says."""
+        if self.definition is not None:
+            spec, limits = self.definition.spec, self.definition.limits
+            return SolverFacts(
+                target=self.target,
+                kind="registered" if self.target in known_solvers() else "folder",
+                title=spec.title,
+                licence=spec.licence,
+                version=version,
+                detector=shared_detector() if detections == "shared" else OWN_DETECTOR,
+                revision=self.definition.revision,
+                time_limit_s=limits.time_s,
+                memory_limit_mib=limits.memory_mib,
+            )
+        assert self.instance is not None
+        return SolverFacts(
+            target=None,
+            kind="object",
+            title=f"Python object of {type(self.instance).__name__}",
+            licence="not stated",
+            version=version,
+            detector=shared_detector() if detections == "shared" else self.instance.detector,
+            revision=_revision(self.instance),
+            time_limit_s=None,
+            memory_limit_mib=None,
+        )
+
+
+def contestant_of(solver: SolverChoice) -> Contestant:
+    """Make a contestant.
+
+    Raises
+    ------
+    UnknownSolverError, SolverError, ResultsError
+        There is no such solver, its definition is wrong, or its name cannot be a file name.
+    """
+    if isinstance(solver, str | Path):
+        definition = solver_folder(str(solver))
+        return Contestant(definition.name, str(solver), definition, None)
+    if isinstance(solver, SolverFolder):
+        target = solver.name if solver.name in known_solvers() else str(solver.folder)
+        return Contestant(solver.name, target, solver, None)
+    check_solver_name(solver.name)
+    return Contestant(solver.name, None, None, solver)
+
+
+def _revision(instance: SolverUnderTest | None) -> str | None:
+    """What a Python object states of its revision, if it does."""
+    found = getattr(instance, "revision", None)
+    return found if isinstance(found, str) and found else None

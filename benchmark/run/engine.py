@@ -1,0 +1,249 @@
+"""The engine: frames x solver sessions -> judged outcomes, kept where results belong.
+
+A finished result is found by its path and left alone; an interrupted run resumes where it was.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from benchmark.errors import ResultsError, SolverError
+from benchmark.frames.dataset import Frame
+from benchmark.frames.frame_set import FrameSet
+from benchmark.frames.opening import open_frames
+from benchmark.frames.task_frames import FrameChoice
+from benchmark.judge.answers import judge_answer
+from benchmark.judge.frame_bounds import bound_of
+from benchmark.judge.outcome import SolverOutcome
+from benchmark.provenance import now_utc
+from benchmark.run.contestants import Contestant, SolverChoice, contestant_of
+from benchmark.run.journal import Journal
+from benchmark.run.provenance import DetectionsMode, RunProvenance, provenance_of
+from benchmark.run.result_tables import scores_of
+from benchmark.run.results import (
+    FRAMES_NAME,
+    SUMMARY_NAME,
+    read_summary,
+    read_table,
+    result_folder,
+    write_result,
+)
+from benchmark.run.sessions import SessionPool, session_pool
+from benchmark.run.shared_detections import shared_detections
+from benchmark.stats.metrics import Summary, summarise
+
+Bounds = dict[str, float | None]
+_NO_CHOICE = FrameChoice()
+
+
+@dataclass(frozen=True)
+class SolverRun:
+    """One solver on one set of frames.
+
+    Attributes
+    ----------
+    solver : str
+    folder : Path
+        Of its result.
+    summary : Summary
+    n_solved : int
+        Frames that were put to it now: 0 where the result was finished before, less than all where a run resumed.
+    seconds : float
+        That this took.
+    """
+
+    solver: str
+    folder: Path
+    summary: Summary
+    n_solved: int
+    seconds: float
+
+    @property
+    def failed_throughout(self) -> bool:
+        """Whether every answer was an error."""
+        return self.summary.n_errors == self.summary.n_frames
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A solver that is ready, and what it is to be run on."""
+
+    contestant: Contestant
+    pool: SessionPool
+    frames: FrameSet
+    detections: DetectionsMode
+    bounds: Bounds
+
+
+def run(
+    frames: FrameSet | str | Path,
+    solvers: Sequence[SolverChoice],
+    out: Path,
+    *,
+    detections: DetectionsMode = "own",
+    jobs: int = 1,
+    choice: FrameChoice = _NO_CHOICE,
+    progress: Callable[[str, int], None] = lambda solver, frames: None,
+) -> tuple[SolverRun, ...]:
+    """Run solvers over frames, judge their answers and write the results.
+
+    A solver that raises, or whose answer makes no sense, is scored as refusing that frame with status ``error``.
+
+    Parameters
+    ----------
+    frames : FrameSet, str or Path
+        A set, or what `benchmark.frames.opening.open_frames` opens.
+    solvers : sequence
+        Names of solvers, folders with a solver.yaml, or Python objects (`benchmark.protocol.SolverUnderTest`).
+    out : Path
+        Root of all results, made if missing.
+    detections : str
+        ``own``: each solver detects by itself; ``shared``: all get celnav's detections.
+    jobs : int
+        Frames that are solved at the same time; with more than one, times include what they take from each other.
+    choice : FrameChoice
+        Of the frames, where they are opened here.
+    progress : callable
+        Called with a solver's name and the number of its frames done.
+
+    Returns
+    -------
+    tuple of SolverRun
+        In the order of the solvers.
+
+    Raises
+    ------
+    UnknownSolverError, SolverError, DatasetError, TaskError, ResultsError
+        Before any frame is solved, but for a damaged image and a solver that does not start.
+    """
+    contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
+    found = frames if isinstance(frames, FrameSet) else open_frames(str(frames), choice)
+    return tuple(run_all(contestants, [found], out, detections, jobs, progress))
+
+
+def run_all(
+    contestants: Sequence[Contestant],
+    sets: Sequence[FrameSet],
+    out: Path,
+    detections: DetectionsMode,
+    jobs: int,
+    progress: Callable[[str, int], None] = lambda solver, frames: None,
+) -> Iterator[SolverRun]:
+    """Run each solver over all sets of frames, one solver after another; parameters as for `run`."""
+    # A frame's bound is the same for all solvers.
+    bounds: list[Bounds] = [{} for _ in sets]
+    for contestant in contestants:
+        with session_pool(partial(contestant.make_session, jobs), jobs) as pool:
+            for frames, known in zip(sets, bounds, strict=True):
+                found = _Run(contestant, pool, frames, detections, known)
+                yield _run_solver(found, out, partial(progress, contestant.name))
+
+
+def check_contestants(contestants: Sequence[Contestant], jobs: int) -> Sequence[Contestant]:
+    """Refuse, before any work, what cannot be run side by side.
+
+    Raises
+    ------
+    ResultsError
+        No solver, one twice, or no job.
+    SolverError
+        One cannot run here.
+    """
+    names = [contestant.name for contestant in contestants]
+    if not names or len(set(names)) != len(names):
+        raise ResultsError(f"give each solver once and at least one, found {', '.join(names) or 'none'}")
+    if jobs < 1:
+        raise ResultsError(f"jobs must be at least 1, found {jobs}")
+    for contestant in contestants:
+        if obstacle := contestant.obstacle():
+            raise SolverError(obstacle)
+    return contestants
+
+
+def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> SolverRun:
+    """Run one solver over one set of frames, unless its result is finished, made with as many frames or more.
+
+    Parameters
+    ----------
+    found : _Run
+    out : Path
+        Root of all results.
+    progress : callable
+        Called with the number of frames done.
+    """
+    started = time.monotonic()
+    contestant, frames = found.contestant, found.frames
+    facts = contestant.facts(found.pool.version, found.detections)
+    source = provenance_of(contestant.name, facts, frames.facts, found.detections, found.pool.jobs)
+    folder = result_folder(out, contestant.name, source)
+    if contestant.settled and finished(folder, source):
+        progress(len(frames.frames))
+        summary = summarise(scores_of(read_table(folder / FRAMES_NAME)))
+        return SolverRun(contestant.name, folder, summary, 0, time.monotonic() - started)
+    ids = [frame.frame_id for frame in frames.frames]
+    stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
+    journal = Journal(folder, stamp, contestant.settled)
+    done = journal.take_over(ids)
+    progress(len(done))
+    left = [frame for frame in frames.frames if frame.frame_id not in done]
+    try:
+        for outcome in outcomes(left, found.pool, found.detections, found.bounds):
+            journal.add(outcome)
+            progress(1)
+    except BaseException:
+        journal.flush()
+        raise
+    ended = dataclasses.replace(source, date_utc=now_utc())
+    summary = write_result(folder, contestant.name, *journal.tables(ids), ended)
+    journal.clear()
+    return SolverRun(contestant.name, folder, summary, len(left), time.monotonic() - started)
+
+
+def outcomes(
+    frames: Sequence[Frame], pool: SessionPool, detections: DetectionsMode, bounds: Bounds
+) -> Iterator[SolverOutcome]:
+    """Put frames to a solver and judge its answers, in the order of the frames.
+
+    Parameters
+    ----------
+    frames : sequence of Frame
+    pool : SessionPool
+    detections : str
+    bounds : dict of str to float or None
+        Cramér-Rao bounds by frame id, km; those that are missing are worked out and added.
+    """
+
+    def solve(frame: Frame) -> SolverOutcome:
+        shared = shared_detections(frame) if detections == "shared" else None
+        response = pool.answer(frame, shared)
+        if frame.frame_id not in bounds:
+            bounds[frame.frame_id] = bound_of(frame)
+        return judge_answer(frame, response, bounds[frame.frame_id])
+
+    with ThreadPoolExecutor(pool.jobs) as threads:
+        try:
+            yield from threads.map(solve, frames)
+        finally:
+            threads.shutdown(wait=True, cancel_futures=True)
+
+
+def finished(folder: Path, wanted: RunProvenance) -> bool:
+    """Whether a result is there, made with as many frames as wanted or more; one that is all errors is made again.
+
+    Raises
+    ------
+    ResultsError
+        Its summary is damaged.
+    """
+    path = folder / SUMMARY_NAME
+    if not path.is_file():
+        return False
+    stored = read_summary(path)
+    enough = (stored.provenance.frames.per_condition or 0) >= (wanted.frames.per_condition or 0)
+    return enough and stored.n_errors < stored.n_frames

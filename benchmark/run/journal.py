@@ -1,0 +1,89 @@
+"""Outcomes of a run that has not ended, kept on disk so that an interrupted one resumes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+import pyarrow as pa
+
+from benchmark.judge.outcome import SolverOutcome
+from benchmark.run.result_tables import frame_table, in_order, match_table
+from benchmark.run.results import read_table, write_atomically, write_parquet
+
+FOLDER = "unfinished"
+LONGEST_WAIT_S = 20.0
+"""Outcomes wait at most so long to be written: what an interruption may cost."""
+
+
+class Journal:
+    """Tables of the frames that a run has done so far.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the result.
+    stamp : dict
+        What must be the same for outcomes to be taken over: versions, machine, number of jobs.
+    kept : bool
+        Whether outcomes are kept on disk: not where the solver cannot be told from another one later.
+    """
+
+    def __init__(self, folder: Path, stamp: dict[str, object], kept: bool) -> None:
+        self._folder = folder / FOLDER
+        self._kept = kept
+        self._stamp = json.dumps(stamp, sort_keys=True)
+        self._frames: list[pa.Table] = []
+        self._matches: list[pa.Table] = []
+        self._waiting: list[SolverOutcome] = []
+        self._written = time.monotonic()
+
+    def take_over(self, wanted: Collection[str]) -> set[str]:
+        """Read what an interrupted run has left, and return the ids of its frames among those wanted."""
+        stamp = self._folder / "stamp.json"
+        if not self._kept or not stamp.is_file() or stamp.read_text(encoding="utf-8") != self._stamp:
+            self.clear()
+            return set()
+        done: set[str] = set()
+        for path in sorted(self._folder.glob("frames-*.parquet")):
+            frames = read_table(path)
+            matches = read_table(path.with_name(path.name.replace("frames", "matches")))
+            self._frames.append(frames)
+            self._matches.append(matches)
+            done |= set(frames["frame_id"].to_pylist())
+        return done & set(wanted)
+
+    def add(self, outcome: SolverOutcome) -> None:
+        """Keep an outcome; it is on disk after `LONGEST_WAIT_S` or `flush`."""
+        self._waiting.append(outcome)
+        if time.monotonic() - self._written > LONGEST_WAIT_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits; the table of frames comes last and vouches for that of detections."""
+        if self._waiting and self._kept:
+            part = f"{len(self._frames):05d}.parquet"
+            self._gather()
+            write_atomically(self._folder / "stamp.json", self._stamp.encode())
+            write_parquet(self._folder / f"matches-{part}", self._matches[-1])
+            write_parquet(self._folder / f"frames-{part}", self._frames[-1])
+        self._written = time.monotonic()
+
+    def tables(self, frame_ids: Sequence[str]) -> tuple[pa.Table, pa.Table]:
+        """Tables of frames and of detections of these frames, in their order."""
+        if self._waiting:
+            self._gather()
+        frames, matches = pa.concat_tables(self._frames), pa.concat_tables(self._matches)
+        return in_order(frames, frame_ids), in_order(matches, frame_ids)
+
+    def clear(self) -> None:
+        """Forget what is on disk."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _gather(self) -> None:
+        self._frames.append(frame_table(self._waiting))
+        self._matches.append(match_table(self._waiting))
+        self._waiting = []

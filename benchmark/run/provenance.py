@@ -1,0 +1,159 @@
+"""Where a result comes from: one record for all runs, and nothing of it left blank."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from benchmark import provenance
+from benchmark.errors import ResultsError
+from benchmark.frames.frame_set import FrameFacts
+
+DetectionsMode = Literal["own", "shared"]
+KEY_DIGITS = 12
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class SolverFacts:
+    """What results say of the solver.
+
+    Attributes
+    ----------
+    target : str or None
+        What `skybench bench run --solver` is given to run it; None where no command runs it.
+    kind : str
+        ``registered``: comes with skybench; ``folder``: of the user's own; ``object``: in Python; ``submission``: ran
+        elsewhere.
+    title, licence, version : str
+    detector : str
+        Whose detections it was given.
+    revision : str or None
+        Digest of its behaviour: another digest, another solver. None for a Python object that states none.
+    time_limit_s, memory_limit_mib : float or None
+        Per frame; None where nothing limited it.
+    """
+
+    target: str | None
+    kind: Literal["registered", "folder", "object", "submission"]
+    title: str
+    licence: str
+    version: str
+    detector: str
+    revision: str | None
+    time_limit_s: float | None
+    memory_limit_mib: float | None
+
+
+@dataclass(frozen=True)
+class RunProvenance:
+    """Where a result comes from.
+
+    Attributes
+    ----------
+    frames : FrameFacts
+        What was solved.
+    solver : SolverFacts
+        What solved it.
+    detections : str
+        ``own``: the solver detected by itself; ``shared``: it got celnav's detections.
+    key : str
+        See `result_key`.
+    versions, machine : mapping of str to str
+        See `benchmark.provenance`.
+    date_utc : str
+        When the run ended.
+    jobs : int
+        Frames that were solved at the same time, which bears on the times.
+    """
+
+    frames: FrameFacts
+    solver: SolverFacts
+    detections: DetectionsMode
+    key: str
+    versions: Mapping[str, str]
+    machine: Mapping[str, str]
+    date_utc: str
+    jobs: int
+
+
+_READER = TypeAdapter(RunProvenance)
+
+
+def result_key(name: str, solver: SolverFacts, frames: FrameFacts) -> str:
+    """Digest of all that may change a result: solver and its revision, frames and detections."""
+    parts = [
+        name,
+        solver.version if solver.revision is None else solver.revision,
+        frames.label,
+        frames.definition_sha256 if frames.grading else None,
+        frames.scenario_sha256,
+        solver.detector,
+    ]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:KEY_DIGITS]
+
+
+def provenance_of(
+    name: str, solver: SolverFacts, frames: FrameFacts, detections: DetectionsMode, jobs: int, here: bool = True
+) -> RunProvenance:
+    """Where a result comes from that has just been made.
+
+    Parameters
+    ----------
+    name : str
+        Of the solver.
+    solver : SolverFacts
+    frames : FrameFacts
+    detections : str
+    jobs : int
+    here : bool
+        Whether this machine solved; else the machine is not known.
+    """
+    machine = provenance.machine()
+    return RunProvenance(
+        frames=frames,
+        solver=solver,
+        detections=detections,
+        key=result_key(name, solver, frames),
+        versions=provenance.versions(),
+        machine=machine if here else dict.fromkeys(machine, UNKNOWN),
+        date_utc=provenance.now_utc(),
+        jobs=jobs,
+    )
+
+
+def blanks(found: RunProvenance) -> list[str]:
+    """Names of texts and mappings that are empty; those that may be unknown say so by None."""
+
+    def empty(prefix: str, tree: Mapping[str, Any]) -> list[str]:
+        names = []
+        for key, value in tree.items():
+            if value == "" or (key in {"rendered_with", "versions", "machine"} and not value):
+                names.append(f"{prefix}{key}")
+            elif isinstance(value, Mapping) and key != "grading":  # a pure number has no unit
+                names += empty(f"{prefix}{key}.", value)
+        return names
+
+    return empty("", dataclasses.asdict(found))
+
+
+def read_provenance(tree: object) -> RunProvenance:
+    """Read a provenance from JSON.
+
+    Raises
+    ------
+    ResultsError
+        Says which key is wrong.
+    """
+    try:
+        return _READER.validate_python(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "(top)"
+        raise ResultsError(f"provenance.{where}: {first['msg']}") from error

@@ -1,0 +1,265 @@
+"""Solver sessions: a frame is put to a solver, and its answer comes back checked, whatever the solver does.
+
+Two kinds: a Python object in this process (`InProcessSession`) or in one of its own (`OtherProcessSession`), and a program
+over a pipe (`PipeSession`).
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.errors import SolverError
+from benchmark.frames.dataset import Frame, load_image
+from benchmark.judge.answers import Response, check_answer, failure
+from benchmark.protocol import Detections, SolverUnderTest
+from benchmark.solvers.definition import SolverFolder
+from benchmark.solvers.memory import peak_mib, reset_peak
+from benchmark.solvers.messages import reply_of, request_of
+from benchmark.solvers.program import ProgramFailedError, ProgramSession
+from benchmark.stats.metrics import ERROR, FIX, REFUSED
+
+
+class Session(Protocol):
+    """One solver, ready for one frame at a time."""
+
+    def start(self) -> str:
+        """Make ready, and return the solver's version. Raises SolverError where it cannot run here."""
+
+    def answer(self, frame: Frame, shared: Detections | None) -> Response:
+        """Put a frame to the solver; `shared` are the detections that it is to use, None to detect by itself."""
+
+    def close(self) -> None:
+        """End whatever was started."""
+
+
+class PipeSession:
+    """A solver's program, started anew after every frame that it did not survive."""
+
+    def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
+        self._solver = solver
+        place = solver.folder if solver.spec.command else Path.cwd()
+        self._program = ProgramSession(solver.command, place, solver.limits, on_stderr)
+        self._warm = False
+
+    def start(self) -> str:
+        """Start the program. Raises SolverError."""
+        version = str(self._program.start().get("version", ""))
+        declared = self._solver.spec.version
+        if declared is not None and version != declared:
+            raise SolverError(
+                f"{self._solver.name}: its program says version {version!r}, its solver.yaml {declared!r}"
+            )
+        return version
+
+    def answer(self, frame: Frame, shared: Detections | None) -> Response:
+        """Ask the program; whatever goes wrong is a refusal of this frame."""
+        request = request_of(frame, shared)
+        try:
+            if not self._program.running:
+                self._warm = False
+                self.start()
+            if not self._warm:
+                self._warm = True
+                self._warm_up(request)
+            exchange = self._program.ask(request)
+        except ProgramFailedError as error:
+            return failure(str(error), error.time_ms)
+        except SolverError as error:
+            return failure(f"error: {error}", 0.0)
+        try:
+            reply = reply_of(exchange.message, frame.frame_id, frame.observation, shared)
+            check_answer(reply.answer, len(reply.uv))
+        except ValueError as error:
+            return failure(f"error: {error}", exchange.time_ms)
+        detect_ms = min(reply.detect_ms, exchange.time_ms)
+        return Response(
+            answer=reply.answer,
+            status=FIX if reply.answer.ok else REFUSED,
+            uv=reply.uv,
+            flux=reply.flux,
+            detect_ms=detect_ms,
+            solve_ms=exchange.time_ms - detect_ms,
+            peak_memory_mib=exchange.peak_memory_mib,
+        )
+
+    def _warm_up(self, request: dict[str, Any]) -> None:
+        """Put the first request once without judging it, so that one-off loading of tables does not count as solving."""
+        try:
+            self._program.ask(request)
+        except ProgramFailedError:
+            self.start()
+
+    def close(self) -> None:
+        """End the program and its children."""
+        self._program.close()
+
+
+class InProcessSession:
+    """A Python object in this process. It gets copies and an image it cannot write to, and may raise anything."""
+
+    def __init__(self, solver: SolverUnderTest) -> None:
+        self._solver = solver
+        self._warm = False
+
+    def start(self) -> str:
+        """Nothing to start."""
+        return self._solver.version
+
+    def answer(self, frame: Frame, shared: Detections | None) -> Response:
+        """Ask the object. Raises DatasetError where the image is damaged."""
+        image = load_image(frame)
+        if not self._warm:
+            self._warm = True
+            ask(self._solver, frame, image, shared)
+        return ask(self._solver, frame, image, shared)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared: Detections | None = None) -> Response:
+    """Put a frame to a Python object; an exception or an answer that makes no sense is a refusal of this frame.
+
+    Parameters
+    ----------
+    solver : SolverUnderTest
+    frame : Frame
+        Its `observation`, the image and the detections are all that the solver gets.
+    image : ndarray of uint16, shape (height, width)
+        DN.
+    shared : Detections, optional
+        To be used instead of the solver's own.
+    """
+    # A copy that cannot be written to: no solver may change what the next one sees.
+    image = image.copy()
+    image.flags.writeable = False
+    known = reset_peak()
+    start = time.perf_counter()
+    try:
+        detections = solver.detect(image) if shared is None else shared
+        detect_ms = 1000.0 * (time.perf_counter() - start)
+        uv, flux = _points(detections)
+    except Exception as error:  # a contestant may raise anything
+        return failure(error, 1000.0 * (time.perf_counter() - start))
+    start = time.perf_counter()
+    try:
+        answer = solver.solve(detections, frame.observation)
+        check_answer(answer, len(uv))
+        status = FIX if answer.ok else REFUSED
+    except Exception as error:  # a contestant may raise anything
+        answer, status = failure(error, 0.0).answer, ERROR
+    solve_ms = 1000.0 * (time.perf_counter() - start)
+    return Response(answer, status, uv, flux, detect_ms, solve_ms, peak_mib() if known else None)
+
+
+def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for unknown flux."""
+    uv = np.array(detections.uv, dtype=np.float64)
+    flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
+    if uv.ndim != 2 or uv.shape[1] != 2 or flux.shape != (len(uv),) or not np.isfinite(uv).all():
+        raise ValueError(f"detections of shapes {uv.shape} and {flux.shape}, or not finite")
+    return uv, flux
+
+
+class OtherProcessSession:
+    """A Python object in a process of its own, to which it is sent: it must be picklable."""
+
+    def __init__(self, solver: SolverUnderTest) -> None:
+        self._solver = solver
+        self._process: ProcessPoolExecutor | None = None
+
+    def start(self) -> str:
+        """Nothing to wait for: the process starts with its first frame."""
+        return self._solver.version
+
+    def answer(self, frame: Frame, shared: Detections | None) -> Response:
+        """Ask the object in its process; one that ends its process is started again for the next frame."""
+        if self._process is None:
+            self._process = ProcessPoolExecutor(1, get_context("spawn"), _hold_in_process, (self._solver,))
+        started = time.perf_counter()
+        try:
+            return self._process.submit(_answer_in_process, frame, shared).result()
+        except BrokenProcessPool:
+            self.close()
+            return failure("error: ended its process", 1000.0 * (time.perf_counter() - started))
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.shutdown(wait=True, cancel_futures=True)
+        self._process = None
+
+
+# One session per process: an executor offers no other place for what a process keeps.
+_session_of_process: list[InProcessSession] = []
+
+
+def _hold_in_process(solver: SolverUnderTest) -> None:
+    _session_of_process[:] = [InProcessSession(solver)]
+
+
+def _answer_in_process(frame: Frame, shared: Detections | None) -> Response:
+    return _session_of_process[0].answer(frame, shared)
+
+
+class SessionPool:
+    """Sessions of one solver, as many as there are frames solved at the same time.
+
+    Raises
+    ------
+    SolverError
+        The solver cannot be started here.
+    """
+
+    def __init__(self, make_session: Callable[[], Session], jobs: int) -> None:
+        self.jobs = jobs
+        self._sessions = [make_session() for _ in range(jobs)]
+        self._idle: queue.LifoQueue[Session] = queue.LifoQueue()
+        for session in self._sessions:
+            self._idle.put(session)
+        try:
+            # The last one in is the first one out; the others start when they are needed.
+            self.version = self._sessions[-1].start()
+        except SolverError:
+            self.close()
+            raise
+
+    def answer(self, frame: Frame, shared: Detections | None) -> Response:
+        """Put a frame to the session that is idle."""
+        session = self._idle.get()
+        try:
+            return session.answer(frame, shared)
+        finally:
+            self._idle.put(session)
+
+    def close(self) -> None:
+        """End all sessions."""
+        for session in self._sessions:
+            session.close()
+
+
+@contextmanager
+def session_pool(make_session: Callable[[], Session], jobs: int) -> Iterator[SessionPool]:
+    """Start a solver, and end it whatever happens.
+
+    Raises
+    ------
+    SolverError
+        It cannot be started here.
+    """
+    pool = SessionPool(make_session, jobs)
+    try:
+        yield pool
+    finally:
+        pool.close()
