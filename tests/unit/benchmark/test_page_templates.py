@@ -7,9 +7,9 @@ import jinja2
 import pytest
 from markupsafe import Markup
 
+from benchmark.judge.outcome import DetectionRow
 from benchmark.report.overlay import draw_overlay
 from benchmark.report.templates import environment, read_sheet
-from benchmark.run.result_tables import DetectionRow
 
 ROOT = Path(__file__).parents[3]
 
