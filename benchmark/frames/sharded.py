@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -14,17 +12,17 @@ from benchmark.errors import DatasetError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
 from benchmark.frames.task_frames import UNPACKED
+from generator.dataset.archive import read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.reader import Dataset as Sharded
 from generator.dataset.shard import StoredFile, stored_file
 from generator.dataset.target import Target, open_target
 from generator.errors import GeneratorError
+from generator.files import path_within
 
 DATASETS = "datasets"
 """Folder of unpacked datasets among the frames that are kept."""
-_FRAME_ID = re.compile(r"frame-[0-9]{5,8}")
 
 
 def dataset_folder(manifest_sha256: str, data: Path) -> Path:
@@ -92,7 +90,7 @@ def _keep_stars(target: Target, manifest: Manifest, folder: Path, scratch: Path)
     for file in manifest.files:
         if not file.path.startswith("stars/"):
             continue
-        path = folder / file.path
+        path = path_within(folder, file.path)
         if not (path.is_file() and stored_file(folder, file.path) == file):
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(_checked(target, file, scratch), path)
@@ -108,16 +106,16 @@ def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, 
         if digest == file.sha256:
             return int(number)
     path = _checked(target, file, scratch)
-    root = path.parents[len(Path(file.path).parts) - 1]
     unpacked, codec, count = folder / UNPACKED, manifest.codec, 0
     unpacked.mkdir(parents=True, exist_ok=True)
-    for frame in Sharded(root, dataclasses.replace(manifest, files=(file,))).stored_frames():
-        name = Path(frame.frame_id).name
-        if not _FRAME_ID.fullmatch(name) or not {codec, "json"} <= set(frame.members):
-            raise DatasetError(f"{target.name}: {file.path}: {name[:40]!r} is not a frame of a dataset")
+    for frame in read_frames(path):
+        if not {codec, "json"} <= set(frame.members):
+            raise DatasetError(f"{target.name}: {file.path}: {frame.frame_id} has no image or no record")
         image = frame.members[codec]
-        (unpacked / f"{name}.png").write_bytes(image if codec == "png" else encode(decode(image, codec), "png"))
-        (unpacked / f"{name}.json").write_bytes(frame.members["json"])
+        (unpacked / f"{frame.frame_id}.png").write_bytes(
+            image if codec == "png" else encode(decode(image, codec), "png")
+        )
+        (unpacked / f"{frame.frame_id}.json").write_bytes(frame.members["json"])
         count += 1
     done.parent.mkdir(parents=True, exist_ok=True)
     # Written last: it says that the shard's frames are whole.
