@@ -17,7 +17,7 @@ from benchmark.frames.frame_set import FrameFacts
 
 DetectionsMode = Literal["own", "shared"]
 KEY_DIGITS = 12
-UNKNOWN = "unknown"
+UNKNOWN = "not stated"
 
 
 @dataclass(frozen=True)
