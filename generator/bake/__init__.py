@@ -1,1 +1,1 @@
-"""Radiative transfer of city light and moonlight with Mitsuba's ``volpath``, stored as small maps (``skybench bake``)."""
+"""Radiative transfer of city light and moonlight by random walks, stored as small maps (``skybench bake``)."""

@@ -53,9 +53,6 @@ def disk_points(radius_km: float, rings: int = 4, spokes: int = 8) -> Floats:
     return np.stack([radius * np.sin(angle), radius * np.cos(angle)], axis=-1).reshape(-1, 2)
 
 
-EARTH_RADIUS_KM = 6371.0
-
-
 def column_from_ground(length_km: Floats, sine: Floats, scale_height_km: float, earth_radius_km: float) -> Floats:
     """Column of an exponential layer along a ray that starts at the ground, over its vertical column.
 

@@ -53,13 +53,11 @@ class PsfTable:
         Share of the light that a pixel receives, by its distance from the star, every 1/FINE_PER_PX px from -radius - 0.5 to
         radius + 0.5; n = (2 radius + 1) FINE_PER_PX + 1.
     shift : (bands,) array
-    edges_nm : (bands + 1,) array
-        The bands' limits.
+        Lateral chromatic shift of equal bands of the spectral range at the frame's corner, px.
     """
 
     stamps: NDArray[np.float32]
     shift: Floats
-    edges_nm: Floats
 
     @functools.cached_property
     def cumulated(self) -> Floats:
@@ -136,7 +134,7 @@ def psf_table(camera: CameraSpec) -> PsfTable:
         # Stars take the nearest node, so there are enough for the steps between them to be small.
         stamps = ndimage.zoom(stamps, (1, NODE_REFINEMENT, NODE_REFINEMENT, 1, 1), order=1, grid_mode=False)
     shift = psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM
-    return PsfTable(stamps, shift, edges)
+    return PsfTable(stamps, shift)
 
 
 @functools.lru_cache(maxsize=64)

@@ -7,7 +7,6 @@ import re
 import warnings
 from dataclasses import dataclass
 
-import astropy_iers_data
 import erfa
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,8 @@ from generator.errors import DataFileError, TimeRangeError
 
 _UTC = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d(?:\.\d{1,9})?)Z")
 SECONDS_PER_DAY = 86400.0
+BULLETIN_A = (("MJD", "d"), ("PM_x_A", "arcsec"), ("PM_y_A", "arcsec"), ("UT1_UTC_A", "s"))
+"""Columns of astropy's table of finals2000A, and the units in which they are taken."""
 
 
 @dataclass(frozen=True)
@@ -88,22 +89,28 @@ class EarthOrientation:
 
 
 @functools.cache
-def _finals2000a() -> NDArray[np.float64]:
-    """Rows (MJD, x_p, y_p, UT1-UTC) of IERS finals2000A, from 1973 with a year of predictions.
+def finals2000a() -> NDArray[np.float64]:
+    """Rows (MJD, x_p, y_p, UT1-UTC) of IERS finals2000A, from 1973 with a year of predictions; arcsec and s.
 
-    Column positions: IERS readme.finals2000A (MJD 8-15, x_p 19-27, y_p 38-46, UT1-UTC 59-68).
+    Bulletin A's values all along: a mixture with the final ones of Bulletin B would step where those end. Read by astropy
+    from the file that astropy-iers-data installs, never from the network.
+
+    Raises
+    ------
+    DataFileError
+        The installed table cannot be read.
     """
-    path = astropy_iers_data.IERS_A_FILE
+    # Takes half a second to import, which programs that plan no frame need not wait for.
+    from astropy.utils import iers
+
     try:
-        with open(path, encoding="ascii") as stream:
-            rows = [
-                (float(line[7:15]), float(line[18:27]), float(line[37:46]), float(line[58:68]))
-                for line in stream
-                if line[58:68].strip()
-            ]
-    except (OSError, ValueError) as error:
-        raise DataFileError(f"{path}: not an Earth orientation table ({error}); reinstall astropy-iers-data") from error
-    return np.array(rows)
+        table = iers.IERS_A.read(iers.IERS_A_FILE)
+        columns = [table[name].to_value(unit) for name, unit in BULLETIN_A]
+    except (OSError, ValueError, KeyError) as error:
+        raise DataFileError(
+            f"{iers.IERS_A_FILE}: not an Earth orientation table ({error}); reinstall astropy-iers-data"
+        ) from error
+    return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=1)
 
 
 def earth_orientation(instant: Instant) -> EarthOrientation:
@@ -116,7 +123,7 @@ def earth_orientation(instant: Instant) -> EarthOrientation:
     TimeRangeError
         Outside the table, which starts in 1973 and ends with the predictions of the installed astropy-iers-data.
     """
-    table = _finals2000a()
+    table = finals2000a()
     mjd = instant.mjd
     row = int(np.searchsorted(table[:, 0], mjd, side="right")) - 1
     if row < 0 or row + 1 >= len(table):

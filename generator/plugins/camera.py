@@ -211,10 +211,6 @@ class NightSkyCamera(mi.Sensor):
         si.wavelengths = wavelengths
         return self.response.eval(si) * SPECTRAL_RANGE_NM
 
-    def star_weight(self, wavelengths: Any) -> Any:
-        """Aperture area x exposure x spectral weight, m^2 s nm (Spectrum), for a point source on the boresight."""
-        return self.collected * self.spectral_weight(wavelengths)
-
     def sample_ray(
         self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
     ) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from generator.sky.airglow import EARTH_RADIUS_KM
+from generator.places.earth import EQUATORIAL_RADIUS_KM
 from generator.sky.clouds import (
     ASYMMETRY,
     COARSE_CELL_KM,
@@ -45,12 +45,12 @@ class CloudTexture:
     def slant_depth(self, direction: Any) -> Any:
         """Optical depth along unit vectors (Vector3f, ENU) above the horizon."""
         altitude, threshold, scale, *carried = self.numbers
-        ratio = EARTH_RADIUS_KM / (EARTH_RADIUS_KM + altitude)
-        rest = altitude / (EARTH_RADIUS_KM + altitude)
+        ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + altitude)
+        rest = altitude / (EQUATORIAL_RADIUS_KM + altitude)
         horizontal = dr.maximum(dr.sqrt(direction.x * direction.x + direction.y * direction.y), 1e-6)
         cosine = dr.sqrt(dr.maximum(1 - dr.square(ratio * horizontal), 1e-6))
         turned = horizontal * rest * (1 + ratio) / (cosine + ratio * direction.z)
-        away = EARTH_RADIUS_KM * dr.asin(dr.minimum(turned, 1)) / horizontal
+        away = EQUATORIAL_RADIUS_KM * dr.asin(dr.minimum(turned, 1)) / horizontal
         north, east = direction.y * away, direction.x * away
         field = -threshold
         for (tile, cells), cell_km, k in zip(self.tiles, (COARSE_CELL_KM, FINE_CELL_KM), (0, 2), strict=True):

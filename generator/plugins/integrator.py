@@ -180,12 +180,14 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             self._response = film_response(camera, self.wavelength_groups)
         return self._response
 
-    def star_electrons(self, camera: NightSkyCamera, emitter: StarEmitter) -> list[Any]:
-        """Expected electrons of each star on the boresight, over the whole point spread function, a Float per channel."""
-        return [mi.Float(values[:, 0]) for values in np.moveaxis(self.electrons_by_band(camera, emitter, 1), 1, 0)]
-
     def electrons_by_band(self, camera: NightSkyCamera, emitter: StarEmitter, bands: int) -> NDArray[np.float64]:
-        """As :meth:`star_electrons`, split into equal bands of the spectral range: (stars, channels, bands)."""
+        """Expected electrons of each star on the boresight, over the whole point spread function.
+
+        Returns
+        -------
+        (stars, channels, bands) array
+            In equal bands of the spectral range.
+        """
         if (emitter.id(), bands) not in self._electrons:
             shape = self.response(camera).of_stars(
                 emitter.colour_table.host(),

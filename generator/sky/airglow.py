@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from generator.light.atmosphere import Atmosphere
 from generator.light.photometry import GRID_NM
+from generator.places.earth import EQUATORIAL_RADIUS_KM
 from generator.sky.component import SkyTable, above_the_air, total
 from generator.sky.directions import sky_grid
 
 Floats = NDArray[np.float64]
 
-EARTH_RADIUS_KM = 6378.0
 LOWER_LAYER_KM, UPPER_LAYER_KM = 87.0, 250.0
 """Heights of the layers: OH, Na, O2 and 557.7 nm come from the lower one, the red lines of oxygen from the upper one."""
 
@@ -42,7 +42,11 @@ UPPER_LINES = [(630.0, 165.0), (636.4, 44.0)]
 
 def van_rhijn(zenith_angle_deg: ArrayLike, layer_km: float = LOWER_LAYER_KM) -> Floats:
     """Brightening of a thin glowing layer away from the zenith. Source: van Rhijn 1921, Publ. Astr. Lab. Groningen 31."""
-    sine = np.sin(np.radians(np.asarray(zenith_angle_deg, float))) * EARTH_RADIUS_KM / (EARTH_RADIUS_KM + layer_km)
+    sine = (
+        np.sin(np.radians(np.asarray(zenith_angle_deg, float)))
+        * EQUATORIAL_RADIUS_KM
+        / (EQUATORIAL_RADIUS_KM + layer_km)
+    )
     return 1 / np.sqrt(1 - sine**2)
 
 

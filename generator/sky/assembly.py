@@ -29,7 +29,6 @@ from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.sky.zodiacal import zodiacal
 
 Floats = NDArray[np.float64]
-NATURAL = ("airglow", "zodiacal", "milky_way", "starlight")
 
 
 @functools.cache

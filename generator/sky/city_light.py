@@ -15,8 +15,9 @@ from generator.light.baked_maps import city_kernel, city_multiple
 from generator.light.disk_scattering import disk_nodes, disk_single
 from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
 from generator.light.photometry import GRID_NM
-from generator.light.single_scattering import EARTH_RADIUS_KM, city_single, disk_points
+from generator.light.single_scattering import city_single, disk_points
 from generator.light.view_directions import view_directions
+from generator.places.earth import MEAN_RADIUS_KM
 from generator.sky.component import SkyTable, black_sky, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
@@ -60,7 +61,7 @@ def city_radiance(
     patch = radius_km / float(np.sqrt(len(spots)))
     curved, flat = (
         city_single(air, wavelength, tau, spots, views, spot_radius_km=patch, earth_radius_km=earth_radius_km)
-        for earth_radius_km in (EARTH_RADIUS_KM, np.inf)
+        for earth_radius_km in (MEAN_RADIUS_KM, np.inf)
     )
     curvature = (curved / flat).reshape(shape)
     once = disk_single(air, wavelength, tau, distance_km, radius_km, views).reshape(shape)

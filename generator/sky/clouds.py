@@ -14,7 +14,7 @@ from generator.light.atmosphere import Atmosphere, optical_depth
 from generator.light.disk_scattering import disk_irradiance
 from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
 from generator.light.photometry import GRID_NM
-from generator.sky.airglow import EARTH_RADIUS_KM
+from generator.places.earth import EQUATORIAL_RADIUS_KM
 from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
@@ -76,13 +76,13 @@ class CloudField:
 
     def slant_depth(self, enu: Floats) -> Floats:
         """Optical depth along lines of sight, (...) array for (..., 3) unit vectors above the horizon."""
-        ratio = EARTH_RADIUS_KM / (EARTH_RADIUS_KM + self.altitude_km)
+        ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + self.altitude_km)
         horizontal = np.maximum(np.hypot(enu[..., 0], enu[..., 1]), 1e-12)
         cosine = np.sqrt(1 - (horizontal * ratio) ** 2)
         # Sine of the angle at the Earth's centre between the site and the point on the layer, without a difference of
         # angles, so that single precision (the emitter's) does too.
         turned = horizontal * (1 - ratio) * (1 + ratio) / (cosine + ratio * enu[..., 2])
-        away = EARTH_RADIUS_KM * np.arcsin(turned) / horizontal
+        away = EQUATORIAL_RADIUS_KM * np.arcsin(turned) / horizontal
         north, east = enu[..., 1] * away - self.north_km, enu[..., 0] * away - self.east_km
         return self.pattern.depth(north, east) / cosine
 
@@ -177,9 +177,11 @@ def light_from_city(
     grid = sky_grid()
     rows, columns = coarse_axes()
     enu = grid.enu[rows][:, columns]
-    ratio = EARTH_RADIUS_KM / (EARTH_RADIUS_KM + altitude_km)
+    ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + altitude_km)
     horizontal = np.hypot(enu[..., 0], enu[..., 1])
-    distance = EARTH_RADIUS_KM * (np.arctan2(horizontal, enu[..., 2]) - np.arcsin(np.clip(horizontal * ratio, 0, 1)))
+    distance = EQUATORIAL_RADIUS_KM * (
+        np.arctan2(horizontal, enu[..., 2]) - np.arcsin(np.clip(horizontal * ratio, 0, 1))
+    )
     place = enu[..., :2] * (distance / np.maximum(horizontal, 1e-12))[..., None]
     turn = np.radians(azimuth_deg)
     middle = distance_km * np.array([np.sin(turn), np.cos(turn)])

@@ -79,7 +79,7 @@ def test_wavelength_sampling_is_converged() -> None:
     fine_sky = np.array(scene.integrator().diffuse(scene, camera))[:, :, 0]
     np.testing.assert_allclose(coarse.sky_electrons, fine_sky, rtol=1e-3)
     emitter = next(emitter for emitter in scene.emitters() if emitter.id() == "stars")
-    fine_stars = np.array(scene.integrator().star_electrons(camera, emitter)[0])
+    fine_stars = scene.integrator().electrons_by_band(camera, emitter, 1)[:, 0, 0]
     boresight = plan.spec.R_cam[2]
     in_front = plan.middle.enu @ boresight > 0.1
     ratio = coarse.star_electrons[in_front] / (fine_stars * (plan.middle.enu @ boresight))[in_front]

@@ -100,7 +100,7 @@ def test_stamps_keep_their_promises(mi) -> None:
 ])  # fmt: skip
 def test_a_few_stars_show_how_all_move(mi, motion, monkeypatch) -> None:
     """Against following every star at every attitude: the same stars, light within 0.1 %, centroids within 0.02 px."""
-    from generator.plugins import star_tracks
+    from generator.plugins import star_paths
 
     plan = plan_frame(
         small_scenario(
@@ -112,7 +112,7 @@ def test_a_few_stars_show_how_all_move(mi, motion, monkeypatch) -> None:
         0,
     )
     probed = render_expected(plan)
-    monkeypatch.setattr(star_tracks, "FEW_SHARES", np.linspace(0, 1, 10_000))
+    monkeypatch.setattr(star_paths, "FEW_SHARES", np.linspace(0, 1, 10_000))
     followed = render_expected(plan)
     inside = followed.fraction_in_frame > 0.01
     assert inside.sum() > 50

@@ -1,11 +1,12 @@
 """UTC and Earth orientation."""
 
+import astropy_iers_data
 import numpy as np
 import pytest
 from astropy.utils import iers
 
-from generator.errors import TimeRangeError
-from generator.places.times import Instant, _finals2000a, earth_orientation
+from generator.errors import DataFileError, TimeRangeError
+from generator.places.times import Instant, earth_orientation, finals2000a
 
 
 def test_round_trip_and_arithmetic_over_a_leap_second() -> None:
@@ -37,9 +38,25 @@ def test_against_astropy_s_reading_of_the_same_table() -> None:
         np.testing.assert_allclose([ours.polar_motion_x_arcsec, ours.polar_motion_y_arcsec], [x, y], atol=3e-4)
 
 
+def test_every_row_of_bulletin_a_is_read() -> None:
+    """Against the bytes that IERS' readme.finals2000A describes (MJD 8-15, x_p 19-27, y_p 38-46, UT1-UTC 59-68)."""
+    with open(astropy_iers_data.IERS_A_FILE, encoding="ascii") as stream:
+        rows = [[float(line[a:b]) for a, b in ((7, 15), (18, 27), (37, 46), (58, 68))]
+                for line in stream if line[58:68].strip()]  # fmt: skip
+    assert len(rows) > 19_000
+    np.testing.assert_allclose(finals2000a(), rows, rtol=0, atol=1e-9)
+
+
+def test_a_damaged_table_is_named(tmp_path, monkeypatch) -> None:
+    (tmp_path / "finals2000A.all").write_text("73 1 2 no table\n" * 3)
+    monkeypatch.setattr(iers, "IERS_A_FILE", str(tmp_path / "finals2000A.all"))
+    with pytest.raises(DataFileError, match=r"finals2000A\.all: not an Earth orientation table.*reinstall"):
+        finals2000a.__wrapped__()
+
+
 @pytest.mark.parametrize("days", [-1.0, 1.0])
 def test_outside_the_table_is_an_error_with_a_remedy(days) -> None:
-    table = _finals2000a()
+    table = finals2000a()
     edge = table[0, 0] if days < 0 else table[-1, 0]
     with pytest.raises(TimeRangeError, match=r"Earth orientation table.*update astropy-iers-data"):
         earth_orientation(Instant(2400000.5, edge + days))

@@ -1,0 +1,103 @@
+"""The moments into which the exposure of each star is cut, and the light that arrives at each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.star_paths import Paths, Placed, relative_light
+from generator.plugins.stars import StarEmitter
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+MOST_MOMENTS = 100_000
+"""Of one star: bounds memory where the camera turns many times during an exposure."""
+MOMENTS_PER_PART = 2
+"""Least moments in each part of a light curve."""
+SHARE_STEP = 0.5e-3
+"""Half the step, in exposures, over which a star's motion across the rows is differenced."""
+SLOWEST = 1e-3
+"""Least part by which readout must outrun a star for the star to be drawn."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """m moments, star by star and in the order of time.
+
+    Attributes
+    ----------
+    star : (m,) array
+        Index of the star.
+    share : (m,) array
+        Of the exposure of the row it falls on, 0 to 1.
+    per_star : (m,) array
+        Moments of that star.
+    """
+
+    star: Rows
+    share: Floats
+    per_star: Rows
+
+
+def cut_exposure(paths: Paths, emitter: StarEmitter, largest_step_px: Floats) -> Moments:
+    """Cut the exposure of each star near the frame into moments between which it moves by a step (px, (n,)) at most."""
+    steps = np.ceil(paths.longest_px * (paths.checks - 1) / largest_step_px[paths.star])
+    count = np.clip(steps, 1, MOST_MOMENTS).astype(np.int64)
+    if emitter.light_curve is not None:
+        parts = emitter.light_curve.shape[1]
+        count = np.maximum(np.ceil(count / parts), MOMENTS_PER_PART).astype(np.int64) * parts
+    first = np.repeat(np.cumsum(count) - count, count)
+    per_star = np.repeat(count, count)
+    share = (np.arange(len(first)) - first + 0.5) / per_star
+    return Moments(np.repeat(paths.star, count), share, per_star)
+
+
+def moment_light(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed) -> Floats:
+    """Light of each moment, (m,) array, over that of the same star on the axis during a whole exposure.
+
+    Lens, horizon, light curve and readout are in it; what stands in front of the sky is not.
+    """
+    above = np.array(placed.direction[2]) >= 0
+    weight = np.where(above, relative_light(camera, placed), 0.0) / moments.per_star
+    if emitter.light_curve is not None:
+        parts = emitter.light_curve.shape[1]
+        part = np.clip((placed.time * parts).astype(np.int64), 0, parts - 1)
+        weight *= emitter.light_curve[moments.star, part]
+    if camera.read_out_share:
+        weight *= _dwell(camera, emitter, moments.star, placed.time)
+    return weight
+
+
+def behind_geometry(scene: Any, placed: Placed) -> NDArray[np.bool_]:
+    """Whether the scene's shapes hide each moment's source, (m,) array."""
+    ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(*(mi.Float(component) for component in placed.direction)))
+    return np.array(scene.ray_test(ray))
+
+
+def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Floats) -> Floats:
+    """Time that a star spends per share of its row's exposure, over the exposure: it moves along with the readout or against.
+
+    Its row v is read out at a time that grows by s per row; as the star itself moves by dv/dt rows, it stays for
+    1 / (1 - s dv/dt) of the exposure.
+    """
+    index = mi.UInt32(star.astype(np.uint32))
+    step = SHARE_STEP * camera.exposure_share
+    placed = []
+    for moment in (FLOAT64(time - step), FLOAT64(time + step)):
+        _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
+        placed.append((v, valid))
+    dr.eval(placed)
+    rows = [np.where(np.array(valid), np.array(v), np.nan) for v, valid in placed]
+    within = np.clip(time + step, 0, 1) - np.clip(time - step, 0, 1)
+    moved = np.nan_to_num(rows[1] - rows[0])
+    rate = np.divide(moved, within, out=np.zeros_like(moved), where=within > 0)
+    per_row = camera.read_out_share / max(camera.height - 1, 1) * (-1 if camera.reads_up else 1)
+    stays = 1 - per_row * rate
+    return np.divide(1, stays, out=np.zeros_like(stays), where=stays > SLOWEST)

@@ -1,0 +1,216 @@
+"""Where stars are on the film during the exposure, and how far they move between two keyframes of it.
+
+Most stars move together, so that one star in every cell of the frame shows how the others do (the probes); flying objects
+each have a path of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.stars import StarEmitter
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+COARSE_CHECKS = 33
+"""Shares of the exposure at which sources without probes are looked at first, to find those near the frame."""
+FEW_SHARES: Floats = np.array([0.0, 0.5, 1.0])
+"""Shares of the exposure at which every star is projected where probes show the rest."""
+PROBES = (32, 24)
+"""Cells across and down the frame, with one probe each."""
+SAFETY = 1.15
+"""Factor on the probes' motion, by more than it differs within a cell."""
+SLACK_PX = 1.0
+"""Added to the probes' excursion, for cells whose stars hardly move."""
+FAR_PX = 200.0
+"""Probes count up to this far beyond the reach of the frame, because they stand for stars nearer to it."""
+LANES_AT_ONCE = 1_000_000
+"""Projections in one launch: enough to fill any device, few enough for its memory."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """m sources on the film, each at one moment.
+
+    Attributes
+    ----------
+    u, v : (m,) arrays
+        Position, px; NaN outside the lens' range.
+    cosine : (m,) array
+        Of the angle from the boresight.
+    valid : (m,) bool array
+        Whether the source lies within the lens' range.
+    time : (m,) array
+        0 to 1 over the shutter's time.
+    direction : tuple of Float64
+        East, north, up on the device.
+    """
+
+    u: Floats
+    v: Floats
+    cosine: Floats
+    valid: NDArray[np.bool_]
+    time: Floats
+    direction: Any
+
+
+def project(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, share: Floats) -> Placed:
+    """Project stars (indices, (m,)) when the rows that they fall on have had shares (m,) of their exposure."""
+    index = mi.UInt32(star.astype(np.uint32))
+    u, v, cosine, valid, time = camera.project_source(lambda time: emitter.direction(index, time), FLOAT64(share))
+    direction = emitter.direction(index, time)
+    dr.eval(u, v, cosine, valid, time, direction)
+    good = np.array(valid)
+    place = [np.where(good, np.array(value, dtype=np.float64), np.nan) for value in (u, v)]
+    return Placed(place[0], place[1], np.array(cosine), good, np.array(time), direction)
+
+
+def relative_light(camera: NightSkyCamera, placed: Placed) -> Floats:
+    """The camera's relative light at positions, (m,) array; 0 outside the lens' range."""
+    u, v = (FLOAT64(np.nan_to_num(position)) for position in (placed.u, placed.v))
+    return np.where(placed.valid, np.array(camera.relative_light(u, v, FLOAT64(placed.cosine))), 0.0)
+
+
+@dataclass(frozen=True)
+class Paths:
+    """The stars whose light may touch the frame at some time, and how far they move.
+
+    Attributes
+    ----------
+    near : (n,) bool array
+        Which of all stars they are.
+    star : (m,) array
+        Their indices.
+    start, end : (m, 2) arrays
+        Positions (u, v) when the exposure of a star's row starts and ends, px; NaN outside the lens' range.
+    longest_px : (m,) array
+        Longest step between two of `checks` evenly spaced shares of the exposure.
+    checks : int
+    """
+
+    near: NDArray[np.bool_]
+    star: Rows
+    start: Floats
+    end: Floats
+    longest_px: Floats
+    checks: int
+
+
+def find_paths(camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, reach_px: float) -> Paths:
+    """Find the stars whose light may touch the frame.
+
+    Parameters
+    ----------
+    camera, emitter
+    middle : Placed
+        All n stars of the emitter, half-way through their rows' exposure.
+    reach_px : float
+        How far beyond the frame a star's centre can be for its light to touch the frame.
+    """
+    everyone = np.arange(emitter.count, dtype=np.int64)
+    checks = max(2, camera.keyframes, emitter.keyframes)
+    excursion, probed = np.zeros(emitter.count), None
+    if emitter.light_curve is None and checks > len(FEW_SHARES):
+        u, v = _tracks(camera, emitter, everyone, FEW_SHARES[::2])
+        u, v = (np.insert(ends, 1, half, axis=1) for ends, half in ((u, middle.u), (v, middle.v)))
+        excursion, probed = _probe(camera, emitter, middle, checks, reach_px)
+    else:
+        u, v = _tracks(camera, emitter, everyone, np.linspace(0, 1, min(checks, COARSE_CHECKS)))
+    steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
+    near = touching.any(axis=1)
+    # Indices are taken several times as fast as masks.
+    chosen = np.flatnonzero(near)
+    if probed is not None:
+        longest = probed[chosen]
+    elif len(chosen) and checks > u.shape[1]:
+        longest = _longest_step(camera, emitter, chosen, checks, reach_px)
+    else:
+        longest = steps.max(axis=1, initial=0.0)[chosen]
+    start, end = (np.stack([u[chosen, share], v[chosen, share]], axis=1) for share in (0, -1))
+    return Paths(near, chosen, start, end, longest, checks)
+
+
+def _tracks(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, shares: Floats) -> tuple[Floats, Floats]:
+    """Positions u and v, (stars, shares) arrays, at shares of the exposure."""
+    placed = project(camera, emitter, np.repeat(star, len(shares)), np.tile(shares, len(star)))
+    return placed.u.reshape(len(star), -1), placed.v.reshape(len(star), -1)
+
+
+def _probe(
+    camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, checks: int, reach_px: float
+) -> tuple[Floats, Floats]:
+    """Bounds on how all n stars move, from one star in every cell of the frame.
+
+    Returns
+    -------
+    excursion : (n,) array
+        How far the image leaves the rectangle around its positions at FEW_SHARES, px.
+    longest : (n,) array
+        Longest step, px, between two of `checks` evenly spaced shares of the exposure.
+    """
+    probes, of_star = _probes(camera, middle)
+    u, v = _tracks(camera, emitter, probes, FEW_SHARES)
+    low, high = (np.stack([f.reduce(u, axis=1), f.reduce(v, axis=1)]) for f in (np.fmin, np.fmax))
+    excursion, longest = np.zeros(len(probes)), np.zeros(len(probes))
+    for shares in _blocks_of_shares(len(probes), checks):
+        u, v = _tracks(camera, emitter, probes, shares)
+        steps, _ = _steps_by_the_frame(camera, u, v, reach_px + FAR_PX)
+        longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
+        for axis, position in enumerate((u, v)):
+            beyond = np.fmax(low[axis][:, None] - position, position - high[axis][:, None])
+            excursion = np.fmax(excursion, np.nan_to_num(beyond).max(axis=1, initial=0.0))
+    return SAFETY * excursion[of_star] + SLACK_PX, SAFETY * longest[of_star]
+
+
+def _probes(camera: NightSkyCamera, middle: Placed) -> tuple[Rows, NDArray[np.intp]]:
+    """The outermost star of each cell, where images move fastest, and the number of each star's probe among them."""
+    columns, rows = (
+        np.clip(np.nan_to_num(position) * (cells / size), 0, cells - 1).astype(np.intp)
+        for position, size, cells in ((middle.u, camera.width, PROBES[0]), (middle.v, camera.height, PROBES[1]))
+    )
+    distance = np.hypot(middle.u - camera.width / 2, middle.v - camera.height / 2)
+    outermost = np.argsort(-np.nan_to_num(distance, nan=-1.0), kind="stable")
+    _, first, cell = np.unique((rows * PROBES[0] + columns)[outermost], return_index=True, return_inverse=True)
+    of_star = np.empty(len(distance), np.intp)
+    of_star[outermost] = cell.ravel()
+    return outermost[first], of_star
+
+
+def _blocks_of_shares(count: int, checks: int) -> Iterator[Floats]:
+    """Evenly spaced shares of the exposure in overlapping blocks, as many at once as `count` stars fill LANES_AT_ONCE."""
+    block = max(1, LANES_AT_ONCE // max(count, 1))
+    for lower in range(0, checks - 1, block):
+        yield np.arange(lower, min(lower + block, checks - 1) + 1) / (checks - 1)
+
+
+def _steps_by_the_frame(
+    camera: NightSkyCamera, u: Floats, v: Floats, reach_px: float | Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Lengths, px, of the steps between successive positions (n, k), and whether their light can touch the frame.
+
+    Steps that cannot count as 0: far outside the frame a rectilinear image moves without bound.
+    """
+    touching = np.ones((u.shape[0], u.shape[1] - 1), dtype=bool)
+    for position, size in ((u, camera.width), (v, camera.height)):
+        lowest, highest = np.fmin(position[:, 1:], position[:, :-1]), np.fmax(position[:, 1:], position[:, :-1])
+        touching &= (highest > -reach_px - 1) & (lowest < size + reach_px)
+    steps = np.nan_to_num(np.hypot(np.diff(u), np.diff(v)))
+    return np.where(touching, steps, 0.0), touching
+
+
+def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: Rows, checks: int, reach_px: float) -> Floats:
+    """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
+    longest = np.zeros(len(chosen))
+    for shares in _blocks_of_shares(len(chosen), checks):
+        steps, _ = _steps_by_the_frame(camera, *_tracks(camera, emitter, chosen, shares), reach_px)
+        longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
+    return longest
