@@ -1,7 +1,7 @@
 """Physically based synthetic night-sky frames, with complete truth.
 
 A scenario file and a frame index become an image, the expected electrons behind it, a frame record and a table of every
-star in the field. The way there: catalogue, apparent places, atmosphere, Mitsuba scene, expected electrons, detector.
+star in the field. The stages: catalogue, apparent places, atmosphere, Mitsuba scene, expected electrons, detector.
 """
 
 from importlib.metadata import version

@@ -1,7 +1,7 @@
 """The one door to colour-science and colour-demosaicing: imported when first needed, without effects on this process.
 
 Their import takes over a second, switches NumPy's printing of all numbers to that of version 1.13, adds filters of warnings,
-and warns of optional packages that are missing and of names that SciPy has moved. None of this outlasts the functions below.
+and warns of optional packages that are missing and of names that SciPy has moved. The functions below undo all of this.
 """
 
 from __future__ import annotations

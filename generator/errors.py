@@ -1,10 +1,10 @@
-"""What can go wrong in the generator, as types that say whose move it is."""
+"""Errors of the generator; the type says what the user can change: scenario, data files, time or installation."""
 
 from __future__ import annotations
 
 
 class GeneratorError(Exception):
-    """Base of the generator's errors. The message is one line (or a short list) for a person to act upon."""
+    """Base of the generator's errors. The message is one line, or a short list, that names the remedy."""
 
 
 class ScenarioError(GeneratorError):
@@ -12,7 +12,7 @@ class ScenarioError(GeneratorError):
 
 
 class DataFileError(GeneratorError):
-    """A data file that the generator needs is missing, truncated or of another kind."""
+    """A data file of the generator is missing, truncated or of another format."""
 
 
 class TimeRangeError(GeneratorError):

@@ -1,8 +1,8 @@
-"""Finding what Mitsuba needs, and starting it once.
+"""Finding the libraries of Mitsuba, and starting it once.
 
 Mitsuba's LLVM variants load ``libLLVM`` when first imported, by the environment variable ``DRJIT_LIBLLVM_PATH``; set later it
 is ignored. LLVM older than 17 aborts the process at the first real kernel, which no ``except`` catches, so every candidate
-is tried in a process of its own first.
+is first tried in a separate process.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class LlvmLibrary:
 
 
 def _probe(path: str) -> LlvmLibrary:
-    """Load a library and run a kernel on it in a process of its own."""
+    """Load a library and run a kernel on it in a separate process."""
     command = [sys.executable, "-c", _LLVM_PROBE, path, str(MINIMUM_LLVM)]
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S, check=False)
@@ -140,7 +140,7 @@ def find_llvm() -> LlvmLibrary:
     Raises
     ------
     RuntimeUnavailableError
-        None is usable; the message lists what was tried, and what to do.
+        No library is usable; the message lists those tried, and the remedy.
     """
     tried = []
     for path in llvm_candidates():
@@ -153,7 +153,7 @@ def find_llvm() -> LlvmLibrary:
 
 @functools.cache
 def cuda_works() -> bool:
-    """Whether a GPU is there that Dr.Jit can compute on (tried in a process of its own)."""
+    """Whether Dr.Jit can compute on a GPU (tried in a separate process)."""
     if not Path("/proc/driver/nvidia/version").exists():
         return False
     try:
@@ -166,7 +166,7 @@ def cuda_works() -> bool:
 
 
 def choose_variant() -> str:
-    """Return the Mitsuba variant to use: what ``SKYBENCH_VARIANT`` asks for, else CUDA where a GPU works, else LLVM."""
+    """Return the Mitsuba variant to use: that of ``SKYBENCH_VARIANT``, else CUDA where a GPU works, else LLVM."""
     asked = os.environ.get(VARIANT_VARIABLE)
     if asked:
         if asked not in VARIANTS:
@@ -193,7 +193,7 @@ def start(variant: str | None = None) -> Any:
 
 
 def set_threads(count: int) -> None:
-    """Let Dr.Jit compute on `count` threads of this process."""
+    """Set the number of threads on which Dr.Jit computes in this process."""
     start()
     import drjit
 

@@ -2,7 +2,7 @@
 
 Every random draw belongs to a stream that is named after what it makes. The stream's key and the frame's index go into
 the spawn key of a NumPy ``SeedSequence``, whose hashing makes streams of neighbouring seeds, indices and names
-statistically independent (O'Neill 2015, "Developing a seed_seq alternative"). A frame can be made again alone.
+statistically independent (O'Neill 2015, "Developing a seed_seq alternative"). Any frame can be reproduced alone.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def run_worker(task: str, *index: int) -> tuple[Floats, Floats]:
     Raises
     ------
     GeneratorError
-        With the worker's last words.
+        The worker failed; the message ends with its own.
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / f"{task}.npz"
@@ -44,7 +44,7 @@ def run_worker(task: str, *index: int) -> tuple[Floats, Floats]:
 
 
 def moon_singles(air: BakedAir, grid: MoonGrid) -> tuple[Floats, Floats]:
-    """Moonlight scattered once on the map's axes: by the bake's two layers, and by the closed form that stands for it."""
+    """Moonlight scattered once on the map's axes: by quadrature in two layers, and in closed form."""
     moon, azimuth = np.radians(grid.moon_altitude_deg)[:, None], np.radians(grid.relative_azimuth_deg)
     rayleigh = rayleigh_optical_depth(np.array(grid.wavelength_nm), air.pressure_hpa)
     layers, closed = [], []

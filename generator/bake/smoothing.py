@@ -45,7 +45,7 @@ def evaluated(coefficients: Floats, bases: Sequence[Floats]) -> Floats:
 
 
 def within_cells(edges: Floats) -> tuple[Floats, Floats]:
-    """Gauss-Legendre points in each cell of an axis, (cells * GAUSS_POINTS,) arrays of places and weights of sum 1 a cell."""
+    """Gauss-Legendre places and weights (sum 1 per cell) in the cells of an axis, (cells * GAUSS_POINTS,) arrays."""
     node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     return (middle[:, None] + half[:, None] * node).ravel(), np.tile(weight / 2, len(middle))

@@ -1,4 +1,4 @@
-"""What the random walks collect: light of lamps on the ground, and light of the Moon.
+"""Estimators evaluated along the random walks: light of lamps on the ground, and light of the Moon.
 
 Sums are kept in 64-bit integers, so that they do not depend on the order of the threads.
 """
@@ -22,7 +22,7 @@ FIXED_POINT = 2.0**40
 
 
 LEAST_SINE = 1e-3
-"""Of the directions that are looked into besides the paths' own."""
+"""Directions sampled in addition to the path's own."""
 PER_LOG = -math.log(LEAST_SINE)
 
 
@@ -86,7 +86,7 @@ def city_piece(air: Air, grid: CityGrid, view_altitude_deg: float, seed: int) ->
 
 
 def mean_and_error(batches: Floats) -> tuple[Floats, Floats]:
-    """Mean over the first axis, and its relative standard error (infinite where there is nothing)."""
+    """Mean over the first axis, and its relative standard error (infinite where the mean is 0)."""
     mean = batches.mean(axis=0)
     error = batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
     return mean, np.where(mean > 0, error / np.where(mean > 0, mean, 1), np.inf)

@@ -1,7 +1,7 @@
-"""The bake's radiative transfer once more, by Mitsuba's ``volpath``: the independent judge of the random walks.
+"""The bake's radiative transfer by Mitsuba's ``volpath``: an independent check of the random walks.
 
-Runs in a process of its own: see :mod:`generator.bake.worker`. Lengths are kilometres (float32 needs it). The observer
-stands 2 m above the ground at the origin.
+Runs in a process of its own: see :mod:`generator.bake.worker`. Lengths are in kilometres, for the sake of single precision.
+The observer stands 2 m above the ground at the origin.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from generator.light.view_directions import view_directions
 Floats = NDArray[np.float64]
 LAYERS = 512
 HALF_WIDTH_KM = 2000.0
-"""4,000 km of air stand in for an infinite plane."""
+"""A layer 4,000 km across approximates an infinite plane."""
 OBSERVER_KM = 0.002
 MAX_DEPTH = 24
 PHASE_NODES = 40_001
 
 
 def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light: dict[str, Any]) -> dict[str, Any]:
-    """Scene of air over ground, lit by `light`. Ozone, which scatters nothing, is left to the maps' users."""
+    """Scene of air over ground, lit by `light`. Ozone only absorbs; it is applied when the maps are used."""
     height = (np.arange(LAYERS) + 0.5) * air.top_km / LAYERS
 
     def profile(optical_depth: float, scale_km: float) -> Floats:
@@ -79,7 +79,7 @@ def air_scene(air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, light
 
 
 def _trace(scene: Any, start: Any, direction: Any, count: int, seed: int, hide: bool = False) -> Any:
-    """Radiance (channels, count) at `start` from `direction`, one path each; `hide`: none straight from lights."""
+    """Radiance (channels, count) at `start` from `direction`, one path each; `hide`: none straight from lamps."""
     integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": 8, "hide_emitters": hide})
     medium = next(shape.interior_medium() for shape in scene.shapes() if shape.interior_medium() is not None)
     sampler = mi.load_dict({"type": "independent"})
@@ -116,11 +116,11 @@ def radiance(scene: Any, directions: Floats, paths: int, seed: int) -> tuple[Flo
 def multiply_scattered(
     scene: Any, air: BakedAir, wavelength_nm: float, aerosol_tau_550: float, directions: Floats, paths: int, seed: int
 ) -> tuple[Floats, Floats]:
-    """Radiance towards the observer without the light that was scattered only once, and its standard error.
+    """Radiance of light scattered more than once, towards the observer, and its standard error.
 
     The last scattering before the observer is drawn here: its place in proportion to the light it passes on, the direction
-    from which the light comes by the phase function. Mitsuba traces the rest, so that every path counts, and light straight
-    from the lamps is left out.
+    from which the light comes by the phase function. Mitsuba traces the rest of each path, so that every path contributes;
+    light straight from the lamps is left out.
 
     Returns
     -------
@@ -165,18 +165,18 @@ def multiply_scattered(
 
 
 VIEWS_DEG = ((8.0, 36.0, 90.0), (0.0, 75.0, 180.0))
-"""Altitudes and azimuths in which the walks are judged."""
+"""Altitudes and azimuths at which the walks are compared."""
 JUDGED_NM, JUDGED_TAU = 430.0, 0.3
 DISK_RINGS = 22
 """Rings of lamps of CityGrid, out to 29.5 km."""
 
 
 BESIDE_KM = (8.0, 10.0)
-"""Distance and radius of a city of which the observer is inside, but not in the middle."""
+"""Distance and radius of a city that contains the observer off its centre, km."""
 
 
 def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
-    """Light of a disk of Lambert lamps around the observer, without light scattered once, at the altitudes of VIEWS_DEG.
+    """Multiply scattered light of a disk of Lambert lamps around the observer, at the altitudes of VIEWS_DEG.
 
     Its edge is the edge of a ring of CityGrid.
 
@@ -189,7 +189,7 @@ def disk_of_lamps(paths: int = 200_000) -> tuple[Floats, Floats]:
 
 
 def disk_beside(paths: int = 100_000) -> tuple[Floats, Floats]:
-    """The same for the disk of BESIDE_KM, in all directions of VIEWS_DEG, azimuths from its middle's: (9,) arrays."""
+    """The same for the disk of BESIDE_KM, in all directions of VIEWS_DEG, azimuths relative to its centre: (9,) arrays."""
     return _lamps_scattered_on(*BESIDE_KM, VIEWS_DEG[1], paths)
 
 
@@ -223,7 +223,7 @@ def moonlit(moon_altitude_deg: float = 30.0, paths: int = 80_000) -> tuple[Float
 
 
 def furnace(paths: int = 30_000, wavelength_nm: float = 400.0) -> tuple[Floats, Floats]:
-    """Radiance seen in 8 directions in a white furnace: nothing absorbs, and light of radiance 1 comes from everywhere."""
+    """Radiance in 8 directions in a white furnace: no absorption, isotropic light of radiance 1; exactly 1."""
     air = BakedAir(aerosol_albedo=1.0, ground_albedo=1.0)
     light = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     scene = mi.load_dict(air_scene(air, wavelength_nm, 0.2, light))

@@ -1,10 +1,10 @@
 """Random walks from the observer through two exponential layers of air over a Lambert ground, with Dr.Jit.
 
 The walk goes backwards, from the observer to the light. It is exact in the air's height (free paths are inverted, not
-tracked), and one walk serves every place of the lamps and every place of the Moon: the air is the same everywhere, so that
-where a path meets the ground is a lamp's place, and its direction there a direction of emission. No estimate contains the
-inverse square of a distance, which makes the variance finite; Mitsuba's ``volpath`` towards a small disk of lamps has none.
-Lengths are kilometres. The first scattering is drawn in proportion to the light it passes on.
+tracked), and one walk serves all places of the lamps and of the Moon: the air is horizontally uniform, so that the point
+where a path meets the ground is a lamp's place, and the path's direction there a direction of emission. No estimate
+contains the inverse square of a distance, so the variance is finite; that of Mitsuba's ``volpath`` towards a small disk of
+lamps is not. Lengths are kilometres. The first scattering is drawn in proportion to the light it passes on.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ class Air:
         self.r, self.a, self.whole = (dr.opaque(Float, part) for part in (self.depth_r, self.depth_a, self.total))
 
     def height(self, depth: Any) -> Any:
-        """Height at which so much optical depth lies below, km."""
+        """Height below which a given optical depth lies, km."""
         y = lookup(self.table, depth / self.whole)
         return -self.air.rayleigh_height_km * dr.log(dr.maximum(y, 1e-6))
 
     def phase(self, cosine: Any, by_aerosol: Any) -> Any:
-        """Phase function of what scatters, sr^-1."""
+        """Phase function of the mixture of air and aerosol, sr^-1."""
         molecules = 3 / (16 * math.pi) * (1 + cosine * cosine)
         aerosol = lookup(self.aerosol, dr.acos(dr.clip(cosine, -1, 1)) / math.pi)
         return dr.fma(by_aerosol, aerosol - molecules, molecules)
@@ -121,7 +121,7 @@ class Scattering:
     order : int
         1 for the one next to the observer.
     weight : Float
-        What light that comes back along the path counts for.
+        Weight of light that comes back along the path.
     x, y, height : Float
         Place, km.
     depth : Float

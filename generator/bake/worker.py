@@ -1,7 +1,7 @@
 """One baking task in a process of its own (``python -m generator.bake.worker TASK OUT``).
 
-Dr.Jit must find LLVM before it is first imported, and a process has one variant of Mitsuba, which for the judge of the
-maps is another than that of the frames.
+Dr.Jit must find LLVM before it is first imported, and a process has one variant of Mitsuba; the check by ``volpath`` needs
+another variant than the frames.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from generator.files import atomic_path
 from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
 
 Floats = NDArray[np.float64]
-JUDGED = ("furnace", "disk_of_lamps", "disk_beside", "moonlit")
+VOLPATH_TASKS = ("furnace", "disk_of_lamps", "disk_beside", "moonlit")
 """Tasks of :mod:`generator.bake.volpath`."""
 GRIDS: dict[str, MoonGrid | CityGrid] = {"moon": MoonGrid(), "city": CityGrid()}
 
@@ -47,9 +47,9 @@ def piece(grid: MoonGrid | CityGrid, aerosol: int, wavelength: int, view: int) -
 
 
 def main(task: str, out: Path, *index: str) -> None:
-    """Compute a map, one piece of it by its indices, or one of the judge's tasks; write mean and error to `out`."""
+    """Compute a map, one piece of it by its indices, or a task of VOLPATH_TASKS; write mean and error to `out`."""
     os.environ[mitsuba_runtime.LLVM_VARIABLE] = mitsuba_runtime.find_llvm().path
-    if task in JUDGED:
+    if task in VOLPATH_TASKS:
         import mitsuba
 
         mitsuba.set_variant("llvm_ad_mono")
@@ -57,7 +57,7 @@ def main(task: str, out: Path, *index: str) -> None:
 
         mean, error = getattr(volpath, task)()
     elif task not in GRIDS:
-        raise GeneratorError(f"found task {task!r}, expected one of {', '.join([*JUDGED, *GRIDS])}")
+        raise GeneratorError(f"found task {task!r}, expected one of {', '.join([*VOLPATH_TASKS, *GRIDS])}")
     elif index:
         mean, error = piece(GRIDS[task], *(int(part) for part in index))
     else:

@@ -19,7 +19,7 @@ from generator.scenario.file import Scenario
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
 RELEASED = "2026-11-21"
-"""When this version of skybench was released; the dataset's own date would make its bytes differ from run to run."""
+"""When this version of skybench was released; a date of its own would make the dataset's bytes differ from run to run."""
 SCHEMAS = (FRAME_SCHEMA, STAR_SCHEMA, OBJECT_SCHEMA)
 PROJECT_URL = "https://pypi.org/project/skybench/"
 

@@ -97,9 +97,9 @@ def export_coco(dataset: Dataset, out: Path, progress: Progress) -> None:
 def export_fits(dataset: Dataset, out: Path, progress: Progress) -> None:
     """Write one FITS image a frame, with a TAN-SIP world coordinate system fitted to the truth.
 
-    The system maps pixels to ICRS places of the stars, so that refraction and aberration are part of it. It is left out, and
-    the header's keyword WCSFIT says why, where the field is wider than a gnomonic projection bears, where too few stars are
-    in it, or where the fit leaves more than LARGEST_WCS_RESIDUAL_PX.
+    The system maps pixels to ICRS places of the stars, so that refraction and aberration are part of it. It is left out,
+    and the header's keyword WCSFIT gives the reason, if the field is too wide for a gnomonic projection, has too few stars,
+    or if the residual of the fit exceeds LARGEST_WCS_RESIDUAL_PX.
     """
     stars = dict(iter(dataset.stars().to_pandas().groupby("index")))
     for frame in dataset.stored_frames():
@@ -139,7 +139,7 @@ def _world_coordinates(stars: pd.DataFrame | None, camera: dict[str, Any]) -> fi
         return header
     pixels = (stars["u_px"].to_numpy(), stars["v_px"].to_numpy())
     places = SkyCoord(stars["ra_deg"].to_numpy() * u.deg, stars["dec_deg"].to_numpy() * u.deg)
-    # The tangent point must be where the principal point looks, or distortion terms would have to make up for it.
+    # The tangent point must lie at the principal point; otherwise the distortion terms would have to absorb the offset.
     tangent: Any = "center"
     for _ in range(TANGENT_ROUNDS):
         system = fit_wcs_from_points(pixels, places, proj_point=tangent)
@@ -156,10 +156,10 @@ def _world_coordinates(stars: pd.DataFrame | None, camera: dict[str, Any]) -> fi
 
 
 def export_withheld(dataset: Dataset, out: Path, progress: Progress) -> None:
-    """Write images and what a solver may know, under names that tell nothing; the truth and the recipe stay behind.
+    """Write images and the inputs of a solver under names that reveal nothing; truth and scenario are left out.
 
-    Frames are named by a keyed hash of their index (the key is the scenario's hash, which only the owner of the scenario
-    has), and written in the order of these names.
+    Frames are named by a keyed hash of their index, whose key is the hash of the scenario, known only to its owner; they
+    are listed in the order of these names.
     """
     entries = []
     for frame in dataset.stored_frames():

@@ -23,7 +23,7 @@ FRAMES_MEASURED = 4
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a scenario would make.
+    """Forecast of a scenario.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ def generate(
     frame_done: Callable[[int], None] = lambda index: None,
     shard_done: Callable[[ShardReport], None] = lambda report: None,
 ) -> RunReport:
-    """Make a dataset, or what is still missing of it.
+    """Make a dataset, or complete an interrupted one.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def generate(
     run : callable
         The backend: :func:`generator.dataset.run.run_shards` or one like it.
     frame_done, shard_done : callables
-        Called as work goes on.
+        Called after each frame and each shard.
 
     Returns
     -------
@@ -89,11 +89,11 @@ def generate(
 def _finish(
     scenario: Scenario, spec: DatasetSpec, target: Target, first: int, stop: int, stored: list[StoredFile]
 ) -> None:
-    """Write what describes the whole dataset; the manifest last."""
+    """Write the files that describe the whole dataset; the manifest last."""
     try:
         target.remove(MANIFEST)
         if isinstance(target, LocalTarget):
-            # Temporary files of killed workers can go now: with every shard in place, nobody is writing one.
+            # Every shard is in place, so temporary files can only be those of killed workers.
             for prefix in (UNFINISHED_PREFIX, INCOMING_PREFIX):
                 for leftover in target.folder.rglob(f"{prefix}*"):
                     leftover.unlink(missing_ok=True)

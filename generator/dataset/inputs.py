@@ -1,4 +1,4 @@
-"""Files that a scenario names (meshes, horizons, logs, …), kept with the dataset so that it can be made again from itself."""
+"""Files that a scenario names (meshes, horizons, logs, …), copied into the dataset to make it reproducible."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from generator.scenario.file import Scenario
 from generator.scenario.strict import InputFile
 
 OWN_NAMES = (*TABLES, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
-"""What lies at a dataset's root; a scenario's own file may not take the place of any of it."""
+"""Names at a dataset's root, which a scenario's own files may not have."""
 _SAFE_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
 
 def store_inputs(target: Target, scenario: Scenario) -> None:
-    """Copy the scenario's files to where the dataset's copy of the scenario finds them; those already there are checked.
+    """Copy the scenario's files beside the dataset's copy of the scenario; existing copies are checked.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def store_inputs(target: Target, scenario: Scenario) -> None:
 
 
 def check_name(path: str) -> None:
-    """Refuse a path that another system may not bear, or that is one of the dataset's own. Raises GeneratorError."""
+    """Refuse a path that is not portable, or that is one of the dataset's own. Raises GeneratorError."""
     parts = path.split("/")
     if not all(_SAFE_PART.fullmatch(part) for part in parts):
         raise GeneratorError(

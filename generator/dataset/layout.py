@@ -23,7 +23,7 @@ TABLES = ("frames", "stars", "objects")
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """What a dataset is, beside its scenario.
+    """Options of a dataset, beside its scenario.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class DatasetSpec:
     codec: str = "png"
 
     def __post_init__(self) -> None:
-        """Refuse values that make no dataset. Raises GeneratorError."""
+        """Refuse invalid options. Raises GeneratorError."""
         if not self.split.isidentifier():
             raise GeneratorError(f"split '{self.split}': use letters, digits and _")
         if self.shard_size < 1:
@@ -96,12 +96,12 @@ class Shard:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Paths of all that the manifest lists of the shard."""
+        """Paths of the shard's files that the manifest lists."""
         return (self.tar, self.frames, self.stars, self.objects)
 
     @property
     def receipt(self) -> str:
-        """Path of the receipt: written last, it says that the shard is whole."""
+        """Path of the receipt, written last: it marks the shard as complete."""
         return f"receipts/{self.split}/{self.stem}.json"
 
     @property

@@ -1,4 +1,4 @@
-"""The manifest: what a dataset consists of, written when everything else is whole."""
+"""The manifest: the list of a dataset's files, written when all others are complete."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def ray_runner(address: str | None = None) -> Runner:
                      configure_logging=False, log_to_driver=False)  # fmt: skip
         except (ConnectionError, RuntimeError) as error:
             raise GeneratorError(f"cannot reach a Ray cluster: {error}") from error
-        # Ray reports dead workers on standard output, which belongs to the caller's own lines.
+        # Ray reports dead workers on standard output, which is reserved for the command's own output.
         with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
             stack.callback(ray.shutdown)
             task: Any = ray.remote(num_cpus=1, max_retries=TRIES_PER_SHARD)(_render_on_one_thread)
@@ -76,7 +76,7 @@ def _render_on_one_thread(shared: tuple[Scenario, DatasetSpec, Target], shard: S
 
 
 def _check_reachable(address: str) -> None:
-    """Refuse an address that nobody listens at; Ray itself would try for minutes."""
+    """Refuse an address where no server listens; Ray itself would retry for minutes."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon:
         return  # a name such as "auto", which Ray resolves

@@ -1,4 +1,4 @@
-"""Making a dataset: shards on one or several processes, killed and resumed without a trace."""
+"""Making a dataset: shards on one or several processes; resumes if interrupted, with the same bytes."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ class Part:
 
 @dataclass(frozen=True)
 class RunReport:
-    """What came of a run.
+    """Result of a run.
 
     Attributes
     ----------
     reports : tuple of ShardReport
         Of the shards of this part.
     missing : tuple of Shard
-        Shards of the dataset that are not there, other parts' included.
+        Shards that the dataset still lacks, those of other parts included.
     """
 
     reports: tuple[ShardReport, ...]
@@ -64,9 +64,9 @@ class RunReport:
 
 
 def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
-    """Prepare a dataset's place: its copy of the scenario goes in first, then the files that it names.
+    """Prepare a dataset's place: store the copy of the scenario, then the files that it names.
 
-    Another scenario's place is refused.
+    A place that holds another scenario's dataset is refused.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def run_shards(
 ) -> Iterator[ShardReport]:
     """Make shards, in this process (`workers` 0) or in `workers` processes of one thread each; reports as they finish.
 
-    A worker that dies takes its shard back to the queue, at most TRIES_PER_SHARD times.
+    The shard of a worker that dies is queued again, at most TRIES_PER_SHARD times.
 
     Raises
     ------
@@ -195,14 +195,14 @@ def _drain(done: Any, progress: Callable[[int], None]) -> None:
 
 
 Runner = Callable[[Scenario, DatasetSpec, list[Shard], Target, int, Callable[[int], None]], Iterator[ShardReport]]
-"""What a backend does: make shards and yield a report for each (:func:`run_shards`)."""
+"""A backend: makes shards and yields a report for each, as :func:`run_shards` does."""
 
 _worker: dict[str, Any] = {}
-"""What a worker process was started with; empty in every other process."""
+"""Arguments of a worker process; empty in every other process."""
 
 
 def prepare_worker() -> None:
-    """Let this process compute on one thread: Dr.Jit and linear algebra."""
+    """Limit Dr.Jit and linear algebra in this process to one thread."""
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)

@@ -51,7 +51,7 @@ class FailedFrame:
 
 @dataclass(frozen=True)
 class ShardReport:
-    """What came of a shard: its files, or the frames that stand in the way of it."""
+    """Result of a shard: its files, or the frames that failed."""
 
     shard: Shard
     files: tuple[StoredFile, ...]
@@ -60,7 +60,7 @@ class ShardReport:
 
     @property
     def complete(self) -> bool:
-        """Whether the shard is whole under its final names."""
+        """Whether all files of the shard have their final names."""
         return not self.failures
 
 
@@ -79,10 +79,10 @@ def render_shard(
     target: Target,
     progress: Callable[[int], None] = lambda index: None,
 ) -> ShardReport:
-    """Render a shard into a dataset, or find that it is already there.
+    """Render a shard into a dataset, unless it is complete already.
 
-    All frames are made before any file takes its final name; the receipt is stored last. A frame that fails is tried
-    again; if it fails again, the others go on, and the shard is left out.
+    All frames are made before any file takes its final name; the receipt is stored last. A frame that fails is tried again;
+    if it fails twice, the other frames are still rendered, but the shard is not stored.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ class _FramesFailedError(Exception):
 
 
 def _try_frame(scenario: Scenario, index: int, spec: DatasetSpec, log: TextIO) -> RenderedFrame | FailedFrame:
-    """Render a frame, again if it fails; a full disk or the like is not the frame's fault and is passed on."""
+    """Render a frame, twice if it fails; errors of the operating system, such as a full disk, are raised."""
     problem = ""
     for attempt in range(TRIES_PER_FRAME):
         try:

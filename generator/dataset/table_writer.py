@@ -1,4 +1,4 @@
-"""Parquet files written while a shard is made, so that no shard's truth has to fit into memory."""
+"""Parquet files written while a shard is rendered, so that its truth need not fit into memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from generator.files import atomic_path
 
 ROWS_PER_GROUP = 1 << 17
 REPEATED = ("index", "frame_id", "kind", "split", "shard")
-"""Columns of few values, which are worth a dictionary."""
+"""Columns with few distinct values, stored with a dictionary."""
 
 
 class TableWriter:
@@ -35,7 +35,7 @@ class TableWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is waiting as one row group."""
+        """Write the pending rows as one row group."""
         # A row group without rows stops the readers of `datasets`; a file without row groups does not.
         if self._rows:
             self._writer.write_table(pa.concat_tables(self._waiting), row_group_size=self._rows)
@@ -44,7 +44,7 @@ class TableWriter:
 
 @contextmanager
 def table_writer(path: Path, schema: pa.Schema) -> Iterator[TableWriter]:
-    """Write a Parquet file of a schema; it takes its name when the block ends without an error.
+    """Write a Parquet file of a schema; it receives its final name when the block ends without an error.
 
     Floating-point columns are stored byte by byte (BYTE_STREAM_SPLIT), which makes them smaller and quicker to compress.
     """

@@ -1,4 +1,4 @@
-"""Where a dataset is put: a local folder, or any URL that fsspec knows, such as s3://bucket/name."""
+"""Storage of a dataset: a local folder, or any URL that fsspec supports, such as s3://bucket/name."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Target(Protocol):
         """Size of a file in bytes, or None when it is not there."""
 
     def put(self, local: Path, place: str) -> None:
-        """Store a local file; under its name it is whole or not there."""
+        """Store a local file; it appears under its name only when complete."""
 
     def remove(self, place: str) -> None:
-        """Remove a file; fine when it is not there."""
+        """Remove a file if it exists."""
 
     def fetch(self, place: str, scratch: Path) -> Path:
-        """A local file with the contents of a stored one, in the folder `scratch` if need be."""
+        """A local file with the contents of a stored one, copied into the folder `scratch` if necessary."""
 
     def listing(self) -> list[str]:
         """Names at the dataset's root."""
@@ -82,7 +82,7 @@ class LocalTarget:
 
 @dataclass(frozen=True)
 class RemoteTarget:
-    """An fsspec URL; objects appear whole, as object stores have it."""
+    """An fsspec URL; object stores write objects atomically."""
 
     url: str
 

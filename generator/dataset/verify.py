@@ -1,4 +1,4 @@
-"""`skybench verify`: holds a dataset on disk against its manifest, and the manifest against its scenario."""
+"""`skybench verify`: compares a dataset on disk with its manifest, and the manifest with its scenario."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from generator.errors import GeneratorError
 from generator.scenario.file import load_scenario
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
-"""What a frame has besides, where its sensor develops a picture or shows a head-up display."""
+"""Further members of a frame whose sensor develops a picture or shows a head-up display."""
 UNLISTED_FOLDERS = ("logs", "receipts")
 
 
 def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) -> list[str]:
-    """Everything that is wrong with a dataset, a line each with the file's name; an empty list when all is well.
+    """Problems of a dataset, one line each with the file's name; an empty list for an intact dataset.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
 
 
 def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
-    """Where the manifest does not belong to the scenario beside it, or does not list all of its shards."""
+    """Disagreements between the manifest and the scenario beside it, and shards that the manifest does not list."""
     try:
         scenario = load_scenario(folder / SCENARIO_COPY)
         spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
@@ -79,7 +79,7 @@ def _file_problem(folder: Path, listed: StoredFile) -> str:
 
 
 def _content_problems(dataset: Dataset) -> list[str]:
-    """Where tables and archives, with all files as listed, do not agree with each other."""
+    """Disagreements between tables and archives whose bytes are as listed."""
     try:
         dataset.stars()
         dataset.objects()

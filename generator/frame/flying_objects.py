@@ -1,8 +1,8 @@
 """Satellites, aircraft and meteors: where they are during the exposure, and how bright.
 
 A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006,
-AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. A satellite
-is drawn as bright as the scenario says whether or not it is in the Earth's shadow.
+AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. The scenario
+sets a satellite's brightness; the Earth's shadow is not considered.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class FrameFolder:
     """The folder that `skybench render` writes.
 
     The tables of truth appear when the last frame is written. Until then each frame's rows lie in a hidden folder, so that
-    an interrupted run loses at most the frame that it was at.
+    an interrupted run loses at most the frame being rendered.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class FrameFolder:
         Parameters
         ----------
         overwrite : bool
-            Remove frames that are there, of whatever scenario.
+            Remove existing frames, of any scenario.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class FrameFolder:
                 self._clear()
             else:
                 self._refuse_other_frames()
-                for prefix in _TEMPORARY:  # what a killed run was writing
+                for prefix in _TEMPORARY:  # left by a killed run
                     for path in self.folder.glob(f"{prefix}*"):
                         path.unlink()
         except OSError as error:
@@ -104,9 +104,9 @@ class FrameFolder:
                 )
 
     def missing(self, exr: bool, layers: bool) -> list[int]:
-        """Frames that are not there in full, by index.
+        """Indices of incomplete frames.
 
-        Where there are any, finished tables are taken apart again, so that the folder does not look finished.
+        If there are any, finished tables are split into single frames again, so that the folder does not look finished.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class FrameFolder:
         self._put_rows(index, STARS_FILE, stars)
 
     def finish(self) -> None:
-        """Write the tables of all frames; the stars last, as a mark that the folder is whole."""
+        """Write the tables of all frames; the stars last, which marks the folder as complete."""
         for name in (OBJECTS_FILE, STARS_FILE):
             tables = list(self._tables(name))
             if tables or name == STARS_FILE:

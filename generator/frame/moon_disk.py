@@ -1,4 +1,4 @@
-"""The Moon's disk as points of light, so that a resolved Moon is drawn like stars are and keeps its light."""
+"""The Moon's disk as points of light, so that a resolved Moon is drawn like the stars and its light is conserved."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def moon_points(
 ) -> tuple[Floats, Floats]:
     """Points over the lit part of the Moon's disk.
 
-    The lit part is even in brightness, as the full Moon's nearly is (Lommel-Seeliger's law at small phase angles), and the
-    terminator is where the Sun sets.
+    The lit part is uniform in brightness, as that of the full Moon nearly is (Lommel-Seeliger's law at small phase angles),
+    and the terminator is where the Sun sets.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def moon_points(
     distance_km : float
     phase_angle_deg : float
     f_px : float
-        Pixels per radian in the middle of the image: the points are half a pixel apart.
+        Pixels per radian at the image centre; the points are half a pixel apart.
 
     Returns
     -------

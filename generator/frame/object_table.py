@@ -1,4 +1,4 @@
-"""The table of flying objects and the Moon: what docs/dataset_format.md promises of objects.parquet."""
+"""The table of flying objects and the Moon: the format of objects.parquet in docs/dataset_format.md."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OBJECT_SCHEMA = pa.schema(
 
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects and of the Moon: those whose light reaches the frame, hidden ones too.
+    """Return the truth of a frame's flying objects and of the Moon: those in the frame, occluded ones included.
 
     The Moon's row comes last, with the object number MOON_OBJECT and V above the atmosphere.
     """

@@ -1,4 +1,4 @@
-"""Pictures for people: frames stretched so that faint and bright stars both show, and contact sheets of them."""
+"""Previews: frames stretched such that faint and bright stars are both visible, and contact sheets of them."""
 
 from __future__ import annotations
 

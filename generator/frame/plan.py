@@ -1,4 +1,4 @@
-"""What a frame needs before any light is computed: times, Earth orientation, and the stars above the horizon."""
+"""The plan of a frame, made before any light is computed: times, Earth orientation, and the stars above the horizon."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LONGEST_STEP_S = 60.0
 
 SKY_RATE_DEG_S = 15.05 / 3600
 FIELD_MARGIN_DEG = 2.5
-"""More than refraction, aberration, and proper motion over a century move a star."""
+"""Exceeds the displacement of a star by refraction, aberration, and proper motion over a century."""
 LARGEST_CHROMATIC_SHARE = 2.5
 """Longest shift of a wavelength band over the point spread function's lateral chromatic shift."""
 
@@ -66,7 +66,7 @@ class FramePlan:
     directions : (n, k, 3) array
         Apparent unit vectors (ENU), evenly spaced over the shutter's time.
     motion : Motion
-        How the camera turns.
+        Rotation of the camera.
     objects : FlyingObjects
         Satellites, aircraft and meteors.
     airmass : (n,) array
@@ -101,7 +101,7 @@ class FramePlan:
 
     @property
     def dimmed_v_mag(self) -> Floats:
-        """V of the stars with cloud and scintillation, (n,) array; extinction by clear air is not in it."""
+        """V of the stars with cloud and scintillation, without extinction by clear air, (n,) array."""
         return self.stars.v_mag + MAG_PER_OPTICAL_DEPTH * self.cloud_optical_depth - 2.5 * np.log10(self.scintillation)
 
     @property
@@ -168,7 +168,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
 def _stars_around(
     spec: FrameSpec, motion: Motion, sky: SkyState, site: Site, instant: Instant, orientation: EarthOrientation
 ) -> StarCatalogue:
-    """Stars and planets that may be above the horizon and in the frame at some time of the exposure, and some more."""
+    """Superset of the stars and planets above the horizon and in the frame at some time of the exposure."""
     catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
     boresight = motion.R_mid[2]
     turned = np.degrees(np.arccos(np.clip(motion.R_cam[:, 2] @ boresight, -1, 1))).max()

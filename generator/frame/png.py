@@ -1,6 +1,6 @@
 """16-bit greyscale PNG, fast for noise.
 
-What a camera records at night is mostly noise, which has no repetitions to search for: after the filter that predicts each
+An image of the night is mostly noise, which has no repetitions to search for: after the filter that predicts each
 byte from the mean of its left and upper neighbours, run lengths and Huffman codes alone are as small as deflate's usual
 levels 1 to 3, in less than half of their time. Format: ISO/IEC 15948 (PNG, third edition), sections 5.3 (chunks) and 9.2
 (filters).

@@ -1,4 +1,4 @@
-"""The frame record and the table of stars: what docs/dataset_format.md promises."""
+"""The frame record and the table of stars, in the format of docs/dataset_format.md."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ STAR_SCHEMA = pa.schema(
 
 
 def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) -> dict[str, Any]:
-    """Return the frame record as JSON-ready data; it holds nothing that depends on the machine or the clock."""
+    """Return the frame record as JSON-ready data; nothing in it depends on the machine or the clock."""
     spec = plan.spec
     camera, sensor, air = spec.camera, spec.sensor, spec.atmosphere
     return {
@@ -178,7 +178,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         )
     star_id = plan.stars.star_id
     rows = np.flatnonzero(seen)
-    # The catalogue is sorted by magnitude already, which a stable sort makes use of.
+    # The catalogue is sorted by magnitude already, which speeds up a stable sort.
     order = np.argsort(_brightness_order(plan.stars.v_mag[rows], star_id[rows]), kind="stable")
     rows = rows[order]
     u_px, v_px = expected.u_px[rows], expected.v_px[rows]
@@ -187,7 +187,8 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     pixel = row * camera.width + column
     sky = expected.sky_electrons.take(pixel).astype(np.float64)
     electrons = expected.star_electrons[rows]
-    # A star without light at one of these moments (behind something, or outside the lens' range) keeps its middle.
+    # Where a star sends no light at one of these moments (occluded, or outside the lens' range), its mid-exposure position
+    # stands.
     centroid, start, end = (
         [
             np.where(np.isfinite(place), place, middle)
@@ -237,7 +238,7 @@ def _column(values: Any, kind: pa.DataType) -> pa.Array:
 
 
 def _brightness_order(v_mag: NDArray[np.float64], star_id: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Numbers in the order of the stars' V, in single precision, and of their ids where V is the same."""
+    """Sort keys of the stars by V in single precision, then by id."""
     bits = v_mag.astype(np.float32).view(np.int32).astype(np.int64)
     # Of negative numbers, the bits rise as the number falls.
     magnitude = np.where(bits < 0, -(bits & 0x7FFFFFFF), bits)

@@ -34,14 +34,14 @@ LARGEST_EXR_PX = 20_000_000
 
 @dataclass(frozen=True)
 class RenderedFrame:
-    """A frame with everything that is known about it.
+    """A rendered frame with its complete truth.
 
     Attributes
     ----------
     plan : FramePlan
     expected : ExpectedFrame
     dn : (height, width) uint16 array
-        What the camera recorded.
+        Raw image.
     stars : pyarrow.Table
         Truth (schema: STAR_SCHEMA).
     objects : pyarrow.Table
@@ -87,7 +87,7 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
 
 
 def hud_lines(plan: FramePlan) -> tuple[str, ...]:
-    """Text of the head-up display: what a flight controller knows, but not where it is."""
+    """Text of the head-up display: quantities known to a flight controller, without the position."""
     spec = plan.spec
     return (
         plan.utc_start.isoformat()[:19] + "Z",
@@ -133,7 +133,7 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
 
 
 def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> None:
-    """Write a frame's image, expected electrons and record; the record last, as a mark that the frame is whole."""
+    """Write a frame's image, expected electrons and record; the record last, which marks the frame as complete."""
     stem = frame.plan.frame_id
     write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
     if exr:
@@ -154,7 +154,7 @@ def render_dataset(
     exr: bool | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Render those frames of a scenario that a folder does not hold yet.
+    """Render the frames of a scenario that a folder lacks.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def render_dataset(
     folder : Path
         Made if missing. Frames of the same scenario in it are kept: an interrupted run is continued.
     progress : callable
-        Called with the index of each frame once it is there.
+        Called with the index of each finished frame.
     layers : bool
         Write the expected electrons of each component of the sky, and of the stars, beside the sum.
     exr : bool, optional
@@ -173,7 +173,7 @@ def render_dataset(
     Raises
     ------
     GeneratorError
-        With what to do about it.
+        The folder cannot be used or written; the message names the remedy.
     """
     with_exr = layers or (writes_exr(scenario) if exr is None else exr)
     place = FrameFolder(folder, scenario)

@@ -35,24 +35,24 @@ from generator.sky.moonlight import MOON_BV_MAG
 Floats = NDArray[np.float64]
 
 SKY_STEP_PX = 8.0
-"""The diffuse sky is looked at once for so many pixels of motion."""
+"""The diffuse sky is evaluated once per this many pixels of motion."""
 MOST_SKY_MOMENTS = 16
 MOST_COVERAGE_MOMENTS = 64
 
 
 @dataclass(frozen=True)
 class ExpectedFrame:
-    """What light does to the sensor, on average.
+    """Expected electrons of a frame, and the truth behind them.
 
     Attributes
     ----------
     electrons : (height, width) float32 array
         Expected electrons from stars and sky in each pixel, of the colour that its filter passes.
     sky_electrons : (height, width) float32 array
-        Those from the sky, and from what stands in front of it.
+        Those from the sky and from the foreground.
     channels : dict of (height, width) float32 arrays
-        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty where
-        they were not asked for.
+        Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty
+        unless requested.
     u_px, v_px : (n,) arrays
         Positions of the plan's stars when the row they fall on is half exposed, px; NaN where a star lies outside the lens
         model's range.
@@ -65,7 +65,7 @@ class ExpectedFrame:
     fraction_in_frame : (n,) array
         Part of them that falls on the sensor.
     occluded : (n,) bool array
-        Whether something in front of the sky hides more than half of the star's light.
+        Whether the foreground hides more than half of the star's light.
     objects : StarTruth
         The same of the plan's flying objects.
     moon : StarTruth
@@ -73,7 +73,7 @@ class ExpectedFrame:
     zenith_mag_arcsec2 : float or None
         Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
     layers : dict of (height, width) float32 arrays
-        Parts of `electrons` by name, where they were asked for; they add up to it.
+        Parts of `electrons` by name, if requested; they add up to it.
     """
 
     electrons: NDArray[np.float32]
@@ -117,7 +117,7 @@ class PointLights:
 
 
 def point_lights(plan: FramePlan) -> PointLights:
-    """Stars, planets and the Moon of a frame. The Moon stands still during the exposure at its middle place."""
+    """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
     stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.airmass)
     state, spec = plan.sky, plan.spec
     if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= 0:
@@ -144,7 +144,7 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
     sky : SkyTable or None
         The diffuse sky; None: the frame's own.
     camera : Sensor or None
-        The frame's camera, where it is already at hand.
+        The frame's camera, if already loaded.
     """
     mi = plugins.start()
     spec = plan.spec
@@ -190,7 +190,7 @@ def sky_dict(sky: SkyTable) -> dict[str, Any]:
 
 
 def objects_dict(objects: FlyingObjects) -> dict[str, Any]:
-    """Things that fly through the sky, as an emitter like the stars'; their magnitudes are those at the ground."""
+    """Flying objects as an emitter like that of the stars; their magnitudes are those at the ground."""
     return {
         "type": "skybench_stars",
         "directions": tensor(objects.directions),
@@ -269,7 +269,7 @@ def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
 
 
 def _swept_px(plan: FramePlan) -> float:
-    """About how far the camera's motion moves the image during one row's exposure, px."""
+    """Approximate motion of the image during one row's exposure, px."""
     if len(plan.motion.R_cam) == 1:
         return 0.0
     turns = Rotation.from_matrix(plan.motion.R_cam)
@@ -284,7 +284,7 @@ def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None 
 
 
 def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True) -> ExpectedFrame:
-    """Render a frame's expected electrons, and what is true of its stars.
+    """Render a frame's expected electrons, and the truth of its stars.
 
     With `layers`, each component by itself too. Without `channels`, pixels of a colour sensor are rendered in their own
     channel alone, which gives the same electrons in less time.
@@ -329,7 +329,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
         truths[emitter.id()] = truth
-    # The emitter holds the Moon's disk behind the stars.
+    # In the emitter, the points of the Moon's disk follow the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(
         electrons=mosaic(image, sensor),

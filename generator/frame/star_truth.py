@@ -1,4 +1,4 @@
-"""What is true of the stars in a frame, from where the integrator followed them."""
+"""Truth of the stars in a frame, from the tracks that the integrator computed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from generator.optics.psf import FINE_PER_PX, psf_table
 Floats = NDArray[np.float64]
 
 WHOLE_SIGMAS = 9.0
-"""A Gaussian this far inside the frame falls on it wholly, to double precision."""
+"""A Gaussian centred this far inside the frame lies entirely on it, to double precision."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StarTruth:
         return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
 
     def together_from(self, first: int) -> StarTruth:
-        """Truth of what the rows from `first` on are together: one source, or none where there are no such rows."""
+        """Truth of the rows from `first` on, merged into one source; empty if there are none."""
         rows = slice(first, None)
         electrons = self.electrons[rows]
         if not len(electrons):
@@ -95,12 +95,12 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
 
 
 def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:
-    """The truth with starts and ends where light first and last comes from, of lights that are dark when the exposure does.
+    """The truth of flashing lights: starts and ends are where they shine first and last during the exposure.
 
     Parameters
     ----------
     truth : StarTruth
-    tracks : generator.plugins.star_splats.StarTracks
+    tracks : generator.plugins.star_tracks.StarTracks
         Their moments are in the order of time, source by source.
     light_curve : (n, parts) array
         Relative brightness over the exposure.

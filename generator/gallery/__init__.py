@@ -1,1 +1,1 @@
-"""The gallery: pictures and plots for people (docs/gallery). Needs the extra ``dev`` (colour-science, matplotlib)."""
+"""The gallery: pictures and plots of docs/gallery. Needs the extra ``dev`` (matplotlib)."""

@@ -1,4 +1,4 @@
-"""What is baked: the air, the wavelengths, the directions and the distances. Their hash names the maps."""
+"""Inputs of the bake: the air, the wavelengths, the directions and the distances. Their hash identifies the maps."""
 
 from __future__ import annotations
 

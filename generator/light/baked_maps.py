@@ -22,7 +22,7 @@ _SEARCHED_NM: Floats = np.geomspace(1000.0, 340.0, 500)
 
 
 def read(path: Path, key: str, part: str = "values") -> Floats:
-    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map that was made of something else.
+    """Read an array of a map ('values', 'relative_error', 'walked'), and refuse a map made from other inputs.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read(path: Path, key: str, part: str = "values") -> Floats:
 def moon_map(part: str = "values") -> Floats:
     """All moonlight over light scattered once in closed form; axes aerosol, wavelength, view, Moon, azimuth of MoonGrid.
 
-    The part 'relative_error' is the Monte Carlo standard error of the light; 'walked' is what the random walks gave.
+    The part 'relative_error' is the Monte Carlo standard error of the light; 'walked' is the result of the random walks.
     """
     return read(MOON_FILE, content_hash(BakedAir(), MoonGrid()), part)
 
@@ -78,7 +78,7 @@ def _log_city() -> CubicSpline:
 def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Floats, Floats]:
     """Wavelength and aerosol depth at 550 nm at which the bake's air scatters as another air does at `wavelength_nm`.
 
-    Light of one wavelength knows the air by its optical depths alone, so that thinner air is that of a longer wavelength.
+    At one wavelength, only optical depths matter, so that thinner air is equivalent to a longer wavelength.
 
     Returns
     -------

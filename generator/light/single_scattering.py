@@ -98,8 +98,8 @@ def city_single(
     steps : int
         Points of the quadrature, on a logarithmic scale of height.
     spot_radius_km : float
-        What area each lamp stands for: its light is softened to 1 / (distance^2 + radius^2), so that a lamp close to the
-        line of sight is a patch of the city and not a point.
+        Radius of the area that each lamp represents: its light is softened to 1 / (distance^2 + radius^2), so that a lamp
+        close to the line of sight is a patch of the city and not a point.
     earth_radius_km : float
         Infinite for flat ground.
 

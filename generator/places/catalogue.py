@@ -308,7 +308,7 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
 
 
 def _cache_path() -> Path:
-    """Where the merged catalogue is kept: named by what it was made of."""
+    """Path of the cached catalogue, named by a hash of its sources."""
     digest = hashlib.sha256()
     for source in (Path(__file__), YBSC_PATH):
         digest.update(source.read_bytes())

@@ -1,6 +1,6 @@
 """The radii of the Earth that the generator computes with, where the figure of the Earth does not matter.
 
-Places on the ellipsoid are ERFA's business (:mod:`generator.places.astrometry`).
+Positions on the ellipsoid are computed by ERFA (:mod:`generator.places.astrometry`).
 """
 
 from __future__ import annotations

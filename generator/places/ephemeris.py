@@ -1,4 +1,4 @@
-"""Sun, Moon and planets from JPL's DE421, as the site sees them.
+"""Topocentric positions of Sun, Moon and planets from JPL's DE421.
 
 Positions come from the kernel that the package ``skyfield-data`` carries (Folkner et al. 2009, IPN Progress Report 42-178;
 1899 to 2053), corrected for light time; aberration, precession, nutation and the rest are the same ERFA chain as the stars'.
@@ -41,7 +41,7 @@ MOON_RADIUS_KM = 1737.4
 
 @dataclass(frozen=True)
 class Body:
-    """A body as the site sees it.
+    """A body as seen from the site.
 
     Attributes
     ----------
@@ -96,14 +96,15 @@ def _observer(site: Site, instant: Instant, orientation: EarthOrientation) -> tu
         raise TimeRangeError(f"{instant.isoformat()} lies outside DE421 (1899 to 2053); choose a time inside it")
     # TDB - TT is below 2 ms, in which the Moon moves by 2 m.
     astrom = star_parameters(site, instant, orientation)
-    # ERFA's own Earth is good to some km, too little for the Moon: take the observer's place on the Earth from it alone.
+    # ERFA's own ephemeris of the Earth is accurate to some km, which is too coarse for the Moon: only the observer's
+    # geocentric place is taken from it.
     _, erfa_earth = erfa.epv00(tdb1, tdb2)
     on_earth_km = (np.array(astrom["eb"]) - np.array(erfa_earth["p"])) * AU_KM
     return tdb1, tdb2, _barycentric(EARTH, tdb1, tdb2) + on_earth_km
 
 
 def observe(target: int, site: Site, instant: Instant, orientation: EarthOrientation) -> Body:
-    """Where a body (kernel number) is for an observer at the site.
+    """Position of a body (kernel number) for an observer at the site.
 
     Raises
     ------

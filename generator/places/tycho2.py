@@ -118,7 +118,7 @@ def read_tycho2(path: Path) -> StarCatalogue:
 
 
 def unit_vectors(stars: StarCatalogue, years: float = 0.0) -> Floats:
-    """Directions of stars, moved by their proper motion for so long, (n, 3) array."""
+    """Directions of stars after some years of proper motion, (n, 3) array."""
     d = np.radians(stars.dec_deg + stars.pm_dec_mas_yr * years / 3.6e6)
     a = np.radians(stars.ra_deg + stars.pm_ra_mas_yr * years / 3.6e6 / np.cos(np.radians(stars.dec_deg)))
     return np.stack([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)], axis=-1)
@@ -127,8 +127,8 @@ def unit_vectors(stars: StarCatalogue, years: float = 0.0) -> Floats:
 def add_missing(base: StarCatalogue, more: StarCatalogue) -> StarCatalogue:
     """`base`, and those stars of `more` that it lacks: none within SAME_STAR_ARCSEC and SAME_STAR_MAG; sorted by V.
 
-    KStars' files give most stars at J2000 and some, without telling which, where they were at J1991.25, Hipparcos' epoch:
-    a star is known if the base has it at either place.
+    KStars' files give most stars at J2000 and some, unmarked, at J1991.25, the epoch of Hipparcos: a star counts as known
+    if the base has it at either place.
     """
     reach = float(np.radians(SAME_STAR_ARCSEC / 3600))
     tree, v_mag = cKDTree(unit_vectors(base)), np.append(base.v_mag, np.inf)

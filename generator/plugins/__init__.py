@@ -9,7 +9,7 @@ name                      kind        module
 ``skybench_integrator``   integrator  :mod:`generator.plugins.integrator`
 ========================  ==========  ===========================================================
 
-Importing the modules of this package needs a Mitsuba variant; :func:`start` sees to it.
+Importing the modules of this package needs a Mitsuba variant, which :func:`start` sets.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cloud as the sky's emitter sees it: the optical depth of :mod:`generator.sky.clouds`, ray by ray."""
+"""Cloud for the sky's emitter: the optical depth of :mod:`generator.sky.clouds`, ray by ray."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class CloudTexture:
 
 
 def periodic(tile: Any, cells: int, row: Any, column: Any) -> Any:
-    """Bilinear look-up in a square tile that repeats itself."""
+    """Bilinear look-up in a periodic square tile."""
     row, column = row - dr.floor(row / cells) * cells, column - dr.floor(column / cells) * cells
     r0, c0 = mi.UInt32(row) % cells, mi.UInt32(column) % cells
     r1, c1 = (r0 + 1) % cells, (c0 + 1) % cells

@@ -1,6 +1,6 @@
 """Electrons that a spectrum makes in each channel of a film: integrals over wavelength as products of matrices.
 
-The film is asked once what it makes of light of each of a few wavelengths, evenly spread over the whole range; every spectrum
+The film's response is evaluated once at a few wavelengths, evenly spread over the whole range; the integral of any spectrum
 is then a weighted sum. For stars the sums are tabulated over colour and airmass, on which alone they depend.
 """
 
@@ -28,12 +28,12 @@ AIRMASS_SCALE = 0.5
 """Nodes of the table of stars are evenly spaced in log(airmass + this)."""
 DARK = 1e-300
 STARS_AT_ONCE = 4096
-"""So that the steps of their computation find each other's numbers in the processor's cache."""
+"""Few enough for the intermediate arrays to fit into the processor's cache."""
 
 
 @dataclass(frozen=True)
 class FilmResponse:
-    """What a camera's film makes of light.
+    """Spectral response of a camera's film.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class _StarTable:
     ----------
     airmass : (AIRMASS_NODES,) array
     columns : list of int
-        Channel and band (channel x bands + band) in which the film sees anything.
+        Channel and band (channel x bands + band) in which the film has any response.
     logarithms : list of (rows x AIRMASS_NODES,) arrays
         Of the electrons in each of these.
     """
@@ -158,7 +158,7 @@ def _star_table(wavelength_nm: bytes, electrons: bytes, colours: bytes, optical_
 
 
 def film_response(camera: Any, groups: int = WAVELENGTH_GROUPS) -> FilmResponse:
-    """Ask a camera's film for its response at 4 x `groups` wavelengths; the film must be prepared."""
+    """Evaluate the response of a camera's film at 4 x `groups` wavelengths; the film must be prepared."""
     film = camera.film()
     channels = film.create_block().channel_count() - 1
     sample = (np.arange(groups) + 0.5) / (4 * groups)

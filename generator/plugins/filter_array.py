@@ -1,4 +1,4 @@
-"""What a pixel under a colour filter array sees of values by channel."""
+"""Selection of the channel that a pixel under a colour filter array records."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Pattern = tuple[tuple[int, int], tuple[int, int]]
 
 
 def choose(pattern: Pattern, channels: list[Any], column: Any, row: Any) -> Any:
-    """The value of the channel that pixels (Int32 columns and rows) see."""
+    """Values of the channel that pixels (Int32 columns and rows) record."""
     right, low = (column & 1) == 1, (row & 1) == 1
     upper, lower = (dr.select(right, channels[there], channels[here]) for here, there in pattern)
     return dr.select(low, lower, upper)

@@ -11,13 +11,13 @@ import numpy as np
 from scipy.stats import qmc
 
 GREY_NM = 550.0
-"""Where a surface's reflectance is taken; it counts as the same at every wavelength."""
+"""Wavelength at which a surface's reflectance is evaluated; it is taken as constant over the spectrum."""
 
 
 def lit_directions(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, Any]]:
-    """Split the light that geometry sends back along rays into one part per direction of the sky.
+    """Split the light that geometry reflects along rays into one part per direction of the sky.
 
-    Directions are those of a Sobol set (the same for every pixel, so the same bytes come again), unless other geometry
+    Directions are those of a Sobol set (the same for every pixel, which makes frames reproducible), unless other geometry
     blocks them; one bounce, grey reflectance.
 
     Parameters
@@ -31,7 +31,7 @@ def lit_directions(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, An
     Yields
     ------
     weight : Float
-        What the sky's radiance from the direction is to be multiplied with; 0 where there is no geometry.
+        Factor on the sky's radiance from the direction; 0 without geometry.
     direction : Vector3f
         Towards the sky.
     """

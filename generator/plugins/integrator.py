@@ -3,8 +3,8 @@
 The diffuse sky is taken by camera rays through the pixels' centres, its spectra integrated over the film's response. Stars
 are projected by the same sensor at many moments of the exposure (:mod:`generator.plugins.star_tracks`) and spread over pixels
 by the point spread function (:mod:`generator.plugins.star_splats`).
-Geometry in front of the sky is a dark silhouette unless ``lit_samples`` says how many
-directions of the sky light it.
+Geometry in front of the sky is a dark silhouette, unless ``lit_samples`` sets the number of directions from which the sky
+lights it.
 
 =======================  =======  ================================================================================
 parameter                type     meaning
@@ -51,7 +51,7 @@ from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
-"""Stars of fewer electrons take steps so much longer: at four times half the width the image ripples by 2 %."""
+"""Factors on the step for stars of fewer electrons: at four times half the width the image ripples by 2 %."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -94,7 +94,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> Any:
-        """Mitsuba's interface; `seed` and `spp` have no meaning here, because nothing is sampled at random.
+        """Mitsuba's interface; `seed` and `spp` are ignored, because nothing is sampled at random.
 
         Returns
         -------
@@ -164,7 +164,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         dr.eval(image)
 
     def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
-        """Part of the exposure (Float) during which no geometry stands before each pixel."""
+        """Fraction of the exposure (Float) during which no geometry covers each pixel."""
         if not scene.shapes():
             return mi.Float(1)
         free = mi.Float(0)
@@ -175,7 +175,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         return free
 
     def response(self, camera: NightSkyCamera) -> FilmResponse:
-        """What the camera's film makes of light."""
+        """Spectral response of the camera's film."""
         if self._response is None:
             self._response = film_response(camera, self.wavelength_groups)
         return self._response
@@ -201,9 +201,9 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         return self._electrons[emitter.id(), bands]
 
     def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
-        """Where each star's light falls, and when."""
+        """Tracks of all stars of an emitter over the exposure."""
         reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
-        # The steps of a faint star drown in its own photon noise long before they show.
+        # For a faint star, photon noise exceeds the ripple by far.
         electrons = brightest_channel(self.electrons_by_band(camera, emitter, self.bands))
         step = np.full(len(electrons), self.largest_step_px)
         for faint_e, factor in FAINT_STEPS:

@@ -3,7 +3,7 @@
 Written with Dr.Jit functions on plain components, so that it serves single and double precision alike. Models, numbers and
 sources are those of :mod:`generator.scenario.projection`. Inverses that have no closed form are Newton's method inside a
 shrinking bracket (a step that leaves it is replaced by bisection), with a fixed number of steps. Outside a model's valid
-range nothing is mapped: the mask says so.
+range the mask is False.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Lens(Protocol):
         """Pixel position (u, v) of a camera-frame direction, and whether it lies in the model's valid range."""
 
     def unproject(self, u: Any, v: Any) -> tuple[Any, Any, Any, Any]:
-        """Camera-frame unit vector of a pixel position, and whether the model sees anything there."""
+        """Camera-frame unit vector of a pixel position, and whether it lies in the model's valid range."""
 
     def solid_angle(self, x: Any, y: Any, z: Any) -> Any:
         """Solid angle, sr, of a pixel that looks along a camera-frame unit vector."""

@@ -13,7 +13,7 @@ from generator.optics.psf import FINE_PER_PX
 
 Floats = NDArray[np.float64]
 MARGIN_PX = 256
-"""More than a stamp's part can lie outside of the table."""
+"""Exceeds the distance by which part of a stamp can lie outside the table."""
 
 
 class PsfAtlas:

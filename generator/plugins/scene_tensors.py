@@ -1,7 +1,7 @@
 """Tensors in a scene's description.
 
-Mitsuba tries a tensor whose first axis has three entries as a colour, and complains on the terminal when that fails: such
-tensors travel with one more axis, of one entry, in front.
+Mitsuba tries to read a tensor whose first axis has three entries as a colour, and prints a warning when that fails; such
+tensors are passed with an additional leading axis of one entry.
 """
 
 from __future__ import annotations
@@ -23,6 +23,6 @@ def tensor(values: ArrayLike) -> Any:
 
 
 def array(value: Any, axes: int) -> NDArray[np.float64]:
-    """A parameter of so many axes as an array; anything of other shapes as it is."""
+    """A parameter with `axes` axes as an array, without the additional leading axis."""
     result = np.array(value, dtype=np.float64)
     return result[0] if result.ndim == axes + 1 and len(result) == 1 else result

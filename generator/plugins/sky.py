@@ -1,6 +1,6 @@
 """``skybench_sky``: the diffuse night sky as an environment emitter.
 
-Radiance is a sum of (direction map) x (spectrum). What the maps and spectra mean is the business of :mod:`generator.sky`.
+Radiance is a sum of (direction map) x (spectrum). The meaning of maps and spectra is defined in :mod:`generator.sky`.
 
 ======================  =======  ==================================================================================
 parameter               type     meaning
@@ -33,7 +33,7 @@ from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
 
 DISTANCE = 1e6
-"""How far away, in scene units, the sky is put for shadow rays."""
+"""Distance of the sky for shadow rays, scene units."""
 
 UNIFORM_HEMISPHERE_DENSITY = 0.5 / math.pi
 

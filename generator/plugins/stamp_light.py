@@ -1,4 +1,4 @@
-"""How small a stamp a star may have: faint stars drown in noise long before the wings of their light show."""
+"""The size of the stamp of each star: the wings of faint stars are below the noise."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class StampLight:
 
     @property
     def gain(self) -> Floats:
-        """What the light on each stamp is multiplied with to be that on the largest one; shape of `inside`."""
+        """Factor that brings the light on each stamp to that on the largest one; shape of `inside`."""
         return self.inside[-1] / self.inside
 
     def radii(self, electrons: Floats) -> NDArray[np.int64]:
-        """Radii, px, of the stamps of stars (n,) of so many electrons in their brightest channel.
+        """Radii, px, of the stamps of stars, by their electrons (n,) in the brightest channel.
 
         The smallest that keeps to FAINTEST_PIXEL_E and LARGEST_MOVED_SHARE, of a few sizes (every size costs a pass over
         the stars); the largest where no smaller one does.

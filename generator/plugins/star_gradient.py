@@ -39,7 +39,7 @@ class StarImage:
     ----------
     electrons : (height, width) array
     derivatives : (k, height, width) array
-        By the parameters in `PARAMETERS`; k is 0 where they were not asked for.
+        By the parameters in `PARAMETERS`; k is 0 unless they are requested.
     """
 
     electrons: Floats
@@ -58,7 +58,7 @@ class DifferentiableStars:
     Raises
     ------
     ValueError
-        The scene has what is left out here.
+        The scene contains one of the features left out here.
     """
 
     def __init__(self, scene: Any) -> None:

@@ -31,7 +31,7 @@ UNITS_PER_ELECTRON = 2.0**24
 MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
 LANES_AT_ONCE = 1_000_000
 MOST_TAPS = 9
-"""Pixels that one lane adds: the code for all of them is compiled, which takes its time."""
+"""Pixels that one lane adds: their code is unrolled, and more of it takes longer to compile."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class StampRows:
         return dr.gather(mi.UInt32, mi.UInt32(values.astype(np.uint32)), self.owner)
 
     def seen(self, channels: list[Any], pattern: Pattern | None) -> tuple[list[Any], list[Any]]:
-        """What even and odd taps see of values by channel: all of them, or under a filter array their own alone."""
+        """Values that even and odd taps record: all channels, or under a filter array the channel of the pixel."""
         if pattern is None:
             return channels, channels
         even, odd = (choose(pattern, channels, parity - self.first, self.row) for parity in (0, 1))
@@ -89,7 +89,7 @@ class StampRows:
         drawn = (self.first <= tap) & (self.stop > tap)
         for channel, amount in enumerate(electrons):
             target = mi.UInt32(self.pixel + tap) * len(electrons) + channel
-            # Conversion to 32 bits is an instruction, that to 64 bits is many.
+            # Conversion to 32 bits is one instruction; conversion to 64 bits takes many.
             if few:
                 units = UINT64(mi.UInt32(mi.Int32(amount * UNITS_PER_ELECTRON + 0.5)))
             else:
@@ -100,7 +100,7 @@ class StampRows:
 def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np.int64]) -> Iterator[StampRows]:
     """Rows of the stamps of all moments, in blocks of one radius that fit into memory, from the top of the image down.
 
-    In this order, light goes to neighbouring places in memory.
+    In this order, memory accesses are local.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def stamp_rows(camera: NightSkyCamera, tracks: StarTracks, radius_px: NDArray[np
 
 def brightest_channel(electrons: Floats) -> Floats:
     """Electrons (n,) of stars in their brightest channel, of those (n, channels, bands) by wavelength band."""
-    # Reductions over a few neighbours in memory take numpy three times as long.
+    # NumPy reduces a short last axis three times as slowly.
     by_channel = functools.reduce(np.add, np.moveaxis(electrons, 2, 0))
     return functools.reduce(np.maximum, by_channel.T)
 
@@ -213,7 +213,7 @@ def splat_atlas(
     brightest = brightest_channel(electrons)
     single = electrons.astype(np.float32)
     on_axis = mi.Float(single.ravel())
-    # A sensor may be blind in a band.
+    # A sensor may have no response in a band.
     seen_bands = [band for band in range(atlas.bands) if single[:, :, band].any()]
     radius_px = np.minimum(light.radii(brightest) + atlas.shift_px, atlas.reach_px)
     for rows in stamp_rows(camera, tracks, radius_px):

@@ -29,7 +29,7 @@ from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6
-"""How far away, in scene units, a star's position is put for shadow rays."""
+"""Distance of the stars for shadow rays, scene units."""
 
 
 class StarEmitter(mi.Emitter):

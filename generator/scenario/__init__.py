@@ -1,1 +1,1 @@
-"""The scenario: what a user asks for, read strictly from YAML and validated before anything is computed."""
+"""The scenario: the user's description of frames, read strictly from YAML and validated before anything is computed."""

@@ -115,7 +115,7 @@ _INSTEAD = {"focal_length_mm", "hfov_deg", "f_px"}
 
 
 def with_preset(tree: object) -> object:
-    """Fill a frame's tree of values from the preset that its camera names; what the tree gives itself stands.
+    """Fill a frame's tree of values from the preset that its camera names; values given in the tree take precedence.
 
     A focal length or field of view given in any form replaces the preset's.
 

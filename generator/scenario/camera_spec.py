@@ -22,7 +22,7 @@ class MoffatSpec(Strict):
     fwhm_px: Annotated[float, Field(ge=0.5, le=50)]
     """Full width at half maximum, px."""
     beta: Annotated[float, Field(gt=1.1, le=20)]
-    """Exponent; small ones have wide wings."""
+    """Exponent; small values give wide wings."""
 
 
 class DiffractionSpec(Strict):
@@ -59,7 +59,7 @@ class PsfStackSpec(Strict):
 
 
 class PsfSpec(Strict):
-    """Point spread function: the convolution of the parts that are given."""
+    """Point spread function: the convolution of the given parts."""
 
     gaussian_sigma_px: Annotated[float, Field(ge=0.0, le=20)] = 0.0
     moffat: MoffatSpec | None = None
@@ -70,7 +70,7 @@ class PsfSpec(Strict):
     lateral_chromatic_px: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """How much further from the principal point 650 nm falls than 450 nm, at the frame's corner, px; linear in both."""
     support_px: Annotated[int, Field(ge=2, le=60)] = 12
-    """Light is drawn up to this distance (along u and v) from a star; what falls outside is not drawn."""
+    """Half width (along u and v) of the square around a star within which its light is drawn, px."""
 
     @model_validator(mode="after")
     def _something(self) -> PsfSpec:
@@ -90,11 +90,11 @@ class BloomSpec(Strict):
     share: Annotated[float, Field(gt=0, le=0.5)]
     """Of the light, 0-0.5."""
     core_px: Annotated[float, Field(ge=0.5, le=100)] = 2.0
-    """Where the wings set in, px."""
+    """Radius at which the wings begin, px."""
     slope: Annotated[float, Field(ge=1, le=6)] = 2.0
     """Exponent of the wings."""
     reach_px: Annotated[int, Field(ge=2, le=1000)] = 200
-    """Where they end, px."""
+    """Radius at which the wings end, px."""
 
 
 class GhostSpec(Strict):
@@ -129,7 +129,7 @@ class CameraSpec(Strict):
     """Optics: a projection behind an entrance pupil."""
 
     preset: str | None = None
-    """Camera whose values hold where none are given: see generator.scenario.camera_presets."""
+    """Camera that supplies the values not given here; see docs/scenarios.md."""
     model: Literal[MODELS] = "pinhole"  # type: ignore[valid-type]
     """Projection."""
     width: Annotated[int, Field(ge=8, le=16384)]
@@ -169,7 +169,7 @@ class CameraSpec(Strict):
     """Standard deviation of the Gaussian point spread function, px, where `psf` is not given."""
     psf: PsfSpec | None = None
     """Another point spread function."""
-    # Left out of the scenario's hash where they are not given, as if there were no such keys.
+    # Excluded from the scenario's hash unless given, as if the keys did not exist.
     bloom: BloomSpec | None = Field(default=None, exclude_if=lambda bloom: bloom is None)
     """Scatter in the lens."""
     ghosts: Annotated[tuple[GhostSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(

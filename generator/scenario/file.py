@@ -179,7 +179,7 @@ class Scenario:
 
     @functools.cached_property
     def sha256(self) -> str:
-        """Hash of what the scenario means: values with all defaults filled in, and skybench's version."""
+        """Hash of the scenario's content: values with all defaults filled in, and skybench's version."""
         first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
         complete = _validate(_resolve(self.template, self._swept(0) | first), self.source).model_dump(mode="json")
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
@@ -263,7 +263,7 @@ def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
 
 
 def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
-    """Copy a tree with its sweeps replaced by chosen values."""
+    """Copy a tree, with chosen values in place of its sweeps and distributions."""
     if path in chosen:
         return chosen[path]
     if isinstance(tree, dict):
@@ -274,7 +274,7 @@ def _resolve(tree: Any, chosen: dict[KeyPath, Any], path: KeyPath = ()) -> Any:
 
 
 def _forget(tree: Any, path: KeyPath) -> None:
-    """Take the value at a path out of a tree of mappings and lists, where there is one."""
+    """Remove the value at a path from a tree of mappings and lists, if present."""
     *parents, last = path
     for key in parents:
         if isinstance(tree, list):
@@ -334,7 +334,7 @@ def _message(problem: Any, source: str) -> str:
 
 
 def _suggestion(location: tuple[Any, ...]) -> str:
-    """Name the keys that stand where an unknown key was found, the likely one first."""
+    """Name the keys allowed where an unknown key was found, the most similar first."""
     model: Any = FrameSpec
     for part in location[:-1]:
         fields = getattr(model, "model_fields", {})

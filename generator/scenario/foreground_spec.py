@@ -1,4 +1,4 @@
-"""The scenario's ``foreground`` section: what stands in front of the sky, and what flies through it."""
+"""The scenario's ``foreground`` section: geometry in front of the sky, and flying objects."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ShapeSpec(Strict):
     file: Annotated[File, AfterValidator(_readable_mesh)]
     """PLY or OBJ."""
     translate_m: Annotated[tuple[Metres, Metres, Metres], BeforeValidator(listed)] = (0.0, 0.0, 0.0)
-    """Moves the mesh after scaling."""
+    """Translation after scaling, m."""
     scale: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     reflectance: Fraction = 0.15
     """Diffuse, 0-1."""
@@ -57,7 +57,7 @@ class HorizonSpec(Strict):
     file: File
     """CSV with the columns azimuth_deg, elevation_deg; linear in between, closed around the circle."""
     distance_m: Annotated[float, Field(ge=1, le=1e6)] = 1000.0
-    """Of the wall that the profile becomes."""
+    """Distance of the wall that represents the profile, m."""
     reflectance: Fraction = 0.15
     """Diffuse, 0-1."""
 
@@ -80,21 +80,21 @@ class StrobeSpec(Strict):
     period_s: Annotated[float, Field(gt=0, le=100)] = 1.0
     flash_s: Annotated[float, Field(gt=0, le=10)] = 0.05
     first_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
-    """When a flash starts, from the start of the exposure."""
+    """Start of a flash, from the start of the exposure, s."""
 
 
 class TrailSpec(Strict):
-    """Something bright that crosses the sky on a great circle at constant speed."""
+    """A light that crosses the sky on a great circle at constant speed."""
 
     kind: Literal["satellite", "aircraft", "meteor"]
     start: DirectionSpec
-    """Where it is at `start_s`."""
+    """Direction at `start_s`."""
     end: DirectionSpec
-    """Where it is at `end_s`."""
+    """Direction at `end_s`."""
     start_s: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
-    """From the start of the exposure; the light is off before."""
+    """Time from the start of the exposure before which the light is off, s."""
     end_s: Annotated[float, Field(ge=-3600, le=7200)] | None = None
-    """From the start of the exposure; its end unless given. The light is off after."""
+    """Time from the start of the exposure after which the light is off, s; the end of the exposure unless given."""
     v_mag: Annotated[float, Field(ge=-20, le=12)]
     """Apparent V at the ground; of a meteor, at its maximum."""
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
@@ -133,7 +133,7 @@ class TleSpec(Strict):
 
 
 class ForegroundSpec(Strict):
-    """What stands in front of the sky, and what flies through it."""
+    """Geometry in front of the sky, and flying objects."""
 
     horizon: HorizonSpec | None = None
     shapes: Annotated[tuple[ShapeSpec, ...], Field(max_length=100), BeforeValidator(listed)] = ()

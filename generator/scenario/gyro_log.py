@@ -1,4 +1,4 @@
-"""Gyro logs, and whether a motion can be made as the scenario asks for it."""
+"""Gyro logs, and the check that a motion can be sampled as the scenario specifies."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LARGEST_LOG_ROWS = 2_000_000
 
 
 class MotionError(ValueError):
-    """The motion cannot be made as asked for; the message starts with the key."""
+    """The motion cannot be computed as specified; the message starts with the key."""
 
 
 def check_motion(motion: MotionSpec, duration_s: float) -> None:
-    """Refuse what cannot be made: raises MotionError."""
+    """Refuse a motion that cannot be sampled as specified. Raises MotionError."""
     fastest = max((point[0] for part in motion.vibration for point in part.psd_deg2_hz if point[1] > 0), default=0.0)
     needed = math.ceil(2 * fastest * duration_s) + 1
     if needed > motion.samples:

@@ -25,7 +25,7 @@ class MeshError(ValueError):
 
 @dataclass(frozen=True)
 class MeshFacts:
-    """What a mesh file holds: number of faces, and of edges that do not join exactly two of them."""
+    """Properties of a mesh: number of faces, and of edges that do not join exactly two of them."""
 
     faces: int
     open_edges: int
@@ -70,12 +70,12 @@ def read_mesh(file: InputFile) -> MeshFacts:
 def _vertices_and_faces(file: InputFile, description: dict[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Copies of a mesh's arrays, (n, 3) each; Mitsuba's own mesh does not outlive the call.
 
-    An error that holds on to a mesh without faces would end every rendering: Dr.Jit traces each call to a shape over
-    all shapes of the process, and cannot gather from an empty array.
+    An error that keeps a mesh without faces alive would make every later rendering fail: Dr.Jit traces each call to a shape
+    over all shapes of the process, and cannot gather from an empty array.
     """
     mi = mitsuba_runtime.start()
     try:
-        # With normals of faces alone Mitsuba does not follow the faces' indices, which are not checked yet.
+        # With face normals, Mitsuba does not dereference the faces' indices, which are not checked yet.
         parameters = mi.traverse(mi.load_dict(description | {"face_normals": True}))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].rsplit('": ', 1)[-1].strip()

@@ -1,4 +1,4 @@
-"""The scenario: what a user asks for, as frozen, validated data.
+"""The scenario as frozen, validated data.
 
 A scenario describes one frame, or many by *sweeps*: any value may be replaced by ``{sweep: [a, b, c]}``. Sweeps multiply
 (cartesian, the last written varies fastest); sweeps that share a ``zip`` name advance together. Reading files is
@@ -44,7 +44,7 @@ class SiteSpec(Strict):
 
 
 class TimeSpec(Strict):
-    """When, and for how long, the shutter is open."""
+    """Start and length of the exposure."""
 
     utc_start: Utc
     """Start of the exposure, ISO 8601 with Z."""
@@ -79,9 +79,9 @@ class AtmosphereSpec(Strict):
     ozone_du: Annotated[float, Field(ge=0, le=1000)] = 300.0
     """Column of ozone, Dobson units."""
     refraction: bool = True
-    """Bend the light."""
+    """Whether refraction displaces the light."""
     extinction: bool = True
-    """Dim the light."""
+    """Whether extinction dims the light."""
 
 
 COMPONENTS = ("airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight")
@@ -105,11 +105,11 @@ class CitySpec(Strict):
     """A disk of lamps."""
 
     distance_km: Annotated[float, Field(ge=0, le=LARGEST_DISTANCE_KM)]
-    """From the observer to the middle of the city, km."""
+    """Distance of its centre from the observer, km."""
     azimuth_deg: Annotated[float, Field(ge=-360, le=360)]
-    """Of the middle, deg."""
+    """Azimuth of its centre, deg."""
     radius_km: Annotated[float, Field(gt=0, le=20)]
-    """Of the disk, km."""
+    """Radius of the disk, km."""
     upward_mlm: Annotated[float, Field(gt=0, le=1e7)] = 100.0
     """Light that leaves the city upwards, megalumen; relative where bortle or zenith_mag_arcsec2 is given."""
     horizon_share: Fraction = GARSTANG_HORIZON_SHARE
@@ -120,7 +120,7 @@ class CitySpec(Strict):
     """Shares of the lamps' light in V."""
 
     def city(self) -> City:
-        """The same as the sky model takes it."""
+        """The city in the form that the sky model uses."""
         lamps = tuple(self.lamps.items())
         return City(self.distance_km, self.azimuth_deg, self.radius_km, self.upward_mlm, self.horizon_share, lamps)
 
@@ -129,28 +129,28 @@ class CloudSpec(Strict):
     """A layer of thin cloud."""
 
     altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
-    """Above the site, km."""
+    """Altitude above the site, km."""
     mean_optical_depth: Annotated[float, Field(ge=0, le=50)] = 0.5
-    """Of a vertical ray, mean over the layer."""
+    """Mean vertical optical depth of the layer."""
     coverage: Annotated[float, Field(gt=0, le=1)] = 0.7
     """Part of the layer that is cloud, 0-1."""
     spectral_slope: Annotated[float, Field(ge=-5, le=-1)] = -8 / 3
-    """Exponent of the two-dimensional power spectrum."""
+    """Exponent of the two-dimensional power spectrum of the Gaussian field behind the cloud."""
     outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
-    """Size beyond which the field does not grow rougher, km."""
+    """Outer scale, above which the power spectrum is flat, km."""
     wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
     """Speed of the layer, m/s."""
     wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
-    """Where it moves to, deg."""
+    """Azimuth towards which the layer moves, deg."""
 
 
 class SkySpec(Strict):
-    """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; nothing for a black sky."""
+    """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; empty for a black sky."""
 
     bortle: Annotated[int, Field(ge=1, le=9)] | None = None
-    """Bortle class: a place, and the zenith brightness of the table in docs/physics.md, as zenith_mag_arcsec2 gives it."""
+    """Bortle class: a default city, and zenith_mag_arcsec2 from the table in docs/physics.md."""
     zenith_mag_arcsec2: Annotated[float, Field(ge=5, le=30)] | None = None
-    """Total brightness of the zenith of this very frame without Moon, twilight and cloud, V mag/arcsec^2."""
+    """Total brightness of the frame's zenith without Moon, twilight and cloud, V mag/arcsec^2."""
     cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None
     """Layout of cities instead of the default one."""
     components: (
@@ -160,7 +160,7 @@ class SkySpec(Strict):
         ]
         | None
     ) = None
-    """Parts of the sky that shine; all of them if nothing else is said."""
+    """Components that contribute light; all of them by default, if a brightness or cities are given."""
     solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
     """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
     clouds: CloudSpec | None = None
@@ -174,7 +174,7 @@ class SkySpec(Strict):
 
     @property
     def active_components(self) -> tuple[str, ...]:
-        """Names of the components that shine."""
+        """Names of the components that contribute light."""
         if self.components is not None:
             return self.components
         return COMPONENTS if self.bortle or self.zenith_mag_arcsec2 is not None or self.cities else ()
@@ -184,13 +184,13 @@ class StarsSpec(Strict):
     """Which stars are drawn."""
 
     limiting_magnitude: Annotated[float, Field(ge=-2, le=15)] = 9.0
-    """Faintest star or planet that is drawn, Johnson V, whatever the sky. How bright the sky is: sky.bortle."""
+    """Magnitude of the faintest star or planet drawn, Johnson V; the sky's brightness (sky.bortle) does not change it."""
     catalogue: Literal["ybsc+hipparcos", "tycho2"] = "ybsc+hipparcos"
     """Source; tycho2 needs Debian's kstars-data-extra-tycho2 and adds its stars to the default's."""
     planets: bool = True
     """Draw Mercury, Venus and Mars to Neptune."""
     scintillation: bool = False
-    """Let each star's light vary as the air makes it in one exposure; off, so that electrons_e is the mean."""
+    """Whether each star's light varies by scintillation; off by default, so that electrons_e is the mean."""
 
 
 def _named_attitude(value: object) -> object:
@@ -239,7 +239,7 @@ class FrameSpec(Strict):
 
     @property
     def R_cam(self) -> NDArray[np.float64]:
-        """Rotation ENU to camera, (3, 3), as the scenario asks for it; motion during the exposure comes on top."""
+        """Rotation ENU to camera, (3, 3), by the scenario's attitude, without motion during the exposure."""
         return pointing_matrix(self.attitude)
 
 

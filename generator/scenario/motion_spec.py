@@ -72,10 +72,10 @@ class MotionSpec(Strict):
     gyro_log: File | None = None
     """CSV with the columns t (s from the start of the exposure), wx, wy, wz (deg/s)."""
     samples: Annotated[int, Field(ge=2, le=4096)] = 32
-    """Attitudes over the exposure, evenly spaced."""
+    """Number of attitude samples, evenly spaced over the exposure."""
     imu: ImuSpec | None = None
 
     @property
     def still(self) -> bool:
-        """Whether nothing turns the camera."""
+        """Whether the camera does not turn."""
         return not (any(self.rate_deg_s) or any(self.polynomial_deg) or self.vibration or self.gimbal or self.gyro_log)

@@ -35,7 +35,7 @@ def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
     Raises
     ------
     StackError
-        It is not a stack of square, odd-sized, non-negative images of a usable size.
+        The file is not a stack of square, non-negative images with an odd side of a usable size.
     """
     name = Path(file.location)
     try:

@@ -53,7 +53,7 @@ def scenario_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a scenario file.
 
     Every value may also be a variation (sweep or distribution); names of curves and attitudes are accepted where the models
-    accept them. The schema serves editors; ``skybench plan`` gives the final word.
+    accept them. The schema serves editors; ``skybench plan`` validates completely.
     """
     frame = FrameSpec.model_json_schema()
     definitions = {name: _with_variations(model) for name, model in frame.pop("$defs").items()}

@@ -1,4 +1,4 @@
-"""The scenario's ``sensor`` section: what turns photons into DN."""
+"""The scenario's ``sensor`` section: conversion of photons into DN."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ShutterSpec(Strict):
     """A rolling shutter: rows start and end their exposures one after the other."""
 
     line_time_us: Annotated[float, Field(gt=0, le=1e6)]
-    """Between one row and the next, microseconds."""
+    """Time between one row and the next, microseconds."""
     direction: Literal["down", "up"] = "down"
     """``down`` reads the first row (v = 0) first."""
 
@@ -35,7 +35,7 @@ class TelegraphSpec(Strict):
     """Random telegraph noise, the tail of the read noise."""
 
     fraction: Fraction
-    """Of the pixels that have it."""
+    """Fraction of pixels with telegraph noise."""
     amplitude_e: Annotated[float, Field(gt=0, le=1000)]
     """Mean of the exponentially distributed amplitudes, electrons."""
 
@@ -52,29 +52,29 @@ class CosmicRaySpec(Strict):
 
 
 class DevelopSpec(Strict):
-    """An 8-bit picture beside the raw one: demosaic, white balance, gamma."""
+    """An 8-bit picture beside the raw one: demosaicing, white balance, transfer curve."""
 
     white_balance: Annotated[tuple[float, float, float], BeforeValidator(listed)] | None = None
-    """Factors of red, green, blue; without it, grey-world factors."""
+    """Factors on red, green, blue; grey-world factors unless given."""
     exposure: Annotated[float, Field(gt=0, le=1e4)] = 1.0
-    """Factor before the gamma curve; 1 maps the largest DN to white."""
+    """Factor before the transfer curve; 1 maps the largest DN to white."""
     gamma: Literal["srgb", "linear"] = "srgb"
 
 
 class SensorSpec(Strict):
-    """What turns photons into DN."""
+    """Conversion of photons into DN."""
 
     quantum_efficiency: Curve = QE_CURVES["cmos-mono"]
     """A named curve, a list of [nm, 0-1], or a CSV file (wavelength_nm, quantum_efficiency), linear in between, zero outside.
     A colour sensor uses its own three."""
     colour: ColourSpec | None = None
-    """A Bayer filter array; without it the sensor is monochrome."""
+    """Bayer filter array; a monochrome sensor unless given."""
     rolling_shutter: ShutterSpec | None = None
-    """Without it all rows are exposed at once."""
+    """Rolling shutter; a global shutter unless given."""
     full_well_e: Annotated[float, Field(gt=0, le=1e7)] = 15000.0
     """Electrons at which a pixel saturates."""
     blooming: bool = False
-    """Whether charge above the full well runs along the column."""
+    """Whether charge above the full well spreads along the column."""
     read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
     """Rms, electrons."""
     telegraph: TelegraphSpec | None = None
@@ -89,24 +89,24 @@ class SensorSpec(Strict):
     dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
     """Electrons per second and pixel at `dark_reference_c`."""
     temperature_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
-    """Of the sensor, deg C."""
+    """Temperature of the sensor, deg C."""
     dark_reference_c: Annotated[float, Field(ge=-100, le=100)] = 20.0
     """Temperature at which the dark current is stated, deg C."""
     dark_doubling_c: Annotated[float, Field(gt=1, le=50)] = 6.0
     """Rise of the temperature that doubles the dark current, deg C."""
     hot_pixel_fraction: Fraction = 0.0
-    """Of the pixels that are hot."""
+    """Fraction of pixels that are hot."""
     hot_pixel_e_s: Annotated[float, Field(ge=0, le=1e6)] = 100.0
     """Mean of the hot pixels' exponentially distributed extra dark current at `dark_reference_c`, e/s."""
     dead_pixel_fraction: Fraction = 0.0
-    """Of the pixels without any response."""
+    """Fraction of pixels without response."""
     cosmic_rays: CosmicRaySpec | None = None
     gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
     """Electrons per DN."""
     black_level_dn: Annotated[int, Field(ge=0, le=32768)] = 64
     """DN without signal."""
     bits: Annotated[int, Field(ge=8, le=16)] = 12
-    """Of the analogue-to-digital converter."""
+    """Bits of the analogue-to-digital converter."""
     noise: bool = True
     """False gives the expected signal, quantised, without any random effect."""
     develop: DevelopSpec | None = None

@@ -1,4 +1,4 @@
-"""What all parts of a scenario share: the strict base model, fractions, curves, and files beside the scenario."""
+"""Types shared by all parts of a scenario: the strict base model, fractions, curves, and files beside the scenario."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LARGEST_INPUT_BYTES = 200_000_000
 
 
 class Strict(BaseModel):
-    """Base of all parts: frozen, no unknown keys, no conversion between types but integer to float."""
+    """Base of all parts: frozen, no unknown keys, no conversion of types except integer to float."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
@@ -34,7 +34,7 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 def listed(value: object) -> object:
-    """Lists, as YAML gives them, as tuples, which frozen models hold."""
+    """Convert YAML's lists into tuples, which frozen models need."""
     return tuple(listed(item) for item in value) if isinstance(value, list) else value
 
 
@@ -69,9 +69,9 @@ class InputFile(Strict):
     path: str
     """Relative to the scenario's folder, which it may not leave."""
     sha256: str
-    """Of the file's bytes; part of the scenario's own hash."""
+    """Hash of the file's bytes; part of the scenario's own hash."""
     location: Annotated[str, Field(exclude=True)]
-    """Where it lies on this machine."""
+    """Path on this machine."""
 
     def __hash__(self) -> int:
         return hash((self.path, self.sha256))

@@ -323,6 +323,6 @@ DISTRIBUTION_KEYS = tuple(_DISTRIBUTIONS)
 
 
 def describe(value: Any) -> str:
-    """A value as messages show it: its type and a short form."""
+    """A value in the form of messages: its type and a short representation."""
     text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
     return text if len(text) <= 60 else text[:57] + "..."

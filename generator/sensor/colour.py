@@ -1,4 +1,4 @@
-"""A colour sensor's filter array: which channel each pixel sees."""
+"""A colour sensor's filter array: the channel that each pixel records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def filter_array(pattern: str, height: int, width: int) -> NDArray[np.intp]:
 
 
 def mosaic(image: NDArray[np.float32], sensor: SensorSpec) -> NDArray[np.float32]:
-    """What each pixel sees, (height, width), of an image (height, width, channels); one channel is seen by all."""
+    """Values (height, width) that the pixels record of an image (height, width, channels); all record a single channel."""
     if sensor.colour is None or image.shape[2] == 1:
         return np.ascontiguousarray(image[:, :, 0])
     chosen = filter_array(sensor.colour.pattern, *image.shape[:2])
@@ -31,5 +31,5 @@ def mosaic(image: NDArray[np.float32], sensor: SensorSpec) -> NDArray[np.float32
 
 
 def channel_weights(sensor: SensorSpec) -> NDArray[np.float64]:
-    """Part of the pixels that each channel has, (channels,)."""
+    """Fraction of the pixels of each channel, (channels,)."""
     return np.array([1.0]) if sensor.colour is None else np.array([0.25, 0.5, 0.25])

@@ -89,7 +89,7 @@ class CloudField:
 
 @dataclass(frozen=True)
 class CloudVeil:
-    """What a cloud does to light, direction by direction: passes it on, or spreads the Moon's.
+    """Transmission of a cloud by direction: of diffuse light, or diffusely of the Moon's.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ def cloud_light(
     moon_sine: float,
     atmosphere: Atmosphere | None,
 ) -> SkyTable:
-    """What cloud adds to the sky: light from the ground that it reflects, and moonlight that it spreads.
+    """Light that cloud adds to the sky: reflected light from the ground, and diffusely transmitted moonlight.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
     ----------
     tables : sequence of SkyTable
     response : (channels, n) array
-        What each channel makes of light at GRID_NM; the sum of response times spectrum is its signal.
+        Response of each channel at GRID_NM; the sum of response times spectrum is its signal.
 
     Returns
     -------

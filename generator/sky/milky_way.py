@@ -121,7 +121,7 @@ def points_s10(v_mag: Floats) -> float:
 
 
 def gap_factor(catalogue_v_mag: Floats) -> float:
-    """What to multiply the map by so that stars between the catalogue and the map are neither lost nor counted twice.
+    """Factor on the map such that stars between the catalogue and the map are counted exactly once.
 
     The map holds stars fainter than V 11; the catalogue holds some of those from 8.5 to 11. The light of the rest, by
     published counts, is spread like the map's.

@@ -1,4 +1,4 @@
-"""Starlight scattered in the air: the glow between the stars that all stars together make."""
+"""Starlight scattered in the air: the glow between the stars to which all stars contribute."""
 
 from __future__ import annotations
 

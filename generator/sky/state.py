@@ -1,4 +1,4 @@
-"""Where Sun and Moon stand, how the sphere is turned, and what cloud there is, in the middle of one frame."""
+"""Directions of Sun and Moon, rotation of the celestial sphere, and cloud at the middle of a frame's exposure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SkyState:
-    """What the sky of a frame depends on beyond the scenario.
+    """Quantities beyond the scenario on which the sky of a frame depends.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The Sun's spectrum, which zodiacal light, moonlight and planets borrow."""
+"""The Sun's spectrum, used for zodiacal light, moonlight and planets."""
 
 from __future__ import annotations
 

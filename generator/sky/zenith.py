@@ -1,4 +1,4 @@
-"""How bright the zenith is: Bortle classes."""
+"""Zenith brightness by Bortle class."""
 
 from __future__ import annotations
 

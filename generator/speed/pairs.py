@@ -1,4 +1,4 @@
-"""How much longer one kind of frame takes than another, in turns."""
+"""Ratio of the rendering times of two kinds of frame, measured alternately."""
 
 from __future__ import annotations
 

@@ -17,17 +17,17 @@ from generator.speed.throughput import frames_per_second
 
 FORMAT = "skybench-speed/1"
 PART_OF = "of which"
-"""Stages whose names start so are parts of the stage before."""
+"""Prefix of stages that are parts of the preceding stage."""
 
 
 @dataclass(frozen=True)
 class SpeedReport:
-    """What was measured.
+    """Results of the measurement.
 
     Attributes
     ----------
     device : str
-        What Dr.Jit computes on.
+        Device on which Dr.Jit computes.
     variant : str
         Mitsuba's.
     size : FrameSize
@@ -106,7 +106,7 @@ def measure(
     codec : str
         Of the images: ``png`` or ``jxl``.
     progress : callable
-        Called with what is measured next.
+        Called with the name of the next measurement.
     """
     size = size or FrameSize()
     progress("stages")
@@ -124,7 +124,7 @@ def measure(
 
 
 def device_name(variant: str) -> str:
-    """Name of what a Mitsuba variant computes on: the first GPU's, or the processor's."""
+    """Name of the device of a Mitsuba variant: the first GPU, or the processor."""
     if variant == CUDA_VARIANT:
         query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
         try:

@@ -28,7 +28,7 @@ REFERENCE_PNG_LEVEL = 1
 
 
 class Stopwatch:
-    """Adds up what blocks of code take."""
+    """Accumulates the time of blocks of code."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, list[float]] = {}
@@ -41,7 +41,7 @@ class Stopwatch:
         self.seconds.setdefault(name, []).append(time.perf_counter() - start)
 
     def medians(self) -> dict[str, float]:
-        """Median seconds by name, in the order in which the names first came."""
+        """Median seconds by name, in the order of first appearance."""
         return {name: statistics.median(values) for name, values in self.seconds.items()}
 
 

@@ -22,7 +22,7 @@ START_TIMEOUT_S = 600.0
 def frames_per_second(workers: int, frames: int, size: FrameSize, codec: str) -> float:
     """Frames per second of `workers` processes that each write a shard of `frames` frames, truth and all.
 
-    Every process makes a few frames first; then all start together, and the last to finish counts.
+    Every process makes a few frames first; then all start together, and the time of the slowest is taken.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def frames_per_second(workers: int, frames: int, size: FrameSize, codec: str) ->
 def _work(
     number: int, workers: int, frames: int, size: FrameSize, codec: str, folder: str, gate: Any, answers: Any
 ) -> None:
-    """Warm up, wait for the others, make a shard, and answer when that began and ended."""
+    """Warm up, wait for the other processes, make a shard, and return when it started and ended."""
     prepare_worker()
     scenario = data_set(size, WARM_UP + workers * frames)
     spec, target = DatasetSpec(codec=codec), LocalTarget(Path(folder) / str(number))
