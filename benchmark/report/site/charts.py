@@ -9,15 +9,20 @@ from markupsafe import Markup
 
 from benchmark.report.formatting import interval, number, percent
 from benchmark.report.site.boards import Level
-from benchmark.report.site.figure import Panel, Point, Scale, level_scale, log_scale, share_scale
+from benchmark.report.site.panels import DASHED, DOTTED, Panel, colour_of
+from benchmark.report.site.scales import Point, Scale, level_scale, log_scale, share_scale
 from benchmark.report.site.tree import TaskFacts
 from benchmark.stats.intervals import Estimate
+from generator.drawing.palette import SOFT
+from generator.drawing.style import LIGHT_PX, house_style
 
 SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
 _SQUARE_PX = (150, 128)
 _FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
+# Marks of a figure that holds all solvers, against those of a small panel.
+_LARGE = 1.28
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class Mark:
 Curves = Sequence[tuple[str, Style, Sequence[Level]]]
 
 
+@house_style()
 def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
     """Success against the condition with its interval, one panel to a solver, all solvers in grey behind each.
 
@@ -62,99 +68,111 @@ def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Mark
         The backdrop must stand on the page too.
     """
     x, y = condition_scale([levels for _, _, levels in curves], task), share_scale("")
-    behind = Panel(x, y, *SMALL_PX, "")
+    behind, panel = Panel(x, y, *SMALL_PX), Panel(x, y, *SMALL_PX, bare=True)
     behind.across(0.5)
     for _, _, levels in curves:
-        behind.line([(level.condition, level.success.value) for level in levels], "ghost")
-    panels = [
-        _success(Panel(x, y, *SMALL_PX, _success_label(name, task), css=style.css, backdrop=identity), style, levels)
-        for name, style, levels in curves
-    ]
+        behind.ghost([(level.condition, level.success.value) for level in levels])
+    panels = []
+    for name, style, levels in curves:
+        _success(panel, style, levels)
+        panels.append(panel.svg(_success_label(name, task), identity))
     return behind.backdrop(identity), panels
 
 
+@house_style()
 def success_curve(
     name: str, style: Style, levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts
 ) -> Markup:
     """One solver's success against the condition, the best of the others at each value in grey behind."""
-    x = condition_scale([levels, *others], task)
-    panel = Panel(x, share_scale(""), *SMALL_PX, _success_label(name, task), css=style.css)
+    panel = Panel(condition_scale([levels, *others], task), share_scale(""), *SMALL_PX)
     panel.across(0.5)
     best: dict[float, float] = {}
     for level in (level for other in others for level in other):
         best[level.condition] = max(level.success.value, best.get(level.condition, 0.0))
-    panel.line(sorted(best.items()), "ghost")
-    return _success(panel, style, levels)
+    panel.ghost(sorted(best.items()))
+    _success(panel, style, levels)
+    return panel.svg(_success_label(name, task))
 
 
 def _success_label(name: str, task: TaskFacts) -> str:
     return f"Success of {name} by {task.axis}; the numbers are in the table of the task"
 
 
-def _success(panel: Panel, style: Style, levels: Sequence[Level]) -> Markup:
+def _success(panel: Panel, style: Style, levels: Sequence[Level]) -> None:
+    colour = colour_of(style.colour)
     panel.band(
         [(level.condition, level.success.low) for level in levels],
         [(level.condition, level.success.high) for level in levels],
-        "band",
+        colour,
     )
-    panel.line([(level.condition, level.success.value) for level in levels], "line")
+    panel.line([(level.condition, level.success.value) for level in levels], colour)
     for level in levels:
         words = f"{level.condition:g}: {percent(level.success.value)} ({interval(level.success, percent)})"
-        panel.dot((level.condition, level.success.value), "dot", words, shape=style.shape)
-    return panel.svg()
+        panel.dot((level.condition, level.success.value), colour, style.shape, words)
 
 
+@house_style()
 def error_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
     """Median error against the condition with its interval, over the Cramér-Rao bound (dashed); as `success_curves`."""
     x, y = condition_scale([levels for _, _, levels in curves], task), error_scale([levels for _, _, levels in curves])
-    behind = Panel(x, y, *SMALL_PX, "")
+    behind, panel = Panel(x, y, *SMALL_PX), Panel(x, y, *SMALL_PX, bare=True)
     for _, _, levels in curves:
-        behind.line([(level.condition, level.median_error_km.value) for level in levels], "ghost")
+        behind.ghost([(level.condition, level.median_error_km.value) for level in levels])
     if curves:
-        behind.line([(level.condition, level.bound_km) for level in curves[0][2]], "floor")
+        bound = [(level.condition, level.bound_km) for level in curves[0][2]]
+        behind.line(bound, SOFT.light, 1.5, dashes=DASHED)
     panels = []
     for name, style, levels in curves:
+        _errors(panel, style, levels)
         label = f"Median error of {name} by {task.axis}; the numbers are in the table below"
-        panel = Panel(x, y, *SMALL_PX, label, css=style.css, backdrop=identity)
-        panel.line([(level.condition, level.median_error_km.value) for level in levels], "line")
-        for level in levels:
-            error = level.median_error_km
-            words = f"{level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
-            # A bar over the whole axis says only that there are too few frames; it stays in the background.
-            bounded = error.low > 0.0 or math.isfinite(error.high)
-            ends = (level.condition, error.low), (level.condition, error.high)
-            panel.whisker(*ends, "whisker" if bounded else "whisker faint")
-            panel.dot((level.condition, error.value), "dot", words, shape=style.shape)
-        panels.append(panel.svg())
+        panels.append(panel.svg(label, identity))
     return behind.backdrop(identity), panels
+
+
+def _errors(panel: Panel, style: Style, levels: Sequence[Level]) -> None:
+    colour = colour_of(style.colour)
+    panel.line([(level.condition, level.median_error_km.value) for level in levels], colour)
+    bars = [
+        ((level.condition, level.median_error_km.low), (level.condition, level.median_error_km.high))
+        for level in levels
+    ]
+    # A bar over the whole axis says only that there are too few frames; it stays in the background.
+    bounded = [low[1] > 0.0 or math.isfinite(high[1]) for low, high in bars]
+    panel.whiskers(list(itertools.compress(bars, bounded)), colour)
+    panel.whiskers([bar for bar, known in zip(bars, bounded, strict=True) if not known], colour, alpha=0.2)
+    for level in levels:
+        error = level.median_error_km
+        words = f"{level.condition:g}: {number(error.value, 'km')} ({interval(error, number)})"
+        panel.dot((level.condition, error.value), colour, style.shape, words)
 
 
 def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
     """Axis of kilometres that holds all medians and bounds, with a step for medians among the refused."""
     values = [level.median_error_km.value for levels in boards_levels for level in levels]
     values += [level.bound_km for levels in boards_levels for level in levels if not math.isnan(level.bound_km)]
-    return log_scale(values, "", refused=True)
+    return log_scale(values, "km", refused=True)
 
 
+@house_style()
 def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
     """One row to a solver: its number and interval."""
     rows = len(marks)
     y = Scale(lambda row: 1.0 - (row + 0.5) / rows, ())
-    panel = Panel(x, y, _FOREST_PX - _NAMES_PX - 20, rows * _ROW_PX, label, _NAMES_PX)
-    for value, _ in x.ticks:
-        panel.upright(value, "grid")
+    panel = Panel(x, y, _FOREST_PX - _NAMES_PX - 20, rows * _ROW_PX, left=_NAMES_PX)
+    panel.uprights()
     for row, mark in enumerate(marks):
-        estimate = mark.estimate
-        panel.text((x.ticks[0][0], row), _short(mark.name), "name", "end", du=-10.0)
+        estimate, colour = mark.estimate, colour_of(mark.style.colour)
+        panel.row_text(row, _short(mark.name), -10.0, bold=True)
         if math.isnan(estimate.value):
-            panel.text((x.ticks[0][0], row), mark.words, "aside", du=8.0)
+            panel.row_text(row, mark.words, 8.0)
             continue
-        panel.whisker((estimate.low, row), (estimate.high, row), f"whisker {mark.style.css}")
+        panel.whiskers([((estimate.low, row), (estimate.high, row))], colour)
         words = f"{mark.name}: {number(estimate.value)} ({interval(estimate, number)})"
-        panel.dot((estimate.value, row), f"dot {mark.style.css}", words, 4.5, mark.style.shape)
-    return panel.svg()
+        panel.dot((estimate.value, row), colour, mark.style.shape, words, _LARGE)
+    return panel.svg(label)
 
 
+@house_style()
 def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) -> Markup:
     """Success against median time; the step joins the solvers that none beats in both. Names stand at the right.
 
@@ -164,54 +182,57 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
     label : str
     """
     x = log_scale([end for _, _, time, _ in points for end in (time.value, time.low, time.high)], "median time, ms")
-    panel = Panel(x, share_scale(""), 166, 210, label)
-    panel.right = 154
+    panel = Panel(x, share_scale(""), 166, 210, right=154)
     front = _front([(time.value, success.value) for _, _, time, success in points])
-    panel.steps([*front, (x.ticks[-1][0], front[-1][1])] if front else [], "limit")
+    panel.steps([*front, (x.ticks[-1][0], front[-1][1])] if front else [])
     for name, style, time, success in points:
-        panel.whisker((time.value, success.low), (time.value, success.high), f"whisker thin {style.css}")
-        panel.whisker((time.low, success.value), (time.high, success.value), f"whisker thin {style.css}")
+        colour = colour_of(style.colour)
+        bars = [
+            ((time.value, success.low), (time.value, success.high)),
+            ((time.low, success.value), (time.high, success.value)),
+        ]
+        panel.whiskers(bars, colour, LIGHT_PX)
         words = f"{name}: {percent(success.value)} in {number(time.value, 'ms')}"
-        panel.dot((time.value, success.value), f"dot {style.css}", words, 4.5, style.shape)
-    for place, (name, style, time, success) in zip(
+        panel.dot((time.value, success.value), colour, style.shape, words, _LARGE)
+    for place, (name, _, time, success) in zip(
         _apart([success.value for _, _, _, success in points], 15.0 / panel.height), points, strict=True
     ):
-        panel.leader((time.value, success.value), place, f"leader {style.css}")
-        panel.margin_text(place, _short(name))
-    return panel.svg()
+        panel.margin_text((time.value, success.value), place, _short(name))
+    return panel.svg(label)
 
 
+@house_style()
 def reliabilities(
     solvers: Sequence[tuple[str, Style, Sequence[tuple[float, Estimate]]]], identity: str
 ) -> tuple[Markup, list[Markup]]:
     """Share of right answers against the confidence claimed; on the diagonal, the claim is true. As `success_curves`."""
     x, y = share_scale("confidence claimed", 0.5), share_scale("", 0.5)
-    behind = Panel(x, y, *_SQUARE_PX, "")
-    behind.line([(0.0, 0.0), (1.0, 1.0)], "limit")
+    behind, panel = Panel(x, y, *_SQUARE_PX), Panel(x, y, *_SQUARE_PX, bare=True)
+    behind.line([(0.0, 0.0), (1.0, 1.0)], SOFT.light, LIGHT_PX, dashes=DOTTED)
     panels = []
     for name, style, bins in solvers:
-        label = f"Reliability of the confidence of {name}; the numbers are in the table below"
-        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
-        panel.line([(confidence, share.value) for confidence, share in bins], "line")
+        colour = colour_of(style.colour)
+        panel.line([(confidence, share.value) for confidence, share in bins], colour)
+        panel.whiskers([((confidence, share.low), (confidence, share.high)) for confidence, share in bins], colour)
         for confidence, share in bins:
-            panel.whisker((confidence, share.low), (confidence, share.high), "whisker")
             words = f"claimed {percent(confidence)}: right in {percent(share.value)} of {share.n}"
-            panel.dot((confidence, share.value), "dot", words, shape=style.shape)
-        panels.append(panel.svg())
+            panel.dot((confidence, share.value), colour, style.shape, words)
+        label = f"Reliability of the confidence of {name}; the numbers are in the table below"
+        panels.append(panel.svg(label, identity))
     return behind.backdrop(identity), panels
 
 
+@house_style()
 def risk_coverages(solvers: Sequence[tuple[str, Style, Sequence[Point]]], identity: str) -> tuple[Markup, list[Markup]]:
     """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`."""
     x, y = share_scale("frames accepted", 0.5), share_scale("", 0.5)
-    behind = Panel(x, y, *_SQUARE_PX, "")
+    behind, panel = Panel(x, y, *_SQUARE_PX), Panel(x, y, *_SQUARE_PX, bare=True)
     panels = []
     for name, style, points in solvers:
+        behind.ghost(points)
+        panel.line(points, colour_of(style.colour))
         label = f"Share of wrong answers of {name} against frames accepted; its area is in the table above"
-        panel = Panel(x, y, *_SQUARE_PX, label, css=style.css, backdrop=identity)
-        behind.line(points, "ghost")
-        panel.line(points, "line")
-        panels.append(panel.svg())
+        panels.append(panel.svg(label, identity))
     return behind.backdrop(identity), panels
 
 

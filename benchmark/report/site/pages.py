@@ -35,10 +35,11 @@ from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import write_atomically
 from benchmark.stats.confidence import RiskCoverage
 from benchmark.stats.intervals import Estimate
+from generator.drawing.palette import palette_sheet
 
 SITE_FOLDER = "site"
 LARGEST_SITE_BYTES = 4_900_000
-_SHEETS = ("palette.css", "page.css", "figure.css", "site/site.css")
+_SHEETS = ("page.css", "figure.css", "site/site.css")
 
 
 def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> list[Board]:
@@ -187,12 +188,12 @@ def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> 
 def render_figure(boards: Sequence[Board]) -> str:
     """The leaderboard as one picture, SVG."""
     view = make_view(boards, make_styles(boards), ".")
-    return leaderboard_svg(view, read_sheet("palette.css"), read_sheet("figure.css"))
+    return leaderboard_svg(view)
 
 
 def style_sheet() -> str:
     """All of the site's style, as it stands in each page."""
-    return "\n".join(read_sheet(name) for name in _SHEETS)
+    return "\n".join((palette_sheet(), *map(read_sheet, _SHEETS)))
 
 
 def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
