@@ -5,6 +5,9 @@ from __future__ import annotations
 from importlib import resources
 
 import jinja2
+from markupsafe import Markup
+
+from generator.drawing.palette import palette_sheet
 
 PAGES = "benchmark"
 """Package whose folder ``templates`` holds the pages."""
@@ -16,7 +19,8 @@ def environment(**shared: object) -> jinja2.Environment:
     Parameters
     ----------
     **shared : object
-        Values and functions that all pages made from it see, imported macros included.
+        Values and functions that all pages made from it see, imported macros included, beside ``palette``: the
+        style sheet with the colours of the house.
     """
     made = jinja2.Environment(
         loader=jinja2.PackageLoader(PAGES),
@@ -25,7 +29,7 @@ def environment(**shared: object) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals.update(shared)
+    made.globals.update(shared, palette=Markup(palette_sheet()))
     return made
 
 

@@ -23,7 +23,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Affine2D, Transform
 
 from generator.drawing.palette import PALETTE, PAPER
-from generator.drawing.style import DPI, FONT_PX
+from generator.drawing.style import DPI, FONT_PX, house_style
 
 FONTS = "system-ui,-apple-system,'Segoe UI',Roboto,'Noto Sans',sans-serif"
 _NAMES = {one.light: one for one in PALETTE}
@@ -94,7 +94,8 @@ def svg_marks(figure: Figure, named: bool = True) -> str:
         Colours as the page's variables; otherwise as their values by day.
     """
     renderer = SvgRenderer(*_size(figure), named)
-    figure.draw(renderer)
+    with house_style():  # Matplotlib makes ticks only when it draws them
+        figure.draw(renderer)
     return renderer.markup()
 
 
@@ -129,10 +130,6 @@ class SvgRenderer(RendererBase):
     def get_canvas_width_height(self) -> tuple[float, float]:
         """Size of the drawing, px."""
         return self.width, self.height
-
-    def points_to_pixels(self, points: float) -> float:
-        """A point is a pixel."""
-        return points
 
     def get_text_width_height_descent(self, s: str, prop: FontProperties, ismath: Any) -> tuple[float, float, float]:
         """About what a line of text takes: the reader's font is unknown, and none of this machine's is asked."""
@@ -188,7 +185,7 @@ class SvgRenderer(RendererBase):
         if limits is not None:
             inside = (points >= (limits.x0 - 0.5, limits.y0 - 0.5)) & (points <= (limits.x1 + 0.5, limits.y1 + 0.5))
             keep &= inside.all(axis=1)
-        is_circle = marker_path.vertices.shape == _CIRCLE.shape and np.array_equal(marker_path.vertices, _CIRCLE)
+        is_circle = np.array_equal(marker_path.vertices, _CIRCLE)
         radius = float(marker_trans.transform((1.0, 0.0))[0] - marker_trans.transform((0.0, 0.0))[0])
         for u, v in self._upright.transform(points[keep]):
             if is_circle:
@@ -248,15 +245,16 @@ class SvgRenderer(RendererBase):
             found += [("stroke-width", f"{width:.3g}")] if width != 1.0 else []
             found += [("stroke-opacity", f"{alpha:.2g}")] if alpha < 1.0 else []
             dashes = gc.get_dashes()[1]
-            found += [("stroke-dasharray", " ".join(f"{one:g}" for one in dashes))] if dashes is not None else []
+            if dashes is not None:
+                found.append(("stroke-dasharray", " ".join(f"{float(one):g}" for one in np.asarray(dashes))))
         return tuple(found)
 
-    def _colour(self, rgba: Sequence[float]) -> str:
-        value = to_hex(rgba[:3])
+    def _colour(self, rgba: Any) -> str:
+        value = to_hex((rgba[0], rgba[1], rgba[2]))
         return _NAMES[value].css if self._named and value in _NAMES else value
 
 
-_CIRCLE = Path.unit_circle().vertices
+_CIRCLE = np.asarray(Path.unit_circle().vertices)
 
 
 def _joined(tags: Sequence[tuple[str, str]], filled: bool) -> list[str]:
@@ -280,19 +278,19 @@ _PATH_START, _PATH_END = 'path d="', '"/>'
 
 def _outline(segments: Iterable[tuple[Any, Any]]) -> str:
     """Path data of Matplotlib's segments."""
-    parts, at = [], (np.nan, np.nan)
+    parts, at = [], ["", ""]
     for values, code in segments:
         if code == Path.CLOSEPOLY:
             parts.append("z")
             continue
-        numbers = [_px(value) for value in values]
-        if code == Path.LINETO and numbers[1] == _px(at[1]):
+        numbers = [_px(float(value)) for value in np.asarray(values)]
+        if code == Path.LINETO and numbers[1] == at[1]:
             parts.append(f"H{numbers[0]}")
-        elif code == Path.LINETO and numbers[0] == _px(at[0]):
+        elif code == Path.LINETO and numbers[0] == at[0]:
             parts.append(f"V{numbers[1]}")
         else:
             parts.append(_LETTERS[code] + " ".join(numbers))
-        at = (values[-2], values[-1])
+        at = numbers[-2:]
     return "".join(parts)
 
 

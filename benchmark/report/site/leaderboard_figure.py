@@ -50,8 +50,9 @@ def _draw_task(axes: Axes, rows: Sequence[MatrixRow], column: int) -> None:
     axes.tick_params(axis="x", length=0.0, pad=5.0)
     axes.grid(axis="x")
     axes.spines["bottom"].set_visible(False)
-    for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
-        label.set_horizontalalignment(side)
+    first, _, last = axes.get_xticklabels()
+    first.set_horizontalalignment("left")
+    last.set_horizontalalignment("right")
     for place, row in enumerate(rows):
         entry = row.cells[column][1]
         if entry is None:

@@ -11,7 +11,7 @@ from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration.camera_by_gradient import Recovery
 from benchmark.studies.calibration.faults import Fault
 from benchmark.studies.calibration.summary import Shifts
-from benchmark.studies.common.svg_plot import Axis, Series, plot
+from benchmark.studies.common.series_plot import Axis, Series, plot
 
 LEAST_KM, MOST_KM = 1e-3, 1e3
 _KM = tuple((10.0**n, f"{10.0**n:g}") for n in range(-3, 4))
@@ -22,6 +22,8 @@ _SHAPES = {
     run.VERTICAL: ("square", False, -8.0),
     run.THESIS_FIX: ("triangle", False, 0.0),
 }
+_RMS_COLOUR = 1
+_COLOURS = {name: place for place, name in enumerate(_SHAPES)}
 
 
 def figure_fault(shifts: Shifts, fault: Fault) -> str:
@@ -32,14 +34,30 @@ def figure_fault(shifts: Shifts, fault: Fault) -> str:
         shown = [value if value >= LEAST_KM else math.nan for value in predicted]
         if any(math.isfinite(value) for value in shown):
             series.append(
-                Series(f"predicted: {name.removeprefix('camera ')}", fault.sizes, shown, shape="none", line=line)
+                Series(
+                    f"predicted: {name.removeprefix('camera ')}",
+                    fault.sizes,
+                    shown,
+                    shape="none",
+                    line=line,
+                    colour=_COLOURS[name],
+                )
             )
     for name, (shape, filled, shift) in _SHAPES.items():
         found = [shifts.of(run.CENTROIDS, fault.key, name, size).moved_km() for size in fault.sizes]
         values = [one.value if one.value >= LEAST_KM else math.nan for one in found]
         series.append(
             Series(
-                name, fault.sizes, values, [e.low for e in found], [e.high for e in found], shape, filled, "none", shift
+                name,
+                fault.sizes,
+                values,
+                [e.low for e in found],
+                [e.high for e in found],
+                shape,
+                filled,
+                "none",
+                shift,
+                _COLOURS[name],
             )
         )
     floor = shifts.of(run.CENTROIDS, fault.key, run.DECLARED).faultless_km().value
@@ -83,7 +101,15 @@ def figure_errors(found: Sequence[Recovery], names: Sequence[str]) -> str:
     rms = np.sqrt(np.mean(errors**2, axis=0))
     series = [
         dots,
-        Series("root mean square", list(range(len(names))), list(rms), shape="diamond", filled=False, line="none"),
+        Series(
+            "root mean square",
+            list(range(len(names))),
+            list(rms),
+            shape="diamond",
+            filled=False,
+            line="none",
+            colour=_RMS_COLOUR,
+        ),
     ]
     ends = (-0.5, len(names) - 0.5)
     for level, line in ((1.0, "dashed"), (3.0, "dotted")):

@@ -9,47 +9,56 @@ import numpy as np
 
 from benchmark.stats.intervals import Estimate, wilson
 from benchmark.studies.common.records import Rows
-from benchmark.studies.common.svg_plot import Axis, Series, plot
+from benchmark.studies.common.series_plot import Axis, Series, plot
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis.answers_projection import swap_error_km
 from benchmark.studies.thesis.centroids import CentroidPart
 from benchmark.studies.thesis.rendered import PART
 
+_COLOURS = {who.ADAPTIVE: 0, who.BASELINE: 1, who.BASELINE_SI: 2, who.LITERAL_ADAPTIVE: 3, who.LITERAL_BASELINE: 5}
 _PERCENT = Axis("recall (error < 10 km)", 0.0, 1.0, tuple((n / 5, f"{20 * n} %") for n in range(6)))
 
 
 def _labels() -> Axis:
-    ticks = tuple((mag, f"{mag:g} / B{place + 1}") for place, mag in enumerate(thesis.LABELS_MAG))
+    ticks = tuple((mag, f"{mag:g}\nB{place + 1}") for place, mag in enumerate(thesis.LABELS_MAG))
     return Axis("limiting magnitude of the set / the thesis' Bortle class", 8.25, 3.75, ticks)
 
 
 def _series(
-    name: str, x: Sequence[float], found: Sequence[Estimate], shape: str, filled: bool, line: str, shift: float
+    name: str,
+    x: Sequence[float],
+    found: Sequence[Estimate],
+    shape: str,
+    filled: bool,
+    line: str,
+    shift: float,
+    colour: int,
 ) -> Series:
-    return Series(
-        name, x, [e.value for e in found], [e.low for e in found], [e.high for e in found], shape, filled, line, shift
-    )
+    values, lows, highs = ([getattr(e, end) for e in found] for end in ("value", "low", "high"))
+    return Series(name, x, values, lows, highs, shape, filled, line, shift, colour)
 
 
-def _published(name: str, recalls: Sequence[float], shape: str, shift: float) -> Series:
+def _published(name: str, recalls: Sequence[float], shape: str, shift: float, colour: int) -> Series:
     ends = [wilson(r / 100 * thesis.N_FRAMES, thesis.N_FRAMES) for r in recalls]
     found = [Estimate(r / 100, low, high, thesis.N_FRAMES) for r, (low, high) in zip(recalls, ends, strict=True)]
-    return _series(name, thesis.LABELS_MAG, found, shape, False, "dashed", shift)
+    return _series(name, thesis.LABELS_MAG, found, shape, False, "dashed", shift, colour)
 
 
 def figure_5(rows: Rows) -> str:
     """Recall by class, adaptive and baseline, the thesis' and ours."""
     labels = sorted({row.depth_mag for row in rows.of(PART).rows}, reverse=True)
     series = [
-        _published("thesis: adaptive", thesis.ADAPTIVE_RECALL, "circle", -9),
-        _published("thesis: baseline", thesis.BASELINE_RECALL, "square", -3),
+        _published("thesis: adaptive", thesis.ADAPTIVE_RECALL, "circle", -9, _COLOURS[who.ADAPTIVE]),
+        _published("thesis: baseline", thesis.BASELINE_RECALL, "square", -3, _COLOURS[who.BASELINE]),
     ]
     for name, shape, shift in ((who.ADAPTIVE, "circle", 3.0), (who.BASELINE, "square", 9.0)):
         found = [rows.of(PART, name, (label,)).recall() for label in labels]
-        series.append(_series(f"ours: {name.removeprefix('thesis-')}", labels, found, shape, True, "solid", shift))
+        words = f"ours: {name.removeprefix('thesis-')}"
+        series.append(_series(words, labels, found, shape, True, "solid", shift, _COLOURS[name]))
     found = [rows.of(PART, who.LITERAL_ADAPTIVE, (label,)).recall() for label in labels]
-    series.append(_series("to the letter: adaptive", labels, found, "triangle", True, "dotted", 0.0))
+    colour = _COLOURS[who.LITERAL_ADAPTIVE]
+    series.append(_series("to the letter: adaptive", labels, found, "triangle", True, "dotted", 0.0, colour))
     return plot(series, _labels(), _PERCENT, "Recall by limiting magnitude, the thesis and this study")
 
 
@@ -65,7 +74,7 @@ def figure_depth(rows: Rows, depths: Sequence[float]) -> str:
         (who.ADAPTIVE, "triangle", "dotted", 6.0),
     ):
         found = [rows.of("centroids", name, (depth,)).recall() for depth in depths]
-        series.append(_series(name, depths, found, shape, line == "solid", line, shift))
+        series.append(_series(name, depths, found, shape, line == "solid", line, shift, _COLOURS[name]))
     return plot(series, axis, _PERCENT, "Recall by depth of the frame, centroids")
 
 
@@ -82,7 +91,7 @@ def figure_6(rows: Rows) -> str:
     series = []
     for name, shape, filled, line, shift in chosen:
         found = [rows.of(PART, name, (label,)).median_solve_ms() for label in labels]
-        series.append(_series(name, labels, found, shape, filled, line, shift))
+        series.append(_series(name, labels, found, shape, filled, line, shift, _COLOURS[name]))
     highest = max(value for one in series for value in one.y if math.isfinite(value))
     top = 10.0 ** math.ceil(math.log10(max(highest * 2, 10.0)))
     ticks = [10.0**n for n in range(round(math.log10(top)) + 1)]
@@ -99,7 +108,7 @@ def figure_swap(part: CentroidPart) -> str:
         fixes = [f for f in part.one_star if f.projection == projection and f.noise_px == noise_px]
         name = "mix-up, no noise" if noise_px == 0 else f"right projection, {noise_px:g} px"
         places, errors = [f.off_axis_deg for f in fixes], [f.error_km for f in fixes]
-        series.append(Series(name, places, errors, shape="dot", filled=filled, line="none"))
+        series.append(Series(name, places, errors, shape="dot", filled=filled, line="none", colour=0 if filled else 1))
     x = Axis(
         "angle of the star off the axis, deg", 0.0, largest, tuple((t, f"{t}") for t in range(0, int(largest) + 1, 2))
     )

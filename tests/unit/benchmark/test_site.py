@@ -22,12 +22,12 @@ from unit.benchmark.fake_results import SOLVERS, TASKS, write_frames, write_resu
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.report.site.boards import make_board
-from benchmark.report.site.charts import _apart, _front
+from benchmark.report.site.charts import _apart, _front, error_curves, success_curves
 from benchmark.report.site.columns import SUCCESS, break_interval, break_words, p_value, script_number, signed
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.pages import render_figure, render_site, write_site
 from benchmark.report.site.scales import level_scale, log_scale
-from benchmark.report.site.site_view import detectable_words, site_verdict
+from benchmark.report.site.site_view import detectable_words, make_styles, site_verdict
 from benchmark.report.site.tree import read_tree
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
@@ -284,6 +284,30 @@ def test_the_leaderboard_as_a_picture_stands_alone(boards):
     assert "prefers-color-scheme:dark" in drawing
     assert "http" not in drawing.replace("http://www.w3.org/2000/svg", "")
     assert len(list(root.iter("{http://www.w3.org/2000/svg}circle"))) == len(SOLVERS) * len(TASKS)
+
+
+def test_panels_show_each_value_in_words_and_each_interval_as_a_bar(boards):
+    board = boards[0]
+    styles = make_styles(boards)
+    curves = [(entry.label, styles[entry.label], entry.levels) for entry in board.entries]
+    backdrop, panels = error_curves(curves, board.task, "behind")
+    assert backdrop.count("<use") == 0
+    assert "stroke-dasharray" in backdrop  # the Cramér-Rao bound
+    assert [words in backdrop for words in (">km<", ">∞<", f">{board.task.axis}<")] == [True] * 3
+    for (name, style, levels), panel in zip(curves, panels, strict=True):
+        root = ET.fromstring(panel)
+        assert name in root.attrib["aria-label"]
+        assert root.find("use").attrib["href"] == "#behind"
+        words = [one.text for one in root.iter("title")]
+        assert [one.split(":")[0] for one in words] == [f"{level.condition:g}" for level in levels]
+        assert f"var(--series-{style.colour})" in panel
+        bars = [path for path in root.iter("path") if "stroke-opacity" in path.attrib]
+        drawn = sum(path.attrib["d"].count("M") for path in bars)
+        assert drawn == sum(not math.isnan(level.median_error_km.low) for level in levels)
+    _, panels = success_curves(curves, board.task, "behind")
+    for _, _, levels in curves:
+        (band,) = re.findall(r'fill-opacity="0.17" d="([^"]+)z"', panels.pop(0))
+        assert len(re.findall("[MLHV]", band)) == 2 * len(levels)
 
 
 def test_axes_place_values_where_they_belong():

@@ -1,0 +1,159 @@
+"""Figures of a study: series differ in colour, shape, filling and dash, so that print in one ink keeps them apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
+
+from benchmark.report.site.panels import DOTTED, MARKERS
+from generator.drawing.palette import INK, PAPER, SERIES
+from generator.drawing.style import DPI, axes_at, house_style, new_figure
+from generator.drawing.svg import inline_svg
+
+WIDTH, HEIGHT = 440, 280
+"""Of a figure and of its drawing area, px."""
+LEFT, RIGHT, BOTTOM = 50, 14, 48
+LEGEND_COLUMNS = 2
+_ROW_PX, _UNIT_PX, _LINE_PX = 18, 26, 15
+_LINES = {"solid": "-", "dashed": (0.0, (7.0, 4.0)), "dotted": DOTTED}
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points, in the units of the axes.
+
+    Attributes
+    ----------
+    name : str
+        For the legend; one without a name is not in it.
+    x, y : sequence of float
+        Infinite or undefined points are left out.
+    low, high : sequence of float or None
+        Intervals in y.
+    shape : str
+        ``circle``, ``square``, ``triangle``, ``diamond``, ``dot`` (small, for many) or ``none``.
+    filled : bool
+    line : str
+        ``solid``, ``dashed``, ``dotted`` or ``none``.
+    shift_px : float
+        Sideways, so that intervals of several series stand side by side.
+    colour : int or None
+        Place in the palette of series; None for ink.
+    """
+
+    name: str
+    x: Sequence[float]
+    y: Sequence[float]
+    low: Sequence[float] | None = None
+    high: Sequence[float] | None = None
+    shape: str = "circle"
+    filled: bool = True
+    line: str = "solid"
+    shift_px: float = 0.0
+    colour: int | None = None
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: title, ends, ticks and their labels; `log` for a logarithmic one."""
+
+    title: str
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]
+    log: bool = False
+
+    def clamped(self, value: float) -> float:
+        """A value brought to the nearer end where it lies beyond the axis."""
+        return min(max(value, min(self.low, self.high)), max(self.low, self.high))
+
+
+@house_style()
+def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
+    """Draw series.
+
+    Parameters
+    ----------
+    series : sequence of Series
+    x, y : Axis
+        `x.low` may exceed `x.high`: the axis then runs the other way. Points and intervals beyond `y` lie at its end.
+    label : str
+        What a screen reader says.
+
+    Returns
+    -------
+    str
+        An SVG element in the colours of the page.
+    """
+    named = [one for one in series if one.name]
+    legend = _ROW_PX * math.ceil(len(named) / LEGEND_COLUMNS)
+    extra_lines = max(words.count("\n") for _, words in x.ticks)
+    figure = new_figure(WIDTH, legend + _UNIT_PX + HEIGHT + BOTTOM + _LINE_PX * extra_lines)
+    axes = axes_at(figure, LEFT, legend + _UNIT_PX, WIDTH - LEFT - RIGHT, HEIGHT)
+    axes.set(
+        xscale="log" if x.log else "linear",
+        yscale="log" if y.log else "linear",
+        xlim=(x.low, x.high),
+        ylim=(y.low, y.high),
+        autoscale_on=False,
+    )
+    axes.set_xticks([value for value, _ in x.ticks], [words for _, words in x.ticks])
+    axes.set_yticks([value for value, _ in y.ticks], [words for _, words in y.ticks])
+    axes.minorticks_off()
+    axes.set_xlabel(x.title, x=0.5 - (LEFT - RIGHT) / 2.0 / (WIDTH - LEFT - RIGHT))
+    axes.annotate(y.title, (0.0, 1.0), (4.0 - LEFT, 10.0), "axes fraction", "offset points")
+    for one in series:
+        _draw(axes, one, y)
+    if named:
+        figure.legend(
+            *_handles(axes, named),
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=LEGEND_COLUMNS,
+            borderpad=0.1,
+            borderaxespad=0.0,
+            labelspacing=0.4,
+            handlelength=2.4,
+        )
+    return inline_svg(figure, label)
+
+
+def _draw(axes: Axes, one: Series, y: Axis) -> None:
+    aside = ScaledTranslation(one.shift_px / DPI, 0.0, axes.figure.dpi_scale_trans)
+    colour = INK.light if one.colour is None else SERIES[one.colour].light
+    drawn = [
+        (n, place, y.clamped(value))
+        for n, (place, value) in enumerate(zip(one.x, one.y, strict=True))
+        if math.isfinite(place) and math.isfinite(value)
+    ]
+    if one.low is not None and one.high is not None and drawn:
+        lows, highs = ([y.clamped(ends[n]) for n, _, _ in drawn] for ends in (one.low, one.high))
+        places = [place for _, place, _ in drawn]
+        axes.vlines(places, lows, highs, colors=[colour], linewidth=1.3, transform=axes.transData + aside)
+    marker, size = ("o", 3.6) if one.shape == "dot" else MARKERS.get(one.shape, ("", 0.0))
+    axes.plot(
+        [place for _, place, _ in drawn],
+        [value for _, _, value in drawn],
+        linestyle=_LINES.get(one.line, ""),
+        linewidth=1.5,
+        marker=marker,
+        markersize=size,
+        color=colour,
+        markerfacecolor=colour if one.filled else PAPER.light,
+        markeredgewidth=0.8 if one.shape == "dot" else 1.4,
+        transform=axes.transData + aside,
+        label=one.name or "_",
+        clip_on=False,
+    )
+
+
+def _handles(axes: Axes, named: Sequence[Series]) -> tuple[list[Line2D], list[str]]:
+    """Lines and names for a legend that reads row by row; Matplotlib fills it column by column."""
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    names = [named[n].name for column in range(LEGEND_COLUMNS) for n in range(column, len(named), LEGEND_COLUMNS)]
+    return [lines[name] for name in names], names
