@@ -1,12 +1,12 @@
-"""Rendered frames: celnav against sep + tetra3rs + the vertical. Usage: python tools/compare_with_tetra3rs.py FOLDER.
+"""Compare celnav with sep, tetra3rs and the vertical on rendered frames: python tools/compare_with_tetra3rs.py FOLDER.
 
-FOLDER is what `skybench render` writes. Needs the extra `peers` of pyproject.toml. The heading is known to neither.
+Neither is given the heading. Needs the extra `peers` of pyproject.toml.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +54,12 @@ def our_error_km(image, record, camera) -> float:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="frames written by `skybench render`")
+    folder = parser.parse_args().folder
     database = tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=130.0)
     rows = []
-    for path in sorted(Path(sys.argv[1]).glob("frame-*.json")):
+    for path in sorted(folder.glob("frame-*.json")):
         record = json.loads(path.read_text())
         image, camera = read_image(path.with_suffix(".png")), celnav.Camera.from_json(path)
         rows.append(

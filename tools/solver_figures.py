@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from pathlib import Path
 
 import altair as alt
@@ -32,7 +32,7 @@ def save(chart: alt.Chart | alt.LayerChart, path: Path) -> None:
 
 
 def detection(folder: Path) -> None:
-    """Part of the stars found over magnitude, by the matched filter and by flood fill, on the same images."""
+    """Share of the stars found over magnitude, by the matched filter and by flood fill, on the same images."""
     condition = Condition("detection", v_max=8.0)
     edges = np.arange(5.0, 8.01, 0.25)
     configs = {"matched filter": celnav.DetectionConfig(), "flood fill": celnav.FloodFillConfig()}
@@ -41,7 +41,7 @@ def detection(folder: Path) -> None:
     for number in range(4):
         field, image = make_field(condition, 13, number), image_of(condition, 13, number)
         v_mag = -2.5 * np.log10(field.flux)
-        # Stars with a brighter one within four pixels are another matter.
+        # Stars with another one within four pixels are left out.
         near = cKDTree(field.uv).query_pairs(4.0, output_type="ndarray")
         alone = np.ones(len(field.uv), dtype=bool)
         alone[near.ravel()] = False
@@ -59,7 +59,7 @@ def detection(folder: Path) -> None:
         .mark_line(point=True)
         .encode(
             x=alt.X("v:Q", title="V", scale=alt.Scale(zero=False)),
-            y=alt.Y("part:Q", title="part of single stars that is found"),
+            y=alt.Y("part:Q", title="share of single stars found"),
             color=alt.Color("what:N", title=None, scale=alt.Scale(domain=list(configs), range=[BLUE, GREY])),
         )
         .properties(width=560, height=260)
@@ -143,7 +143,7 @@ def depth(folder: Path) -> None:
          "part": [found[(stars.v_mag >= a) & (stars.v_mag < a + 0.2)].mean() for a in edges[:-1]]}
     )  # fmt: skip
     bars = alt.Chart(table).mark_bar(size=18, color=BLUE).encode(
-        x=alt.X("v:Q", title="V"), y=alt.Y("part:Q", title="part of the catalogue's stars that is detected")
+        x=alt.X("v:Q", title="V"), y=alt.Y("part:Q", title="share of the catalogue's stars detected")
     )  # fmt: skip
     rule = alt.Chart(pd.DataFrame({"v": [fix.limiting_mag]})).mark_rule(color=RED, strokeWidth=2).encode(x="v:Q")
     save((bars + rule).properties(width=560, height=260), folder / "solver_depth.svg")
@@ -214,7 +214,9 @@ def orbit(folder: Path) -> None:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("docs/images"), help="folder to write")
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     field = make_field(CONDITION, 7, 2)
     assert attitude_of(CONDITION, field).kind == "up"

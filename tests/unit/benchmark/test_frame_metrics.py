@@ -27,9 +27,10 @@ from benchmark.stats.frame_metrics import (
     measure,
     read_frames,
     resamples_of,
+    sites,
 )
 from benchmark.stats.intervals import quantile, wilson
-from benchmark.stats.paired_tests import mcnemar_clustered, mcnemar_exact, sign_flip
+from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
 from benchmark.stats.power import design_effect, minimum_detectable_difference
 
 
@@ -62,6 +63,26 @@ def test_every_metric_by_hand():
         "bound_ratio": pytest.approx((2.0 + 50.0) / 2),
         "median_time_ms": 3.0, "p95_time_ms": 100.0, "peak_memory_mib": 300.0,
     }  # fmt: skip
+
+
+def test_quantiles_and_limits_of_metrics():
+    """Of twenty, the 90 % quantile lies between the 18th and the 19th, the 95 % quantile between the 19th and the 20th."""
+    keys = ("median_error_km", "p90_error_km", "p95_time_ms", "success_10km", "wrong_and_confident")
+    frames = table(error_km=np.arange(1.0, 21.0), time_ms=np.arange(20.0, 0.0, -1.0))
+    found = measure(frames, [metric for metric in METRICS if metric.key in keys])
+    assert found["median_error_km"].value == 10.5
+    assert found["p90_error_km"].value == 18.5
+    assert found["p95_time_ms"].value == 19.5
+    # Success is an error below the limit, not at it: 10 km is no success at 10 km, but a wrong fix.
+    assert found["success_10km"].value == 9 / 20
+    assert found["wrong_and_confident"].value == 11 / 20
+
+
+def test_a_frame_without_a_site_is_one_of_its_own():
+    frames = table(site=["a", "", None, "a"])
+    assert sites(frames).tolist() == ["a", "frame frame-1", "frame frame-2", "a"]
+    assert sites(frames.drop(columns="site")).tolist() == [f"frame-{n}" for n in range(4)]
+    assert resamples_of(frames).n_clusters == 3
 
 
 def test_the_kelvins_score_is_that_of_the_competition():
@@ -175,6 +196,12 @@ def test_reliability_and_calibration_error_by_hand():
     found = calibration_error(frames, resamples_of(frames))
     assert found.value == pytest.approx((2 * 0.425 + 2 * 0.375 + 0.05) / 5)
     assert found.low <= found.value <= found.high
+    many = table(error_km=[1.0] * 70 + [100.0] * 30, confidence=[0.95] * 100)
+    wide = calibration_error(many, resamples_of(many))
+    assert wide.value == pytest.approx(0.25)
+    # About two standard errors of a proportion of 70 in 100 to either side.
+    assert 0.14 < wide.low < 0.20
+    assert 0.30 < wide.high < 0.36
     assert overconfidence(frames, resamples_of(frames)).value == pytest.approx((2.85 - 3) / 5)
     assert math.isnan(calibration_error(frames.iloc[5:], resamples_of(frames.iloc[5:])).value)
 
@@ -200,6 +227,9 @@ def test_risk_coverage_by_hand():
     assert (found.area.value, found.n_fixes) == (pytest.approx((0.25 + 1 / 3 + 0.5) / 4), 3)
     assert risk_coverage(table(confidence=[0.1, 0.9])).area.value == 0.0
     assert risk_coverage(frames.iloc[3:]).area.value == 1.0
+    # A fix without a confidence is accepted after those with one and before a refused frame.
+    some = table(status=["refused", "fix", "fix"], error_km=[None, 1.0, 1.0], confidence=[None, None, 0.1])
+    assert risk_coverage(some).risk.tolist() == pytest.approx([0, 0, 1 / 3])
 
 
 def test_squared_errors_in_units_of_the_covariance():
@@ -241,6 +271,26 @@ def test_refused_frames_in_a_comparison():
     (found,) = compare(tables)
     assert found.error_ratio.value == pytest.approx(0.5)
     assert found.closer.value == pytest.approx((1 + 1 + 0 + 0.5) / 4)
+
+
+def test_equal_solvers_have_a_symmetric_interval_of_their_difference():
+    """The two frames added keep it from being a point, one to each side."""
+    (found,) = compare(two([1] * 20 + [0] * 20, [1] * 20 + [0] * 20))
+    assert found.difference.value == 0.0
+    assert found.difference.high == pytest.approx(-found.difference.low, abs=0.011)
+    assert 0.02 < found.difference.high < 0.15
+
+
+def test_both_p_values_are_adjusted_over_all_pairs():
+    rng = np.random.default_rng(np.random.SeedSequence(12))
+    tables = {
+        name: table(error_km=rng.lognormal(shift, 1.0, 40)) for name, shift in zip("abc", (0.0, 0.3, 1.5), strict=True)
+    }
+    found = compare(tables)
+    assert len(found) == 3
+    assert [one.success_p_holm for one in found] == pytest.approx(holm([one.success_test.p for one in found]))
+    assert [one.error_p_holm for one in found] == pytest.approx(holm([one.error_p for one in found]))
+    assert [one.error_p_holm for one in found] != pytest.approx([one.error_p for one in found])
 
 
 def test_frames_are_paired_by_id_and_must_be_the_same():
@@ -330,4 +380,6 @@ def test_a_task_must_tell_solvers_apart():
     assert (found.n_conditions, found.n_informative, found.best_at_hardest, found.holds) == (4, 3, 0.1, True)
     easy = {"a": by_level([1.0, 1.0, 1.0, 0.6])}
     assert not discrimination(easy).holds
+    # A condition at which every solver fails tells none from another.
+    assert discrimination({"a": by_level([1.0, 0.5, 0.0, 0.0])}).n_informative == 1
     assert discrimination({"a": by_level([0.2, 0.9], -1)}, harder=-1).best_at_hardest == 0.9
