@@ -21,7 +21,8 @@ from benchmark.stats.clustered import (
     quantile_estimate,
 )
 from benchmark.stats.comparison import compare, difference_estimate, ranks
-from benchmark.stats.confidence import calibration_error, ellipse_coverage, nees, overconfidence, risk_coverage
+from benchmark.stats.confidence import calibration_error, overconfidence, risk_coverage
+from benchmark.stats.covariance import ellipse_coverage, nees
 from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
 from benchmark.stats.power import minimum_detectable_difference
 

@@ -20,15 +20,8 @@ from benchmark.report.formatting import number
 from benchmark.report.site.tree import StoredResult, TaskFacts
 from benchmark.stats.break_point import Discrimination, break_point, discrimination
 from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
-from benchmark.stats.confidence import (
-    CALIBRATION_METRICS,
-    Nees,
-    ReliabilityBin,
-    RiskCoverage,
-    nees,
-    reliability,
-    risk_coverage,
-)
+from benchmark.stats.confidence import CONFIDENCE_METRICS, ReliabilityBin, RiskCoverage, reliability, risk_coverage
+from benchmark.stats.covariance import COVARIANCE_METRICS, Nees, nees
 from benchmark.stats.frame_metrics import METRICS, column, errors_km, fixed, groups_of, measure, succeeded
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
@@ -100,7 +93,7 @@ class Entry:
     stored : StoredResult
         Where it comes from.
     metrics : mapping of str to Estimate
-        All of `METRICS` and `CALIBRATION_METRICS` by key.
+        All of `METRICS`, `CONFIDENCE_METRICS` and `COVARIANCE_METRICS` by key.
     success : Estimate
         By the limit of the task's own metric.
     rank : Rank
@@ -255,7 +248,7 @@ def _successes(frames: pd.DataFrame, task: TaskFacts, circumstance: Circumstance
 def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstance]) -> Entry:
     frames, task = result.frames, result.task
     curve = risk_coverage(frames)
-    others = [metric for metric in CALIBRATION_METRICS if metric.key != "risk_coverage_area"]
+    others = [metric for metric in (*CONFIDENCE_METRICS, *COVARIANCE_METRICS) if metric.key != "risk_coverage_area"]
     metrics = measure(frames, (*METRICS, *others)) | {"risk_coverage_area": curve.area}
     statuses = Counter(frames["status"])
     return Entry(

@@ -18,6 +18,7 @@ from benchmark.judge.outcome import SolverOutcome
 from benchmark.run.results import write_atomically
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
 from benchmark.stats.metrics import SUCCESS_KM
+from benchmark.stats.paired_tests import PairedTest, mcnemar_exact
 
 UNITS = {"depth_mag": "mag", "error_km": "km", "detect_ms": "ms", "solve_ms": "ms"}
 
@@ -150,6 +151,23 @@ class Rows:
     def p95_solve_ms(self) -> Estimate:
         """95 % quantile of the time of solving, without detection."""
         return quantile_estimate([row.solve_ms for row in self.rows], 0.95)
+
+
+def near_test(first: Rows, second: Rows) -> PairedTest:
+    """McNemar's exact test of the frames fixed within 10 km; both must hold the same frames in the same order."""
+    _check_pairs(first, second)
+    return mcnemar_exact(first.near, second.near)
+
+
+def identified_test(first: Rows, second: Rows) -> PairedTest:
+    """McNemar's exact test of the frames whose stars are identified; both must hold the same frames in the same order."""
+    _check_pairs(first, second)
+    return mcnemar_exact(first.identified, second.identified)
+
+
+def _check_pairs(first: Rows, second: Rows) -> None:
+    if [row.frame_id for row in first.rows] != [row.frame_id for row in second.rows]:
+        raise ValueError("rows of different frames, or in another order, cannot be compared in pairs")
 
 
 def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS) -> None:

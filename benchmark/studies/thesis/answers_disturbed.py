@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from benchmark.stats.intervals import Estimate
-from benchmark.stats.paired_tests import mcnemar_exact
 from benchmark.studies.common.page_model import Answer, Cell, Number, Outcome, Table, Verdict, family
-from benchmark.studies.common.records import Rows
+from benchmark.studies.common.records import Rows, near_test
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis.centroids import DISTURBANCES, DISTURBED_DEPTH_MAG, SHALLOW_DEPTH_MAG
 from benchmark.studies.thesis.disturbed import CLEAR, FEW_STARS, NAMES, SETTINGS, part_of
@@ -41,7 +40,7 @@ def h10(rows: Rows) -> Answer:
         [
             (
                 f"{name}: {FEW_STARS} against {setting}",
-                mcnemar_exact(rows.of(part_of(FEW_STARS), name).near, rows.of(part_of(setting), name).near),
+                near_test(rows.of(part_of(FEW_STARS), name), rows.of(part_of(setting), name)),
             )
             for name in (who.ADAPTIVE, who.BRIGHTEST_N)
             for setting in SETTINGS_OF_LIGHT

@@ -1,4 +1,4 @@
-"""Answers about identification: H1, H2, H3, H6."""
+"""Answers about identification: H1, H3, H6."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.paired_tests import mcnemar_exact
 from benchmark.studies.common.page_model import Answer, Cell, Comparison, Number, Outcome, Table, Verdict, family
-from benchmark.studies.common.records import Rows
+from benchmark.studies.common.records import Rows, identified_test, near_test
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis.hypotheses import CLAIMS
-from benchmark.studies.thesis.rendered import HISTORY_ORDERS, PART
+from benchmark.studies.thesis.rendered import PART
 
 LIGHT_POLLUTED_MAG = 6.5
 CENTROIDS = "centroids"
@@ -38,32 +38,6 @@ class IdentifiedShares:
     selection_alone: Estimate
     iteration_alone: Estimate
     over_iteration_and_rejection: Outcome
-
-
-@dataclass(frozen=True)
-class HistoryEffects:
-    """H2: recalls with the history reset and carried, in our reading and to the letter.
-
-    Attributes
-    ----------
-    reset, baseline : Estimate
-        Of our reading.
-    carried_shuffled : Outcome
-        Our reading, carried through shuffled frames, against reset.
-    literal_reset, literal_baseline, literal_one_depth, literal_shuffled : Estimate
-    literal_carried_one_depth, literal_carried_shuffled : Outcome
-        Against reset.
-    """
-
-    reset: Estimate
-    baseline: Estimate
-    carried_shuffled: Outcome
-    literal_reset: Estimate
-    literal_baseline: Estimate
-    literal_one_depth: Estimate
-    literal_shuffled: Estimate
-    literal_carried_one_depth: Outcome
-    literal_carried_shuffled: Outcome
 
 
 @dataclass(frozen=True)
@@ -93,7 +67,7 @@ def h1(rows: Rows) -> Answer:
     ours = {name: rows.of(PART, name, labels) for name in who.OURS_IN_TABLE}
     tests = family(
         [
-            (f"{a} against {b}", mcnemar_exact(ours[a].identified, ours[b].identified))
+            (f"{a} against {b}", identified_test(ours[a], ours[b]))
             for a, b in (
                 (who.ADAPTIVE, who.BASELINE),
                 (who.CATALOGUE_ONLY, who.BASELINE),
@@ -141,74 +115,6 @@ def _identified_table(rows: Rows, labels: Sequence[float]) -> Table:
     )
 
 
-def h2(rows: Rows) -> Answer:
-    """History reset against history carried."""
-    baseline = rows.of(PART, who.BASELINE)
-    baseline = Rows(tuple(sorted(baseline.rows, key=lambda row: row.frame_id)))
-    pictures = {order: rows.of("history", order) for order in HISTORY_ORDERS}
-    literal_orders = ("reset", "carried, one depth", "carried, shuffled")
-    literal = {order: rows.of("literal history", order) for order in literal_orders}
-    reset, in_turn, shuffled = (pictures[order] for order in HISTORY_ORDERS)
-    letter_reset, letter_one, letter_shuffled = (literal[order] for order in literal_orders)
-    depths = sorted({row.depth_mag for row in letter_reset.rows})
-    letter_baseline = rows.of(CENTROIDS, who.LITERAL_BASELINE, depths)
-    tests = family(
-        [
-            ("our adaptive, history reset, against baseline", mcnemar_exact(reset.near, baseline.near)),
-            ("our adaptive: carried set by set against reset", mcnemar_exact(in_turn.near, reset.near)),
-            ("our adaptive: carried shuffled against reset", mcnemar_exact(shuffled.near, reset.near)),
-            (
-                "literal adaptive, reset, against literal baseline",
-                mcnemar_exact(letter_reset.near, letter_baseline.near),
-            ),
-            ("literal adaptive: carried at one depth against reset", mcnemar_exact(letter_one.near, letter_reset.near)),
-            (
-                "literal adaptive: carried shuffled against reset",
-                mcnemar_exact(letter_shuffled.near, letter_reset.near),
-            ),
-        ]
-    )
-    body: list[tuple[Cell, ...]] = [
-        (
-            "our reading, rendered frames",
-            *(Number(found.recall(), "percent") for found in (baseline, *pictures.values())),
-        ),
-        (
-            f"to the letter, centroids to mag {depths[0]:g}–{depths[-1]:g}",
-            *(Number(found.recall(), "percent") for found in (letter_baseline, *literal.values())),
-        ),
-        ("median ms, our reading", *(Number(found.median_solve_ms()) for found in (baseline, *pictures.values()))),
-    ]
-    table = Table(
-        "Recall (< 10 km) with the history in three orders",
-        f"{len(reset)} rendered and {len(letter_reset)} centroid frames",
-        ("", "baseline", "adaptive, reset", "carried, one set after the other", "carried, shuffled"),
-        tuple(body),
-        "The literal baseline is tested on the same centroid frames. Carried, one set after the other: the literal "
-        "variant starts a new history at each depth, ours keeps one through the sets from dark to bright.",
-    )
-    gains = [tests[place].outcome is Outcome.BETTER for place in (0, 3)]
-    verdict = Verdict.YES if all(gains) else Verdict.IN_PART if any(gains) else Verdict.NO
-    return Answer(
-        "H2",
-        CLAIMS["H2"],
-        (("", verdict),),
-        HistoryEffects(
-            reset.recall(),
-            baseline.recall(),
-            tests[2].outcome,
-            letter_reset.recall(),
-            letter_baseline.recall(),
-            letter_one.recall(),
-            letter_shuffled.recall(),
-            tests[4].outcome,
-            tests[5].outcome,
-        ),
-        (table,),
-        tests,
-    )
-
-
 def h3(rows: Rows) -> Answer:
     """One deep catalogue and the brightest detections."""
     names = (who.ADAPTIVE, who.BRIGHTEST_N, who.DAI)
@@ -216,10 +122,10 @@ def h3(rows: Rows) -> Answer:
     shallow = {name: rows.of(CENTROIDS, name) for name in names}
     tests = family(
         [
-            ("brightest-n against adaptive, rendered", mcnemar_exact(found[names[1]].near, found[names[0]].near)),
-            ("ddr-dai against adaptive, rendered", mcnemar_exact(found[names[2]].near, found[names[0]].near)),
-            ("brightest-n against adaptive, centroids", mcnemar_exact(shallow[names[1]].near, shallow[names[0]].near)),
-            ("ddr-dai against adaptive, centroids", mcnemar_exact(shallow[names[2]].near, shallow[names[0]].near)),
+            ("brightest-n against adaptive, rendered", near_test(found[names[1]], found[names[0]])),
+            ("ddr-dai against adaptive, rendered", near_test(found[names[2]], found[names[0]])),
+            ("brightest-n against adaptive, centroids", near_test(shallow[names[1]], shallow[names[0]])),
+            ("ddr-dai against adaptive, centroids", near_test(shallow[names[2]], shallow[names[0]])),
         ]
     )
     table = Table(

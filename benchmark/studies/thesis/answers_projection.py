@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from benchmark.judge.geodesy import MEAN_RADIUS_KM
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
 from benchmark.stats.metrics import SUCCESS_KM
-from benchmark.stats.paired_tests import mcnemar_exact
 from benchmark.studies.common.page_model import Answer, Cell, Comparison, Number, Outcome, Table, Verdict, family
-from benchmark.studies.common.records import Rows
+from benchmark.studies.common.records import Rows, identified_test
 from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis.centroids import NOISE_PX, NOISES_PX, ONE_STAR_DEPTHS_MAG, CentroidPart
 from benchmark.studies.thesis.hypotheses import CLAIMS
@@ -79,29 +78,7 @@ def swap_error_km(off_axis_deg: ArrayLike) -> NDArray[np.float64]:
 
 def h5(rows: Rows, part: CentroidPart) -> Answer:
     """Effect of the wrong projection on a fix from one star and on identification."""
-    body: list[tuple[Cell, ...]] = []
-    medians: dict[tuple[str, float, float], Estimate] = {}
-    for projection, depth, noise_px in itertools.product(("pinhole", "stereographic"), ONE_STAR_DEPTHS_MAG, NOISES_PX):
-        chosen = [f for f in part.one_star if (f.projection, f.depth_mag, f.noise_px) == (projection, depth, noise_px)]
-        errors = [f.error_km for f in chosen]
-        medians[projection, depth, noise_px] = quantile_estimate(errors, 0.5)
-        near = Number(proportion([error < SUCCESS_KM for error in errors]), "percent")
-        off_axis = Number(quantile_estimate([f.off_axis_deg for f in chosen], 0.5))
-        body.append(
-            (
-                f"{projection}, {noise_px:g} px, to mag {depth:g}",
-                off_axis,
-                Number(medians[projection, depth, noise_px]),
-                near,
-                str(len(errors)),
-            )
-        )
-    stars = Table(
-        "The most central star, its name known",
-        "centroid frames, solved as pinhole frames",
-        ("frame made with, noise, stars", "median deg off the axis", "median km", "error < 10 km", "frames"),
-        tuple(body),
-    )
+    stars, medians = _one_star(part)
     swapped = [f for f in part.one_star if f.projection == "stereographic" and f.noise_px == 0.0]
     ratio = quantile_estimate([f.error_km / float(swap_error_km(f.off_axis_deg)) for f in swapped], 0.5)
     tests, patterns = _patterns(rows)
@@ -138,15 +115,38 @@ def h5(rows: Rows, part: CentroidPart) -> Answer:
     )
 
 
+def _one_star(part: CentroidPart) -> tuple[Table, dict[tuple[str, float, float], Estimate]]:
+    """Table of the one-star fixes, and their median errors in km by projection, depth and noise."""
+    body: list[tuple[Cell, ...]] = []
+    medians: dict[tuple[str, float, float], Estimate] = {}
+    for projection, depth, noise_px in itertools.product(("pinhole", "stereographic"), ONE_STAR_DEPTHS_MAG, NOISES_PX):
+        chosen = [f for f in part.one_star if (f.projection, f.depth_mag, f.noise_px) == (projection, depth, noise_px)]
+        errors = [f.error_km for f in chosen]
+        medians[projection, depth, noise_px] = quantile_estimate(errors, 0.5)
+        body.append(
+            (
+                f"{projection}, {noise_px:g} px, to mag {depth:g}",
+                Number(quantile_estimate([f.off_axis_deg for f in chosen], 0.5)),
+                Number(medians[projection, depth, noise_px]),
+                Number(proportion([error < SUCCESS_KM for error in errors]), "percent"),
+                str(len(errors)),
+            )
+        )
+    table = Table(
+        "The most central star, its name known",
+        "centroid frames, solved as pinhole frames",
+        ("frame made with, noise, stars", "median deg off the axis", "median km", "error < 10 km", "frames"),
+        tuple(body),
+    )
+    return table, medians
+
+
 def _patterns(rows: Rows) -> tuple[tuple[Comparison, ...], Table]:
     names = list(dict.fromkeys(row.contestant for row in rows.of("projection pinhole").rows))
     right = {name: rows.of("projection pinhole", name) for name in names}
     wrong = {name: rows.of("projection stereographic", name) for name in names}
     tests = family(
-        [
-            (f"{name}: right against wrong projection", mcnemar_exact(right[name].identified, wrong[name].identified))
-            for name in names
-        ]
+        [(f"{name}: right against wrong projection", identified_test(right[name], wrong[name])) for name in names]
     )
     table = Table(
         "Identification with the right and the wrong projection",

@@ -29,6 +29,7 @@ from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis import tables as tables
 from benchmark.studies.thesis.answers_confidence import h8
 from benchmark.studies.thesis.answers_disturbed import h10
+from benchmark.studies.thesis.answers_history import h2
 from benchmark.studies.thesis.answers_label import label_answer
 from benchmark.studies.thesis.answers_projection import h5
 from benchmark.studies.thesis.answers_time import Speed, h11, speeds
@@ -172,7 +173,7 @@ def _tables(rows: Rows, rendered: RenderedPart) -> tuple[Table, ...]:
 def _answers(rows: Rows, rendered: RenderedPart, centroids: CentroidPart) -> tuple[Answer, ...]:
     return (
         identification.h1(rows),
-        identification.h2(rows),
+        h2(rows),
         identification.h3(rows),
         position.h4(rows),
         h5(rows, centroids),

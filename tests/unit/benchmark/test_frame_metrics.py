@@ -12,14 +12,12 @@ from benchmark.stats.clustered import Resamples, expanded_levels, quantile_estim
 from benchmark.stats.comparison import compare, detectable, paired, ranks
 from benchmark.stats.confidence import (
     calibration_error,
-    ellipse_coverage,
     expected_calibration_error,
-    nees,
-    nees_values,
     overconfidence,
     reliability,
     risk_coverage,
 )
+from benchmark.stats.covariance import ellipse_coverage, nees, nees_values
 from benchmark.stats.frame_metrics import (
     METRICS,
     groups_of,

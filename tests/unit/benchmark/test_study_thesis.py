@@ -20,7 +20,7 @@ from benchmark.studies.common.centroid_frames import StarList, list_stars, make_
 from benchmark.studies.common.contestants import Contestant, judge_detections
 from benchmark.studies.common.page_model import Number, Outcome, Table, family, plain
 from benchmark.studies.common.progress import StudyProgress
-from benchmark.studies.common.records import Row, Rows, write_rows
+from benchmark.studies.common.records import Row, Rows, identified_test, near_test, write_rows
 from benchmark.studies.common.series_plot import HEIGHT, Axis, Series, plot
 from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
@@ -222,6 +222,16 @@ def test_comparisons_say_who_is_better():
     assert "12 to 0 of 15" in one.text
     table = Table("t", "s", ("x",), ((Number(Estimate(math.inf, 1.0, math.inf, 3)),),))
     assert json.loads(json.dumps(plain(table), allow_nan=False))["rows"][0][0]["value"] is None
+
+
+def test_only_rows_of_the_same_frames_are_paired():
+    first = Rows(tuple(row(frame=f"f{n}") for n in range(8)))
+    far = Rows(tuple(row(frame=f"f{n}", error_km=50.0, n_correct=0) for n in range(8)))
+    assert near_test(first, far) == identified_test(first, far) == mcnemar_exact([True] * 8, [False] * 8)
+    for other in (Rows(far.rows[::-1]), Rows(far.rows[1:])):
+        for test in (near_test, identified_test):
+            with pytest.raises(ValueError, match="in pairs"):
+                test(first, other)
 
 
 def test_plot_is_xml_and_escapes():

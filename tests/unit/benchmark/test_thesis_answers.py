@@ -10,6 +10,7 @@ import pytest
 from benchmark.stats.intervals import Estimate
 from benchmark.studies.common.page_model import Answer, Outcome, Verdict, plain
 from benchmark.studies.common.records import Row, Rows
+from benchmark.studies.thesis import answers_history
 from benchmark.studies.thesis import answers_identification as identification
 from benchmark.studies.thesis import answers_position as position
 from benchmark.studies.thesis import contestants as who
@@ -95,7 +96,7 @@ def h2(reset, baseline, shuffled, literal_reset, literal_baseline, literal_one, 
     made += rows("centroids", who.LITERAL_BASELINE, literal_baseline)
     for part, orders in (("history", mine), ("literal history", literal)):
         made += [row for name, near in orders.items() for row in rows(part, name, near)]
-    return identification.h2(Rows(tuple(made)))
+    return answers_history.h2(Rows(tuple(made)))
 
 
 def test_history_effects_go_each_its_way():
