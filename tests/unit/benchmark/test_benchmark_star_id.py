@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmark.frames.dataset import TruthStars
-from benchmark.judge.star_id import MATCH_RADIUS_PX, score_matches
+from benchmark.judge.star_id import MATCH_RADIUS_PX, TRACE_SNR, score_matches
 
 TRUTH = TruthStars(
     star_id=np.array([11, 22, 33, 44, 55]),
@@ -29,7 +29,7 @@ def test_in_a_crowd_the_nearest_and_the_brightest_are_right_and_no_faint_one_bes
     assert score((1, 55)).n_correct == 0
 
 
-@pytest.mark.parametrize(("electrons", "right"), [(5001.0, 1), (4999.0, 0)])
+@pytest.mark.parametrize(("electrons", "right"), [(5001.0, 1), (5000.0, 1), (4999.0, 0)])
 def test_a_blend_may_be_named_after_any_star_of_half_the_brightest(electrons, right):
     light = np.where(TRUTH.star_id == 55, electrons, TRUTH.electrons_e)
     truth = TruthStars(TRUTH.star_id, TRUTH.uv, light, TRUTH.snr)
@@ -45,8 +45,16 @@ def test_the_radius_is_where_it_is_said_to_be():
     outside = TruthStars(np.array([1]), np.array([[MATCH_RADIUS_PX + 1e-6, 0.0]]), np.ones(1), np.full(1, 10.0))
     match = np.array([[0, 1]])
     assert score_matches(np.zeros((1, 2)), match, inside).n_correct == 1
+    assert score_matches(np.zeros((1, 2)), match, inside).n_detected_stars == 1
     assert score_matches(np.zeros((1, 2)), match, outside).n_correct == 0
     assert score_matches(np.zeros((1, 2)), match, outside).n_detected_stars == 0
+
+
+@pytest.mark.parametrize(("snr", "traced"), [(TRACE_SNR, 1), (TRACE_SNR - 1e-6, 0)])
+def test_a_star_leaves_a_trace_from_the_limit_on(snr, traced):
+    truth = TruthStars(np.array([1]), np.zeros((1, 2)), np.ones(1), np.full(1, snr))
+    result = score_matches(np.zeros((1, 2)), np.array([[0, 1]]), truth)
+    assert (result.n_detected_stars, result.n_correct) == (traced, traced)
 
 
 @pytest.mark.parametrize("truth", [TRUTH, TruthStars(*[np.empty(s) for s in (0, (0, 2), 0, 0)])])

@@ -98,6 +98,18 @@ def test_information_along_and_across_a_streak():
     )
 
 
+def test_information_of_a_slanted_streak_has_its_axes_along_and_across():
+    light, _, _ = random_sky(5, n=2)
+    streaks = np.array([[3.0, 4.0], [-6.0, 2.0]])
+    found = place_information(dataclasses.replace(light, streak_px=streaks))
+    lengths = np.hypot(*streaks.T)
+    expected = streak_information(light.electrons_e, light.background_e2, light.psf_sigma_px, lengths)
+    for information, (u, v), length, (along, across) in zip(found, streaks, lengths, expected, strict=True):
+        axes = np.array([[u, v], [-v, u]]) / length
+        assert axes @ information @ axes.T == pytest.approx(np.diag([along, across]), rel=1e-9, abs=1e-9 * across)
+        assert along < 0.9 * across
+
+
 def test_an_efficient_estimator_of_a_place_reaches_the_bound():
     """Maximum likelihood by scoring on simulated pixels: variance over bound is 1 within the chi^2 interval of the trials."""
     e, b, s, trials = 4000.0, 15.0, 0.9, 4000
