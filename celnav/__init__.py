@@ -12,7 +12,7 @@ from celnav.attitude import Attitude
 from celnav.camera import Camera
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
-from celnav.fix import Fix, Reason
+from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.flood_fill import FloodFillConfig
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
@@ -27,11 +27,13 @@ __all__ = [
     "THESIS_ADAPTIVE",
     "THESIS_BASELINE",
     "Attitude",
+    "Calibration",
     "Camera",
     "CelnavError",
     "DdrConfig",
     "DetectionConfig",
     "Detections",
+    "Estimate",
     "Fix",
     "FloodFillConfig",
     "History",

@@ -19,9 +19,6 @@ from celnav.identification.verification import rotation_of, turning_derivatives
 
 F8 = NDArray[np.float64]
 
-# Detections looked at together when pairs are formed: bounds the memory where both lists are long.
-_ROWS_AT_ONCE = 4096
-
 PARAMETERS = ("log_f", "cx_px", "cy_px", "q1", "q2")
 
 
@@ -125,27 +122,6 @@ def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
     # The distortion's own change along the radius is of second order in it.
     design[:, :, :3] = factor[:, :, None] * turning_derivatives(dirs, by_direction)
     return design
-
-
-def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp], F8]:
-    """Return all pairs of `seen` (n, 2) and `predicted` (k, 2) within a radius, and their distances, shapes (m,).
-
-    Sorted by row of `seen`. What lies within the radius along u is looked up in sorted order, then measured.
-    """
-    order = np.argsort(predicted[:, 0])
-    u, v = predicted[order].T.copy()
-    first = np.searchsorted(u, seen[:, 0] - radius_px)
-    last = np.searchsorted(u, seen[:, 0] + radius_px, side="right")
-    found = []
-    for block in range(0, max(len(seen), 1), _ROWS_AT_ONCE):
-        low, count = first[block : block + _ROWS_AT_ONCE], (last - first)[block : block + _ROWS_AT_ONCE]
-        rows = np.repeat(np.arange(block, block + len(low)), count)
-        columns = np.arange(len(rows)) + np.repeat(low - (np.cumsum(count) - count), count)
-        distance = np.hypot(seen[:, 0].take(rows) - u.take(columns), seen[:, 1].take(rows) - v.take(columns))
-        near = np.flatnonzero(distance <= radius_px)
-        found.append((rows[near], order[columns[near]], distance[near]))
-    detection, star, distances = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return detection, star, distances
 
 
 def associate(

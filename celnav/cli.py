@@ -60,6 +60,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--pressure-hpa", type=float, default=1010.0, help="for refraction; default: %(default)s")
     command.add_argument("--temperature-c", type=float, default=10.0, help="for refraction; default: %(default)s")
     command.add_argument("--dut1-s", type=float, help="UT1-UTC in seconds; default: from the IERS table")
+    command.add_argument(
+        "--time-limit-s",
+        type=float,
+        metavar="SECONDS",
+        help="give the search for an identification up after so long; default: no limit but that of its work",
+    )
     command.add_argument("--json", action="store_true", help="print JSON")
     return parser
 
@@ -109,6 +115,7 @@ def _solve(arguments: argparse.Namespace) -> tuple[Fix, Detections]:
         pressure_hpa=arguments.pressure_hpa,
         temperature_c=arguments.temperature_c,
         dut1_s=arguments.dut1_s,
+        time_limit_s=arguments.time_limit_s,
     )
     return fix, detections
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -13,16 +13,47 @@ from numpy.typing import NDArray
 
 
 class Reason(StrEnum):
-    """Why there is a fix (`OK`) or none."""
+    """Why there is a fix (`OK`) or none; docs/celnav.md explains each."""
 
     OK = "ok"
     TOO_FEW_DETECTIONS = "too_few_detections"
     NO_HYPOTHESIS = "no_hypothesis"
+    EFFORT_SPENT = "effort_spent"
     AMBIGUOUS = "ambiguous"
     INCONSISTENT = "inconsistent"
     ATTITUDE_REQUIRED = "attitude_required"
     VERTICAL_REQUIRED = "vertical_required"
     NOT_CONVERGED = "not_converged"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its standard deviation."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the solver changed in the camera; None where it kept the camera's value.
+
+    Attributes
+    ----------
+    log_f : Estimate or None
+        Natural logarithm of the factor on the focal length.
+    cx_px, cy_px : Estimate or None
+        Shift of the principal point.
+    q1, q2 : Estimate or None
+        Radial terms: positions move from the principal point by the factor 1 + q1 r^2 + q2 r^4, with r the distance
+        from it over half the diagonal of the frame.
+    """
+
+    log_f: Estimate | None = None
+    cx_px: Estimate | None = None
+    cy_px: Estimate | None = None
+    q1: Estimate | None = None
+    q2: Estimate | None = None
 
 
 def _no_matches() -> NDArray[np.int64]:
@@ -59,12 +90,20 @@ class Fix:
         Magnitude down to which the frame shows the catalogue's stars, estimated; NaN where the solver does not tell.
     log10_false_alarm : float
         Decimal logarithm of a bound on the probability that chance explains the identification; NaN where unknown.
+    heading_off_deg : float
+        How far the heading that the stars imply is from the one given, degrees; NaN where no heading was given, or the
+        solver does not tell.
+    calibration : Calibration
+        What the solver changed in the camera.
+    work : int
+        Work that the identification took, in look-ups (docs/solver.md, "Effort"); 0 where the solver does not count.
     time_ms : mapping of str to float
         Time each stage took, milliseconds.
     solver : str
         Name of the solver.
     details : mapping
-        What the solver wants to say besides, for example the depth of the catalogue it chose.
+        Further diagnostics for people, for example the depth of the catalogue that the solver chose. No code depends on
+        them.
     """
 
     ok: bool
@@ -80,6 +119,9 @@ class Fix:
     R_icrs_to_camera: NDArray[np.float64] | None = None
     limiting_mag: float = math.nan
     log10_false_alarm: float = math.nan
+    heading_off_deg: float = math.nan
+    calibration: Calibration = Calibration()
+    work: int = 0
     time_ms: Mapping[str, float] = field(default_factory=dict)
     solver: str = ""
     details: Mapping[str, float | int | str] = field(default_factory=dict)
@@ -109,6 +151,9 @@ class Fix:
             "R_icrs_to_camera": None if self.R_icrs_to_camera is None else self.R_icrs_to_camera.tolist(),
             "limiting_mag": number(self.limiting_mag),
             "log10_false_alarm": number(self.log10_false_alarm),
+            "heading_off_deg": number(self.heading_off_deg),
+            "calibration": {name: part for name, part in asdict(self.calibration).items() if part is not None},
+            "work": self.work,
             "time_ms": {stage: round(float(ms), 3) for stage, ms in self.time_ms.items()},
             "solver": self.solver,
             "details": dict(self.details),

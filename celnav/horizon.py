@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from celnav.astrometry import enu_rotation
 from celnav.attitude import Attitude
-from celnav.position import WGS84_A_KM, WGS84_E2
+from celnav.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 
@@ -77,8 +77,8 @@ def rotation_vector(rotation: F8) -> F8:
 
 def radii_km(lat_rad: float) -> tuple[float, float]:
     """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km."""
-    curvature = 1 - WGS84_E2 * math.sin(lat_rad) ** 2
-    return WGS84_A_KM / math.sqrt(curvature), WGS84_A_KM * (1 - WGS84_E2) / curvature**1.5
+    curvature = 1 - ECCENTRICITY_SQUARED * math.sin(lat_rad) ** 2
+    return SEMI_MAJOR_AXIS_KM / math.sqrt(curvature), SEMI_MAJOR_AXIS_KM * (1 - ECCENTRICITY_SQUARED) / curvature**1.5
 
 
 def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:

@@ -25,11 +25,9 @@ from celnav.errors import AttitudeError, ConfigError, DetectionError
 from celnav.fix import Fix, Reason
 from celnav.refraction import unrefract
 from celnav.utc import Utc, parse_utc
+from celnav.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
-
-WGS84_A_KM = 6378.137
-WGS84_E2 = 6.69437999014e-3
 
 
 @dataclass(frozen=True)
@@ -358,8 +356,8 @@ def _covariance(
         systematic = np.einsum("nji,nia->ja", gain, in_residual)
         covariance = covariance + (systematic * sigmas**2) @ systematic.T
     lat = math.radians(solution[0])
-    curvature = 1 - WGS84_E2 * math.sin(lat) ** 2
-    north_km = WGS84_A_KM * (1 - WGS84_E2) / curvature**1.5
-    east_km = WGS84_A_KM / math.sqrt(curvature) * math.cos(lat)
+    curvature = 1 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2
+    north_km = SEMI_MAJOR_AXIS_KM * (1 - ECCENTRICITY_SQUARED) / curvature**1.5
+    east_km = SEMI_MAJOR_AXIS_KM / math.sqrt(curvature) * math.cos(lat)
     to_km = np.array([[0.0, east_km], [north_km, 0.0]])
     return np.asarray(to_km @ covariance @ to_km.T)

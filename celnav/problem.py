@@ -35,7 +35,25 @@ class LastKnown:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One frame's question, validated."""
+    """One frame's question, validated.
+
+    Attributes
+    ----------
+    observation : Observation
+        Detections and camera.
+    utc : Utc
+        Middle of the exposure.
+    attitude : Attitude or None
+        What is known of the horizon.
+    weather : Weather
+        For refraction.
+    dut1_s : float or None
+        UT1-UTC, seconds; None takes it from the IERS table.
+    near : LastKnown or None
+        Where the answer lies.
+    time_limit_s : float or None
+        Time by the clock after which the caller would rather have a refusal, from the start of the solver's `Stopwatch`.
+    """
 
     observation: Observation
     utc: Utc
@@ -43,6 +61,13 @@ class Problem:
     weather: Weather
     dut1_s: float | None
     near: LastKnown | None = None
+    time_limit_s: float | None = None
+
+
+def check_time_limit(time_limit_s: float) -> None:
+    """Raise `ConfigError` unless the limit is a positive number of seconds."""
+    if not (isinstance(time_limit_s, (int, float)) and time_limit_s > 0):
+        raise ConfigError(f"time_limit_s = {time_limit_s!r} must be a positive number of seconds")
 
 
 class Solver(Protocol):
@@ -55,8 +80,17 @@ class Solver(Protocol):
 
 @dataclass
 class Stopwatch:
-    """Times stages, in milliseconds."""
+    """Times stages, in milliseconds.
 
+    Attributes
+    ----------
+    started_s : float
+        Value of `time.perf_counter` when it was made.
+    time_ms : dict of str to float
+        Time of each stage.
+    """
+
+    started_s: float = field(default_factory=time.perf_counter)
     time_ms: dict[str, float] = field(default_factory=dict)
 
     @contextmanager

@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, candidate_pairs, predict, without_focal
-from celnav.astrometry import DIURNAL_ABERRATION, celestial_to_terrestrial, terrestrial_stars
+from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, predict, without_focal
+from celnav.astrometry import celestial_to_terrestrial
 from celnav.camera import Camera
-from celnav.catalog import StarCatalog, load_catalog
+from celnav.catalog import StarCatalog
 from celnav.earth_rotation import EarthOrientation, earth_orientation
 from celnav.errors import ConfigError
-from celnav.fix import Fix, Reason
+from celnav.field_stars import Prepared, pairing_radius, seen_planets, visible_stars
+from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, horizontal_frame, place_from_rotation
+from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
-from celnav.identification.identify import Question, SearchConfig
+from celnav.identification.identify import Question
+from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import load_sky_index
-from celnav.identification.verification import Alignment, field_cone
-from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
-from celnav.problem import Problem, Stopwatch
+from celnav.identification.verification import Alignment
+from celnav.pairing import candidate_pairs
+from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.refraction import unrefract_rays
+from celnav.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
-
-EARTH_RADIUS_KM = 6371.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,21 @@ class SkybenchConfig:
         Standard deviations for ``full``.
     focal_factors : tuple of float
         On the focal length, tried in turn where nothing fits the camera as it is given; not with ``none``. Each covers 6 %
-        to both sides, and makes a refusal take as much longer.
+        to both sides.
+    focal_effort : float
+        Part of `max_work` for each of them. A tenth: fields with an error of 12 % need a twentieth (docs/solver.md).
+    max_work : int
+        Bound on the work of the identification, in look-ups: one look-up is one detection laid on the star map under one
+        hypothesis, and other steps count as many look-ups as take the same time
+        (`celnav.identification.effort`). The answer depends on it, and not on the machine. The default keeps the
+        refusal of any input below a quarter of a second on one core, and is where more work solves few more fields.
+    time_limit_s : float or None
+        Time by the clock after which the identification gives up, looked at between batches of some milliseconds. Off by
+        default: under a time limit an answer may differ from machine to machine and from run to run. The caller's
+        ``celnav.solve(..., time_limit_s=)`` counts too; the shorter of both does.
+    max_detections : int
+        Detections beyond this many, in their order of brightness, are left out: work after identification grows with
+        their number.
     single_star_sigma_deg : float
         With a heading and a tilt better than this, hypotheses come from single stars.
     min_stars : int
@@ -61,6 +78,10 @@ class SkybenchConfig:
     calibrate: Literal["auto", "none", "full"] = "auto"
     priors: CameraPriors = field(default_factory=lambda: CameraPriors(focal=0.03, centre_px=3.0, distortion=0.02))
     focal_factors: tuple[float, ...] = (0.88, 1.13)
+    focal_effort: float = 0.1
+    max_work: int = 20_000_000
+    time_limit_s: float | None = None
+    max_detections: int = 20_000
     single_star_sigma_deg: float = 0.3
     min_stars: int = 4
     max_sigma_px: float = 8.0
@@ -71,17 +92,18 @@ class SkybenchConfig:
             raise ConfigError(f"calibrate = {self.calibrate!r} must be auto, none or full")
         if not all(0.2 <= factor <= 5 for factor in self.focal_factors):
             raise ConfigError(f"focal_factors = {self.focal_factors!r} must lie between 0.2 and 5")
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """Detections in the solver's order, without what cannot be used."""
-
-    rows: NDArray[np.intp]
-    uv: F8
-    rays: F8
-    relative_sigma: F8 | None
-    question: Question
+        if self.max_work < 1 or self.max_detections < self.min_stars:
+            raise ConfigError(
+                f"max_work = {self.max_work} must be positive, and max_detections = {self.max_detections} at least "
+                f"min_stars = {self.min_stars}"
+            )
+        if not 0 <= self.focal_effort * len(self.focal_factors) <= 0.9:
+            raise ConfigError(
+                f"focal_effort = {self.focal_effort} for each of {len(self.focal_factors)} focal_factors leaves nothing "
+                "for the camera as it is given"
+            )
+        if self.time_limit_s is not None:
+            check_time_limit(self.time_limit_s)
 
 
 @dataclass(frozen=True)
@@ -104,26 +126,30 @@ class SkybenchSolver:
             )
         with clock.stage("identify"):
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
-            found = identify_at_focal_lengths(prepared.question, load_sky_index(), self.config.search, factors)
-        alignment, effort = found.alignment, found.effort
-        if alignment is None:
-            chance = min(1.0, 10.0**effort.best_log10_false_alarm)
-            return Fix.refusal(
-                Reason.NO_HYPOTHESIS,
-                f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)",
-                confidence=1.0 - chance,
+            effort = Effort(self.config.max_work, clock.started_s + self._time_limit_s(problem))
+            found = identify_at_focal_lengths(
+                prepared.question, load_sky_index(), self.config.search, factors, effort, self.config.focal_effort
             )
+        alignment = found.alignment
+        if alignment is None:
+            return replace(_not_identified(effort), work=effort.work)
         if found.rival is not None:
             counts = f"{len(alignment.detection)} and {len(found.rival.detection)} of the bright ones"
             message = f"two orientations explain the detections about as well: {counts}"
-            return Fix.refusal(Reason.AMBIGUOUS, message, confidence=0.5)
+            return replace(Fix.refusal(Reason.AMBIGUOUS, message, confidence=0.5), work=effort.work)
         with clock.stage("fix"):
-            return self._fix(problem, prepared, orientation, to_terrestrial, alignment)
+            fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment)
+            return replace(fix, work=effort.work)
+
+    def _time_limit_s(self, problem: Problem) -> float:
+        """Return the shorter of the configuration's limit and the caller's; infinity where there is none."""
+        limits = (self.config.time_limit_s, problem.time_limit_s)
+        return min((limit for limit in limits if limit is not None), default=math.inf)
 
     def _fix(
         self,
         problem: Problem,
-        prepared: _Prepared,
+        prepared: Prepared,
         orientation: EarthOrientation,
         to_terrestrial: F8,
         alignment: Alignment,
@@ -132,7 +158,7 @@ class SkybenchSolver:
         camera = problem.observation.camera
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
-        stars, dirs, limiting_mag, pairs = _visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
+        stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
         adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
@@ -153,13 +179,13 @@ class SkybenchSolver:
         covariance = place.cov_km2 * max(1.0, place.chi2 / 16.0)
         return replace(
             fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=covariance,
-            details=dict(fix.details) | _heading(place),
+            heading_off_deg=place.heading_off_deg,
         )  # fmt: skip
 
     def _adjust(
         self,
         camera: Camera,
-        prepared: _Prepared,
+        prepared: Prepared,
         dirs: F8,
         pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
         rotation: F8,
@@ -170,7 +196,7 @@ class SkybenchSolver:
         if mode != "none":
             start[0] = alignment.log_f
         priors = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[mode]
-        radius = _pairing_radius(alignment.sigma_px)
+        radius = pairing_radius(alignment.sigma_px)
         sigma, turned = max(alignment.sigma_px, 0.1), rotation
         adjusted = None
         for _ in range(4):
@@ -180,6 +206,8 @@ class SkybenchSolver:
             )  # fmt: skip
             if adjusted is None:
                 return None
+            if adjusted.sigma_px > self.config.max_sigma_px:
+                break  # a refusal: pairs that lie farther apart would scatter more
             # Pairs that the first guess left out would hold the solution back where it was.
             before, after = predict(camera, dirs @ turned.T, start), predict(
                 camera, dirs @ adjusted.rotation.T, adjusted.camera_values
@@ -188,7 +216,7 @@ class SkybenchSolver:
             if radius >= 4 * adjusted.sigma_px + moved:
                 break
             turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px
-            radius = _pairing_radius(sigma)
+            radius = pairing_radius(sigma)
             detection, star, _ = candidate_pairs(prepared.uv, np.nan_to_num(after, nan=-1e6), radius)
             pairs = detection, star
         if mode != "auto" or adjusted is None:
@@ -210,23 +238,33 @@ class SkybenchSolver:
             cosine = math.sin(lat[0]) * math.sin(lat[1]) + math.cos(lat[0]) * math.cos(lat[1]) * math.cos(
                 lon[0] - lon[1]
             )
-            distance = EARTH_RADIUS_KM * math.acos(max(-1.0, min(1.0, cosine)))
+            distance = MEAN_RADIUS_KM * math.acos(max(-1.0, min(1.0, cosine)))
             if distance > problem.near.radius_km:
                 return f"the position is {distance:.0f} km from the last known one"
         return ""
 
 
-def _heading(place: Place) -> dict[str, float]:
-    return {} if math.isnan(place.heading_off_deg) else {"heading_off_deg": place.heading_off_deg}
+def _not_identified(effort: Effort) -> Fix:
+    """Refuse, and say whether everything was tried."""
+    tried = f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)"
+    confidence = 1.0 - min(1.0, 10.0**effort.best_log10_false_alarm)
+    if not effort.spent:
+        return Fix.refusal(Reason.NO_HYPOTHESIS, tried, confidence)
+    if time.perf_counter() >= effort.deadline_s:
+        message = f"{tried} before the time limit; allow more time_limit_s"
+    else:
+        message = f"{tried} within the effort allowed; SkybenchConfig.max_work = {effort.max_work} bounds it"
+    return Fix.refusal(Reason.EFFORT_SPENT, message, confidence)
 
 
-def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> _Prepared:
+def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Prepared:
     """Sort detections by brightness, take refraction off, and put together what the search needs."""
     seen, attitude = problem.observation, problem.attitude
     camera = seen.camera
     rows = np.flatnonzero(np.isfinite(seen.rays[:, 0]))
     if seen.flux is not None:
         rows = rows[np.argsort(-seen.flux[rows], kind="stable")]
+    rows = rows[: config.max_detections]
     uv, rays = seen.uv[rows], seen.rays[rows]
     up = local = zenith_near = None
     if attitude is not None:
@@ -245,7 +283,7 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> _P
         if problem.near is not None:
             lat, lon = math.radians(problem.near.lat_deg), math.radians(problem.near.lon_deg)
             zenith = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
-            radius = (problem.near.radius_km + 150.0) / EARTH_RADIUS_KM
+            radius = (problem.near.radius_km + 150.0) / MEAN_RADIUS_KM
             if radius < math.pi:
                 zenith_near = (to_terrestrial.T @ zenith, radius)
     area = float(camera.width * camera.height)
@@ -255,7 +293,7 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> _P
     question = Question(
         camera, uv, rays, seen.flux is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, zenith_near
     )
-    return _Prepared(rows, uv, rays, relative, question)
+    return Prepared(rows, uv, rays, relative, question)
 
 
 def _seen_part(camera: Camera) -> float:
@@ -264,112 +302,9 @@ def _seen_part(camera: Camera) -> float:
     return max(float(np.isfinite(camera.to_rays(np.column_stack((u.ravel(), v.ravel())))[:, 0]).mean()), 1e-3)
 
 
-def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:
-    """Shift terrestrial directions toward east by the observer's rotation with the Earth, at most 0.32 arcsec."""
-    return np.asarray(dirs + DIURNAL_ABERRATION * np.array([-zenith[1], zenith[0], 0.0]))
-
-
-def _visible_stars(
-    problem: Problem,
-    prepared: _Prepared,
-    orientation: EarthOrientation,
-    to_terrestrial: F8,
-    alignment: Alignment,
-) -> tuple[StarCatalog, F8, float, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Choose the stars of the field that the frame is deep enough for.
-
-    Returns
-    -------
-    The stars, their directions in the terrestrial frame (n, 3), the estimated limiting magnitude, and the pairs of
-    detections and stars that may belong together.
-    """
-    camera = problem.observation.camera
-    catalog = load_catalog()
-    n = len(prepared.uv)
-    deepest = int(min(len(catalog), (1.25 * n + 30) * 4 * math.pi / prepared.question.solid_angle_sr))
-    middle, reach = field_cone(camera)
-    axis, reach = np.array(middle), min(reach * 1.04 * max(1.0, math.exp(-alignment.log_f)) + 0.02, math.pi)
-    near = np.flatnonzero(catalog.vectors[:deepest] @ (alignment.rotation.T @ axis) > math.cos(reach))
-    ideal = camera.project(catalog.vectors[near] @ alignment.rotation.T)
-    rows = near[_inside(camera, alignment.log_f, ideal, 4.0)]
-    stars = catalog.take(rows)
-    dirs = terrestrial_stars(stars, problem.utc, orientation, to_terrestrial).dirs
-    rotation = alignment.rotation @ to_terrestrial.T
-    if problem.attitude is not None:
-        dirs = _with_diurnal_aberration(dirs, rotation.T @ horizontal_frame(problem.attitude)[:, 2])
-    ideal = camera.project(dirs @ rotation.T)
-    centre = np.array([camera.cx_px, camera.cy_px])
-    predicted = np.nan_to_num(centre + math.exp(alignment.log_f) * (ideal - centre), nan=-1e6)
-    radius = _pairing_radius(alignment.sigma_px)
-    detection, star, distance = candidate_pairs(prepared.uv, predicted, radius)
-    near_radius = max(3.0 * alignment.sigma_px, 1.0)
-    seen = np.zeros(len(rows), dtype=bool)
-    seen[star[distance <= near_radius]] = True
-    chance = 1 - math.exp(-n * math.pi * near_radius**2 / prepared.question.area_px)
-    n_kept, limit = _depth(seen, stars.v_mag, chance)
-    kept = star < n_kept
-    return stars.take(slice(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
-
-
-def _pairing_radius(sigma_px: float) -> float:
-    """Distance up to which a detection and a star may belong together."""
-    return max(5.0 * sigma_px + 0.5, 1.5)
-
-
-def _seen_planets(
-    problem: Problem, prepared: _Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
-) -> tuple[NDArray[np.int64], F8]:
-    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals.
-
-    `taken` are the rows of `prepared` that are stars.
-    """
-    camera = problem.observation.camera
-    n_bright = max(30, len(prepared.uv) // 10) if prepared.question.ranked else len(prepared.uv)
-    is_free = np.ones(len(prepared.uv), dtype=bool)
-    is_free[taken] = False
-    free = np.flatnonzero(is_free[:n_bright])
-    predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
-    visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
-    if not len(free) or not len(visible):
-        return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
-    scale = camera.radians_per_px(predicted[visible])
-    radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
-    seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
-    order = np.argsort(distance, kind="stable")
-    # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
-    order = order[np.sort(np.unique(planet[order], return_index=True)[1])]
-    order = order[np.unique(seen[order], return_index=True)[1]]
-    seen, planet = free[seen[order]], visible[planet[order]]
-    pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
-    return pairs, prepared.uv[seen] - predicted[planet]
-
-
-def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
-    """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
-    centre = np.array([camera.cx_px, camera.cy_px])
-    predicted = centre + math.exp(log_f) * (ideal - centre)
-    return np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e6), margin_px)
-
-
-def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
-    """Return how many of the stars, brightest first, the frame shows, and the magnitude where it stops.
-
-    The number that maximises the sum of what each star adds: a star that is seen adds as much as it is unlikely by
-    chance, one that is not takes away half of what bright stars add on average.
-    """
-    if not len(seen):
-        return 0, math.nan
-    bright = seen[: max(20, len(seen) // 8)]
-    share = max((float(bright.mean()) - chance) / max(1 - chance, 1e-3), 0.05)
-    expected = chance + 0.5 * share * (1 - chance)
-    gain = np.cumsum(seen - expected)
-    n = int(np.argmax(gain)) + 1
-    return n, float(v_mag[n - 1])
-
-
 def _describe(
     problem: Problem,
-    prepared: _Prepared,
+    prepared: Prepared,
     stars: StarCatalog,
     adjusted: Adjusted,
     alignment: Alignment,
@@ -386,14 +321,18 @@ def _describe(
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial
-    planets, planet_residuals = _seen_planets(problem, prepared, adjusted, inertial, adjusted.detection[sure])
+    planets, planet_residuals = seen_planets(problem, prepared, adjusted, inertial, adjusted.detection[sure])
     details: dict[str, float | int | str] = {
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),
     }
-    for name, value, sigma in zip(PARAMETERS, adjusted.camera_values, adjusted.camera_sigmas, strict=True):
-        if sigma > 0:
-            details[name], details[f"{name}_sigma"] = float(value), float(sigma)
+    calibration = Calibration(
+        **{
+            name: Estimate(float(value), float(sigma))
+            for name, value, sigma in zip(PARAMETERS, adjusted.camera_values, adjusted.camera_sigmas, strict=True)
+            if sigma > 0
+        }
+    )
     return Fix(
         ok=False,
         reason=Reason.OK,
@@ -404,5 +343,6 @@ def _describe(
         R_icrs_to_camera=inertial,
         limiting_mag=limiting_mag,
         log10_false_alarm=alignment.log10_false_alarm,
+        calibration=calibration,
         details=details,
     )

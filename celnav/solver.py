@@ -29,7 +29,7 @@ from celnav.matching import (
     Observation,
 )
 from celnav.position import PositionConfig, Weather, fix_position
-from celnav.problem import LastKnown, Problem, Solver, Stopwatch
+from celnav.problem import LastKnown, Problem, Solver, Stopwatch, check_time_limit
 from celnav.skybench_solver import SkybenchSolver
 from celnav.utc import Utc, parse_utc
 
@@ -57,6 +57,8 @@ class MatchThenFix:
 
     def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
         """Solve a problem whose attitude is wholly known; refuse any other."""
+        if problem.time_limit_s is not None:
+            raise ConfigError("time_limit_s: this solver has no time limit; skybench has")
         attitude = problem.attitude
         if not np.isfinite(problem.observation.rays).all():
             return Fix.refusal(Reason.INCONSISTENT, "detections outside the camera's image circle: remove them")
@@ -132,6 +134,7 @@ def solve(
     temperature_c: float = 10.0,
     dut1_s: float | None = None,
     near: LastKnown | None = None,
+    time_limit_s: float | None = None,
 ) -> Fix:
     """Find where a frame was taken.
 
@@ -157,6 +160,10 @@ def solve(
         UT1-UTC in seconds; from the IERS table unless given.
     near : LastKnown, optional
         A position and a radius within which the answer lies; solvers of the thesis do not use it.
+    time_limit_s : float, optional
+        Seconds by the clock after which the search for an identification is given up (`Reason.EFFORT_SPENT`); only
+        `skybench` takes it. An answer under a time limit may differ from machine to machine; the bound that does not is
+        `SkybenchConfig.max_work`.
 
     Returns
     -------
@@ -175,6 +182,8 @@ def solve(
             raise CameraError(f"camera must be a celnav.Camera, not {type(camera).__name__}")
         seen = as_detections(detections, flux)
         _check_fit(seen, camera)
+        if time_limit_s is not None:
+            check_time_limit(time_limit_s)
         problem = Problem(
             Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera, seen.sigma_px),
             parse_utc(utc),
@@ -182,6 +191,7 @@ def solve(
             Weather(pressure_hpa, temperature_c),
             dut1_s,
             near,
+            time_limit_s,
         )
     fix = chosen(problem, history, clock)
     clock.time_ms["total"] = sum(clock.time_ms.values())

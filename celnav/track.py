@@ -19,10 +19,11 @@ from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.horizon import radii_km
 from celnav.utc import Utc, parse_utc
+from celnav.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
 
-KM_PER_DEG = math.pi / 180 * 6371.0
+KM_PER_DEG = math.pi / 180 * MEAN_RADIUS_KM
 # States: position error east, north (km); velocity east, north (km/s); mount tilt forward, right; heading bias (deg).
 _N = 7
 
@@ -256,11 +257,10 @@ def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float)
     distance = float(innovation @ np.linalg.solve(spread, innovation))
     if distance > gate:
         return replace(predicted, used=False, gate=distance)
-    heading_off = fix.details.get("heading_off_deg")
-    if isinstance(heading_off, float) and predicted.cov[6, 6] > 0:
+    if math.isfinite(fix.heading_off_deg) and predicted.cov[6, 6] > 0:
         sigma = 0.02  # of a heading from one frame, degrees: what a centroid noise of 0.1 px leaves at the edge
         observe = np.vstack((observe, np.eye(_N)[6]))
-        innovation = np.append(innovation, heading_off - predicted.heading_bias_deg)
+        innovation = np.append(innovation, fix.heading_off_deg - predicted.heading_bias_deg)
         noise = np.block([[noise, np.zeros((2, 1))], [np.zeros((1, 2)), np.full((1, 1), sigma**2)]])
         spread = observe @ predicted.cov @ observe.T + noise
     gain = predicted.cov @ observe.T @ np.linalg.inv(spread)

@@ -9,12 +9,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.identification.identify import Identified, Question, SearchConfig, identify
+from celnav.identification.effort import Effort
+from celnav.identification.identify import Identified, Question, identify
+from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import SkyIndex
 
 
 def identify_at_focal_lengths(
-    question: Question, index: SkyIndex, config: SearchConfig, factors: Iterable[float]
+    question: Question,
+    index: SkyIndex,
+    config: SearchConfig,
+    factors: Iterable[float],
+    effort: Effort,
+    share: float,
 ) -> Identified:
     """Find the orientation with the camera as it is given, and, where none is found, with other focal lengths in turn.
 
@@ -25,21 +32,29 @@ def identify_at_focal_lengths(
     factors : iterable of float
         On the focal length. They count only where detections are in order of brightness: without one the search is
         several times as long.
+    effort : Effort
+        What all searches together may spend; their bounds of chance count what all have tried.
+    share : float
+        Part of the effort that is kept for each of the factors.
 
     Returns
     -------
     Identified
-        Detections are the rows of the question, and the factor `log_f` is on the focal length of its camera. Bounds of
-        chance count what all searches have tried.
+        Detections are the rows of the question, and the factor `log_f` is on the focal length of its camera.
     """
-    found = identify(question, index, config)
-    for factor in factors if question.ranked else ():
+    others = tuple(factors) if question.ranked else ()
+    work_each = int(share * effort.max_work)
+    kept = int(config.rival_effort * effort.max_work)
+    effort.allow(effort.max_work - kept - len(others) * work_each - effort.work)
+    found = identify(question, index, config, effort)
+    for factor in others:
         if found.alignment is not None:
             break
         scaled, rows = _with_focal_length(question, factor)
         if not len(rows):
             continue
-        found = identify(scaled, index, config, before=found.effort)
+        effort.allow(work_each)
+        found = identify(scaled, index, config, effort)
         if found.alignment is not None:
             alignment = found.alignment
             found = replace(

@@ -2,19 +2,27 @@
 
 The first stages look at a few bright detections and expect half a pixel of noise; later ones take more detections
 (clutter may be brighter than the stars) and more noise (or a focal length that is off). The first hypothesis whose
-false-alarm bound passes ends the search.
+false-alarm bound passes ends the search; so does the effort, of which every batch of hypotheses takes a known part.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.camera import Camera
+from celnav.identification.effort import (
+    BATCH_WORK,
+    HYPOTHESIS_WORK,
+    POLISH_WORK,
+    VERIFICATION_WORK,
+    VERIFIED_PAIR_WORK,
+    Effort,
+)
 from celnav.identification.search import (
     View,
     best_hypotheses,
@@ -22,99 +30,12 @@ from celnav.identification.search import (
     enu_rotations,
     pair_hypotheses,
     polish,
+    scoring_work,
     single_star_hypotheses,
 )
+from celnav.identification.search_config import SearchConfig, Stage
 from celnav.identification.sky_index import F4, F8, SkyIndex
 from celnav.identification.verification import Alignment, field_cone, verify
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of the search.
-
-    Attributes
-    ----------
-    bright : int
-        Hypotheses come from this many of the first detections.
-    lags : tuple of int
-        Pairs are made of detections whose ranks differ by so much, first and last.
-    sigma_px : float
-        Noise that pairs may have.
-    tolerance_px : float
-        How far off a detection may be from the star that explains it under a raw hypothesis.
-    scored : int
-        Detections that score a hypothesis.
-    """
-
-    bright: int
-    lags: tuple[int, int]
-    sigma_px: float
-    tolerance_px: float
-    scored: int = 150
-
-
-# Detections that another orientation must explain, and how far apart two orientations are different ones.
-LEAST_RIVAL, SAME_DEG = 8, 2.0
-PAIRS_AT_ONCE, HYPOTHESES_AT_ONCE = 8, 12_000
-FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
-PAIR_STAGES = (
-    Stage(4, (1, 3), *FINE, scored=40),
-    Stage(8, (1, 3), *FINE, scored=60),
-    Stage(6, (1, 2), *COARSE, scored=60),
-    Stage(24, (1, 3), *FINE),
-    Stage(14, (1, 3), *COARSE),
-    Stage(40, (1, 3), *FINE),
-    Stage(30, (4, 8), *FINE),
-    Stage(30, (1, 2), *COARSE),
-    Stage(30, (9, 29), *FINE),
-    Stage(20, (4, 8), *COARSE),
-    Stage(60, (1, 8), *FINE),
-)
-# Without an order of brightness pairs are as good as one another: many narrow windows before wide ones.
-UNORDERED_STAGES = (
-    Stage(8, (1, 3), *FINE),
-    Stage(30, (1, 3), *FINE),
-    Stage(12, (1, 1), *COARSE),
-    Stage(40, (1, 8), *FINE),
-    Stage(60, (1, 3), *COARSE),
-)
-SINGLE_STAGES = (
-    Stage(6, (0, 0), 0.8, 6.0, scored=60),
-    Stage(16, (0, 0), 0.8, 6.0),
-    Stage(10, (0, 0), *COARSE),
-    Stage(60, (0, 0), 0.8, 6.0),
-    Stage(60, (0, 0), *COARSE),
-)
-
-
-@dataclass(frozen=True)
-class SearchConfig:
-    """Choices of the search.
-
-    Attributes
-    ----------
-    pair_stages, unordered_stages, single_stages : tuple of Stage
-        Where the attitude to the horizon is not known; the same without an order of brightness; and where it is known.
-    verified : int
-        Detections that verify it.
-    candidates : int
-        Hypotheses of a stage that are verified.
-    max_log10_false_alarm : float
-        The bound that ends the search.
-    max_lookups : int
-        Effort after which the search gives up.
-    rival_lookups : int
-        Effort for another orientation, where the one found leaves half as many detections unexplained as it explains.
-    """
-
-    pair_stages: tuple[Stage, ...] = PAIR_STAGES
-    unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
-    single_stages: tuple[Stage, ...] = SINGLE_STAGES
-    verified: int = 120
-    candidates: int = 4
-    max_log10_false_alarm: float = -8.0
-    max_lookups: int = 7_000_000
-    rival_lookups: int = 150_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,16 +76,6 @@ class Question:
     zenith_near: tuple[F8, float] | None
 
 
-@dataclass
-class Effort:
-    """What the search has spent."""
-
-    limit: int
-    lookups: int = 0
-    hypotheses: int = 0
-    best_log10_false_alarm: float = field(default=0.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Identified:
     """What the search found.
@@ -184,200 +95,275 @@ class Identified:
     effort: Effort
 
 
-def identify(question: Question, index: SkyIndex, config: SearchConfig, before: Effort | None = None) -> Identified:
+@dataclass(frozen=True, eq=False)
+class _Order:
+    """Detections in the order in which they are tried.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n,)
+        Rows of the question.
+    ranked : bool
+        Whether the order is taken for one of brightness.
+    """
+
+    rows: NDArray[np.intp]
+    ranked: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Hypotheses that are scored together.
+
+    Attributes
+    ----------
+    rotations : ndarray of float32, shape (h, 3, 3)
+        Camera to sky.
+    stage : Stage
+        Where they come from.
+    view : View
+        Detections that score them.
+    n_stars : float
+        Stars of the whole sky that compete for those detections.
+    """
+
+    rotations: F4
+    stage: Stage
+    view: View
+    n_stars: float
+
+
+def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: Effort) -> Identified:
     """Find the orientation that explains the detections, and whether another does about as well.
 
-    What was tried `before` counts in the bound of chance, and not in the effort that ends the search.
+    `effort` is charged with the work. What it counts of earlier searches enters the bound of chance.
     """
-    effort = Effort(config.max_lookups)
-    if before is not None:
-        effort.hypotheses, effort.best_log10_false_alarm = before.hypotheses, before.best_log10_false_alarm
-    found, looked_at = _search(question, index, config, effort)
+    # A part is kept for the rival: a hypothesis that is found last must not pass unexamined.
+    kept = int(config.rival_effort * effort.max_work)
+    effort.limit = min(effort.limit, effort.max_work - kept)
+    search = _Search(question, index, config, effort)
+    found, looked_at = search.run()
     if found is None:
         return Identified(None, None, effort)
     unexplained = np.zeros(len(question.uv), dtype=bool)
     unexplained[looked_at] = True
     unexplained[found.detection] = False
-    rival = _rival(question, index, config, found, np.flatnonzero(unexplained), effort)
+    effort.allow(kept)
+    rival = search.rival(found, np.flatnonzero(unexplained))
     if rival is not None and len(rival.detection) > 2 * len(found.detection):
         found, rival = rival, None
     return Identified(found, rival, effort)
 
 
-def _search(
-    question: Question, index: SkyIndex, config: SearchConfig, effort: Effort
-) -> tuple[Alignment | None, NDArray[np.intp]]:
-    """Go through the stages until a hypothesis passes or the effort is spent; also the detections that verified it."""
-    orders = tuple(_orders(question))
-    for number, (order, ranked) in enumerate(orders):
-        # The order given is only a guess where there are no fluxes, and has a part of the effort.
-        effort.limit = config.max_lookups // (3 if number < len(orders) - 1 else 1)
-        for stage, rotations, view, log_stars in _hypotheses(question, index, config, order, ranked, effort):
-            found = _judge(question, index, config, stage, rotations, view, order, ranked, log_stars, effort)
-            if found is not None:
-                # Rows of the detections, whatever the order in which they were tried.
-                return replace(found, detection=order[found.detection]), order[: config.verified]
-            if effort.lookups > effort.limit:
-                break
-    return None, orders[0][0][:0]
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """One search: a question, what it is looked up in, how, and at what expense."""
 
+    question: Question
+    index: SkyIndex
+    config: SearchConfig
+    effort: Effort
 
-def _rival(
-    question: Question,
-    index: SkyIndex,
-    config: SearchConfig,
-    found: Alignment,
-    rest: NDArray[np.intp],
-    effort: Effort,
-) -> Alignment | None:
-    """Look for another orientation among the detections `rest` that the one found leaves unexplained, if they are many.
+    @property
+    def per_field(self) -> float:
+        """How many fields of the camera make up the sky."""
+        return 4 * math.pi / self.question.solid_angle_sr
 
-    Two exposures in one frame, a reflection, or a wrong hypothesis that passed would show here.
-    """
-    explained = len(found.detection)
-    if len(rest) < max(LEAST_RIVAL, 0.5 * explained):
-        return None
-    others = replace(question, uv=question.uv[rest], rays=question.rays[rest])
-    spent = Effort(config.rival_lookups)
-    rival, _ = _search(others, index, replace(config, max_lookups=config.rival_lookups), spent)
-    effort.lookups += spent.lookups
-    effort.hypotheses += spent.hypotheses
-    if rival is None or len(rival.detection) < max(LEAST_RIVAL, 0.5 * explained):
-        return None
-    cosine = (float(np.trace(rival.rotation @ found.rotation.T)) - 1) / 2
-    # The same orientation again, of a camera whose distortion or focal length is not what it is said to be, is no rival.
-    if cosine > math.cos(math.radians(SAME_DEG)):
-        return None
-    return replace(rival, detection=rest[rival.detection])
+    @property
+    def made_of(self) -> int:
+        """Detections that a hypothesis is made of."""
+        return 2 if self.question.local is None else 1
 
+    def run(self) -> tuple[Alignment | None, NDArray[np.intp]]:
+        """Go through the stages until a hypothesis passes or the effort is spent.
 
-def _orders(question: Question) -> Iterator[tuple[NDArray[np.intp], bool]]:
-    """Orders of the detections to try: as given (brightest first); without fluxes also one that spreads over all."""
-    bright = np.arange(min(len(question.uv), 300))
-    scale = question.camera.radians_per_px(question.uv[bright])
-    # At the rim of some lenses a pixel is degrees wide, and says nothing.
-    sharp = bright[scale <= 4 * np.nanmedian(scale)] if len(bright) else bright
-    rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
-    n = len(rows)
-    yield rows, True
-    if not question.ranked and n > 12:
-        # A multiplicative step coprime to n visits every detection once, far from where it was.
-        step = next(k for k in range(int(0.618 * n), n + 2) if math.gcd(k, n) == 1)
-        yield rows[(np.arange(n) * step) % n], False
+        Returns
+        -------
+        The hypothesis that passes, with rows of the question, and the rows that verified it.
+        """
+        orders = self._orders()
+        limit, begun = self.effort.limit, self.effort.work
+        for number, order in enumerate(orders):
+            last = number == len(orders) - 1
+            share = 1.0 if last else self.config.given_order_share
+            self.effort.limit = begun + int(share * (limit - begun))
+            for batch in self._batches(order):
+                if not self.effort.affords(self._work(batch, order)):
+                    break
+                found = self._judge(batch, order)
+                if found is not None:
+                    # Rows of the detections, whatever the order in which they were tried.
+                    return replace(found, detection=order.rows[found.detection]), order.rows[: self.config.verified]
+        return None, orders[0].rows[:0]
 
+    def rival(self, found: Alignment, rest: NDArray[np.intp]) -> Alignment | None:
+        """Look for another orientation among the detections `rest` that the one found leaves unexplained.
 
-def _hypotheses(
-    question: Question,
-    index: SkyIndex,
-    config: SearchConfig,
-    order: NDArray[np.intp],
-    ranked: bool,
-    effort: Effort,
-) -> Iterator[tuple[Stage, F4, View, float]]:
-    """Yield stages with their hypotheses, the view that scores them, and how many stars of the sky compete with it."""
-    per_field = 4 * math.pi / question.solid_angle_sr
-    n = len(order)
-    most = order[: max(stage.scored for stage in (*config.pair_stages, *config.single_stages))]
-    rays = question.rays[most].astype(np.float32)
-    scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
-    done: set[tuple[float, int, int]] = set()
-    singles_done: dict[float, int] = {}
-    by_pairs = config.pair_stages if ranked else config.unordered_stages
-    stages = by_pairs if question.local is None else config.single_stages
-    reach = 2 * field_cone(question.camera)[1]
-    for stage in stages:
-        view = View(rays[: stage.scored], scale[: stage.scored])
-        scoring_stars = (2.2 * len(view.rays) if ranked else 1.2 * n) * per_field
+        Two exposures in one frame, a reflection, or a wrong hypothesis that passed would show here.
+        """
+        least = max(self.config.least_rival, self.config.rival_share * len(found.detection))
+        if len(rest) < least:
+            return None
+        others = replace(self.question, uv=self.question.uv[rest], rays=self.question.rays[rest])
+        # Its bound of chance counts what it tries itself. A deadline does not stop it: it is short, and an orientation
+        # that was not held against others is none to give out.
+        effort = Effort(self.effort.limit - self.effort.work)
+        rival, _ = replace(self, question=others, effort=effort).run()
+        self.effort.work += effort.work
+        self.effort.hypotheses += effort.hypotheses
+        if rival is None or len(rival.detection) < least:
+            return None
+        cosine = (float(np.trace(rival.rotation @ found.rotation.T)) - 1) / 2
+        if cosine > math.cos(math.radians(self.config.same_deg)):
+            return None
+        return replace(rival, detection=rest[rival.detection])
+
+    def _orders(self) -> list[_Order]:
+        """Orders to try: as given (brightest first); without fluxes also one that spreads over all detections."""
+        question = self.question
+        bright = np.arange(min(len(question.uv), 300))
+        scale = question.camera.radians_per_px(question.uv[bright])
+        sharp = bright[scale <= self.config.sharp_scale * np.nanmedian(scale)] if len(bright) else bright
+        rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
+        orders = [_Order(rows, True)]
+        n = len(rows)
+        if not question.ranked and n > 12:
+            # A multiplicative step coprime to n visits every detection once, far from where it was.
+            step = next(k for k in range(int(0.618 * n), n + 2) if math.gcd(k, n) == 1)
+            orders.append(_Order(rows[(np.arange(n) * step) % n], False))
+        return orders
+
+    def _batches(self, order: _Order) -> Iterator[_Batch]:
+        """Yield the hypotheses of all stages."""
+        question, config = self.question, self.config
+        most = order.rows[: max(stage.scored for stage in (*config.pair_stages, *config.single_stages))]
+        rays = question.rays[most].astype(np.float32)
+        scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
+        by_pairs = config.pair_stages if order.ranked else config.unordered_stages
+        done: set[tuple[float, int, int]] = set()
+        for stage in by_pairs if question.local is None else config.single_stages:
+            view = View(rays[: stage.scored], scale[: stage.scored])
+            in_field = (
+                config.scored_depth * len(view.rays) if order.ranked else config.unordered_depth * len(order.rows)
+            )
+            of_stage = self._from_pairs if question.local is None else self._from_single_stars
+            for rotations in of_stage(stage, view, order, done):
+                yield _Batch(self._near(rotations), stage, view, in_field * self.per_field)
+
+    def _paired_stars(self, stage: Stage, view: View, order: _Order) -> float:
+        """Stars of the whole sky among which those of the brightest detections are."""
         bright = min(stage.bright, len(view.rays))
-        level = index.at_least((2.2 * bright if ranked else 1.1 * n) * per_field)
-        if question.local is not None:
-            before = singles_done.get(stage.sigma_px, 0)
-            if bright > before:
-                singles_done[stage.sigma_px] = bright
-                yield (
-                    stage,
-                    _from_single_stars(question, view.rays[before:bright], index.xyz[: level.n]),
-                    view,
-                    scoring_stars,
-                )
-            continue
-        widest = min(level.pair_limit_rad, reach)
-        pairs = choose_pairs(view.rays, (0, bright), stage.lags, (0.12 * widest, widest))
-        fresh = [(stage.sigma_px, int(i), int(j)) not in done for i, j in pairs]
-        pairs = pairs[np.array(fresh, dtype=bool)]
+        config = self.config
+        in_field = config.paired_depth * bright if order.ranked else config.unordered_paired_depth * len(order.rows)
+        return in_field * self.per_field
+
+    def _from_pairs(self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]) -> Iterator[F4]:
+        """Yield rotations of the stage's pairs of detections; `done` holds those of earlier stages, and is extended."""
+        config = self.config
+        level = self.index.at_least(self._paired_stars(stage, view, order))
+        bright = min(stage.bright, len(view.rays))
+        widest = min(level.pair_limit_rad, 2 * field_cone(self.question.camera)[1])
+        pairs = choose_pairs(view.rays, (0, bright), stage.lags, (config.narrowest_pair * widest, widest))
+        pairs = pairs[np.array([(stage.sigma_px, int(i), int(j)) not in done for i, j in pairs], dtype=bool)]
         if not len(pairs):
-            continue
+            return
         done.update((stage.sigma_px, int(i), int(j)) for i, j in pairs)
         # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
-        slack = 5e-5 if question.up is not None else 6e-4
-        # Level by level more stars fit a pair; a few thousand hypotheses at a time are tried before the next.
+        slack = 5e-5 if self.question.up is not None else 6e-4
+        # The deeper the level, the more stars fit a pair: then fewer pairs of detections make a batch.
         window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
         fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)
-        at_once = int(np.clip(HYPOTHESES_AT_ONCE / fitting, 1, PAIRS_AT_ONCE))
+        at_once = int(np.clip(config.hypotheses_at_once / fitting, 1, config.pairs_at_once))
         for chunk in np.array_split(pairs, math.ceil(len(pairs) / at_once)):
-            yield stage, pair_hypotheses(view, chunk, level, index.xyz, stage.sigma_px, slack), view, scoring_stars
-            if effort.lookups > effort.limit:
-                return
+            yield from pair_hypotheses(
+                view, chunk, level, self.index.xyz, stage.sigma_px, slack, 2 * config.hypotheses_at_once
+            )
 
+    def _from_single_stars(
+        self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
+    ) -> Iterator[F4]:
+        """Yield rotations of the stage's detections, each laid on all stars; `done` as for pairs."""
+        local, to_terrestrial = self.question.local, self.question.celestial_to_terrestrial
+        assert local is not None
+        stars = self.index.xyz[: self.index.at_least(self._paired_stars(stage, view, order)).n] @ to_terrestrial.T
+        bright = min(stage.bright, len(view.rays))
+        fresh = np.array([i for i in range(bright) if (stage.sigma_px, i, i) not in done], dtype=np.intp)
+        done.update((stage.sigma_px, int(i), int(i)) for i in fresh)
+        # A star may stand in a direction at two latitudes.
+        at_once = max(1, 2 * self.config.hypotheses_at_once // (2 * len(stars)))
+        for start in range(0, len(fresh), at_once):
+            rays = view.rays[fresh[start : start + at_once]].astype(np.float64)
+            lat, lon, _ = single_star_hypotheses(rays @ local, stars)
+            camera_from_sky = local @ enu_rotations(lat, lon) @ to_terrestrial
+            yield np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32)
 
-def _from_single_stars(question: Question, rays: F4, stars: F4) -> F4:
-    assert question.local is not None
-    to_terrestrial = question.celestial_to_terrestrial
-    lat, lon, _ = single_star_hypotheses(rays.astype(np.float64) @ question.local, stars @ to_terrestrial.T)
-    camera_from_sky = question.local @ enu_rotations(lat, lon) @ to_terrestrial
-    return np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32)
+    def _near(self, rotations: F4) -> F4:
+        """Keep the hypotheses whose zenith is that of a place near the last known one, where there is one."""
+        if self.question.zenith_near is None or self.question.up is None:
+            return rotations
+        zenith, radius = self.question.zenith_near
+        cosine = (rotations @ self.question.up.astype(np.float32)) @ zenith.astype(np.float32)
+        return rotations[cosine > math.cos(radius)]
 
+    def _first_look(self) -> int:
+        return self.config.first_look if self.question.local is None else self.config.first_look_singles
 
-def _judge(
-    question: Question,
-    index: SkyIndex,
-    config: SearchConfig,
-    stage: Stage,
-    rotations: F4,
-    view: View,
-    order: NDArray[np.intp],
-    ranked: bool,
-    scoring_stars: float,
-    effort: Effort,
-) -> Alignment | None:
-    """Score hypotheses, verify the best, and return one that passes."""
-    if question.zenith_near is not None and question.up is not None:
-        zenith, radius = question.zenith_near
-        rotations = rotations[
-            (rotations @ question.up.astype(np.float32)) @ zenith.astype(np.float32) > math.cos(radius)
-        ]
-    if not len(rotations):
-        return None
-    level = index.at_least(scoring_stars)
-    tolerance = stage.tolerance_px
-    # Single stars make few hypotheses, and each true detection only one: they get the longer look.
-    first_look = 36 if question.local is None else 80
-    best, scores, lookups = best_hypotheses(rotations, view, tolerance, level, index.xyz, config.candidates, first_look)
-    effort.lookups += lookups
-    effort.hypotheses += len(rotations)
-    # What chance scores: half the probability that a star lies within the tolerance, for each detection.
-    by_chance = float(np.sum(np.minimum(1.0, level.n * (tolerance * view.radians_per_px) ** 2 / 4))) / 2
-    least = by_chance + 2.5 * math.sqrt(by_chance) + 1.0
-    made_of = 2 if question.local is None else 1
-    verified = order[: max(config.verified, len(view.rays))]
-    per_field = 4 * math.pi / question.solid_angle_sr
-    n_stars = int(min(max(1.6 * len(verified) if ranked else 1.2 * len(order), 30) * per_field, len(index.xyz)))
-    for rotation, score in zip(best, scores, strict=True):
-        if score < min(least, 0.5 * len(view.rays)):
-            continue
-        polished, after = polish(rotation, view, tolerance, level, index.xyz)
-        if after < min(least + made_of, 0.5 * len(view.rays)):
-            continue
-        found = verify(
-            question.camera,
-            question.uv[verified],
-            index.xyz[:n_stars].astype(np.float64),
-            polished.T,
-            tolerance,
-            log10_tried=math.log10(effort.hypotheses),
-            free_stars=made_of,
+    def _verification(self, order: _Order, view: View) -> tuple[NDArray[np.intp], int]:
+        """Rows of the detections that verify a hypothesis, and how many of the sky's stars they may be."""
+        verified = order.rows[: max(self.config.verified, len(view.rays))]
+        in_field = (
+            self.config.verified_depth * len(verified)
+            if order.ranked
+            else self.config.unordered_depth * len(order.rows)
         )
-        effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
-        if found.log10_false_alarm <= config.max_log10_false_alarm:
-            return found
-    return None
+        return verified, int(min(max(in_field, 30) * self.per_field, len(self.index.xyz)))
+
+    def _verification_work(self, order: _Order, view: View) -> int:
+        verified, n_stars = self._verification(order, view)
+        return VERIFICATION_WORK + VERIFIED_PAIR_WORK * int(len(verified) * n_stars / self.per_field)
+
+    def _work(self, batch: _Batch, order: _Order) -> int:
+        """Most work that `_judge` may take."""
+        n = len(batch.rotations)
+        scoring = scoring_work(n, len(batch.view.rays), self._first_look())
+        candidates = min(self.config.candidates, n)
+        each = POLISH_WORK + self._verification_work(order, batch.view)
+        return BATCH_WORK + HYPOTHESIS_WORK * n + scoring + candidates * each
+
+    def _judge(self, batch: _Batch, order: _Order) -> Alignment | None:
+        """Score the hypotheses of a batch, verify the best, and return one that passes."""
+        effort, config, question, view = self.effort, self.config, self.question, batch.view
+        n = len(batch.rotations)
+        effort.work += BATCH_WORK + HYPOTHESIS_WORK * n + scoring_work(n, len(view.rays), self._first_look())
+        effort.hypotheses += n
+        if n == 0:
+            return None
+        level = self.index.at_least(batch.n_stars)
+        tolerance = batch.stage.tolerance_px
+        best, scores = best_hypotheses(
+            batch.rotations, view, tolerance, level, self.index, config.candidates, self._first_look()
+        )
+        # What chance scores: half the probability that a star lies within the tolerance, for each detection.
+        by_chance = float(np.sum(np.minimum(1.0, level.n * (tolerance * view.radians_per_px) ** 2 / 4))) / 2
+        least = by_chance + config.chance_sigmas * math.sqrt(by_chance) + 1.0
+        half = 0.5 * len(view.rays)
+        best = best[scores >= min(least, half)]
+        effort.work += POLISH_WORK * len(best)
+        polished, after = polish(best, view, tolerance, level, self.index)
+        verified, n_stars = self._verification(order, view)
+        stars = self.index.xyz[:n_stars].astype(np.float64)
+        for rotation in polished[after >= min(least + self.made_of, half)]:
+            effort.work += self._verification_work(order, view)
+            found = verify(
+                question.camera,
+                question.uv[verified],
+                stars,
+                rotation.T,
+                tolerance,
+                log10_tried=math.log10(effort.hypotheses),
+                free_stars=self.made_of,
+            )
+            effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
+            if found.log10_false_alarm <= config.max_log10_false_alarm:
+                return found
+        return None

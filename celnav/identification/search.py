@@ -7,18 +7,22 @@ unknowns and one star gives two equations.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.identification.sky_index import F4, F8, Level, octahedral_cell
+from celnav.identification.sky_index import F4, F8, Level, SkyIndex, octahedral_cell
 
 Pairs = NDArray[np.intp]
 
-# Lookups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over threads,
-# which costs more than it gains.
+# Look-ups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over
+# threads, which costs more than it gains.
 _BLOCK = 20_000
+# With fewer look-ups than this all detections score all hypotheses.
+_FEW_LOOKUPS = 12 * _BLOCK
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +75,10 @@ def _cross(a: F4, b: F4) -> F4:
     return np.stack((y * r - z * q, z * p - x * r, x * q - y * p), axis=1)
 
 
-def pair_hypotheses(view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float) -> F4:
-    """Return rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
+def pair_hypotheses(
+    view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float, at_once: int
+) -> Iterator[F4]:
+    """Yield rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
 
     Parameters
     ----------
@@ -88,22 +94,28 @@ def pair_hypotheses(view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: f
         Standard deviation of a centroid along each axis; separations may differ by 3.5 of their own.
     slack_rad : float
         Added to that.
+    at_once : int
+        Most rotations of one array.
     """
     i, j = pairs.T
     a, b = view.rays[i], view.rays[j]
     separation = 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=1) / 2, 1.0))
     tolerance = 3.5 * sigma_px * np.hypot(view.radians_per_px[i], view.radians_per_px[j]) + slack_rad
     low = np.searchsorted(level.separation_rad, (separation - tolerance).astype(np.float32))
-    high = np.searchsorted(level.separation_rad, (separation + tolerance).astype(np.float32))
-    count = high - low
-    of_pair = np.repeat(np.arange(len(pairs)), count)
-    rows = np.arange(len(of_pair)) - np.repeat(np.cumsum(count) - count, count) + low[of_pair]
-    first, second = xyz[level.first[rows]], xyz[level.second[rows]]
-    frames = triads(first, second)
-    seen = np.swapaxes(triads(a, b), 1, 2)[of_pair]
-    forward = frames @ seen
-    frames[:, :, 1:] *= -1  # the pair the other way round
-    return np.concatenate((forward, frames @ seen))
+    end = np.cumsum(np.searchsorted(level.separation_rad, (separation + tolerance).astype(np.float32)) - low)
+    start = np.concatenate(([0], end[:-1]))
+    seen = np.swapaxes(triads(a, b), 1, 2)
+    total = int(end[-1]) if len(end) else 0
+    # Each fitting pair of stars makes two rotations: the pair may be either way round.
+    parts = math.ceil(2 * total / at_once)
+    for part in range(parts):
+        fitting = np.arange(part * total // parts, (part + 1) * total // parts)
+        of_pair = np.searchsorted(end, fitting, side="right")
+        rows = fitting - start[of_pair] + low[of_pair]
+        frames = triads(xyz[level.first[rows]], xyz[level.second[rows]])
+        forward = frames @ seen[of_pair]
+        frames[:, :, 1:] *= -1
+        yield np.concatenate((forward, frames @ seen[of_pair]))
 
 
 def single_star_hypotheses(dirs_enu: F8, stars_itrs: F8) -> tuple[F8, F8, NDArray[np.intp]]:
@@ -143,82 +155,111 @@ def enu_rotations(lat_rad: F8, lon_rad: F8) -> F8:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def nearest_stars(rotations: F4, rays: F4, level: Level, xyz: F4) -> tuple[NDArray[np.int16], F4]:
+def nearest_stars(rotations: F4, rays: F4, level: Level, index: SkyIndex) -> tuple[NDArray[np.int16], F4]:
     """Return the catalogue star nearest to each ray under each rotation, and the squared chord; shapes (h, m)."""
-    sky = (rotations.reshape(-1, 3) @ rays.T).reshape(len(rotations), 3, len(rays))
-    x, y, z = sky[:, 0], sky[:, 1], sky[:, 2]
-    star = level.nearest.take(octahedral_cell(x, y, z), mode="clip")
-    near = xyz.take(star, axis=0, mode="clip")
-    square = near[..., 0] - x
-    square *= square
-    for k, component in ((1, y), (2, z)):
-        difference = near[..., k] - component
-        difference *= difference
-        square += difference
-    return star, square
+    sky = (rotations.transpose(1, 0, 2).reshape(-1, 3) @ rays.T).reshape(3, -1)
+    star = level.nearest.take(octahedral_cell(*sky), mode="clip")
+    square = np.zeros(sky.shape[1], dtype=np.float32)
+    for component, of_stars in zip(sky, index.axes, strict=True):
+        component -= of_stars.take(star, mode="clip")
+        component *= component
+        square += component
+    shape = len(rotations), len(rays)
+    return star.reshape(shape), square.reshape(shape)
 
 
-def soft_count(rotations: F4, rays: F4, inverse_square_tolerance: F4, level: Level, xyz: F4) -> F4:
+def soft_count(rotations: F4, rays: F4, inverse_square_tolerance: F4, level: Level, index: SkyIndex) -> F4:
     """Score hypotheses: the sum over detections of max(0, 1 - (distance / tolerance)^2), shape (h,)."""
     scores = np.empty(len(rotations), dtype=np.float32)
     step = max(1, _BLOCK // max(1, len(rays)))
     for start in range(0, len(rotations), step):
-        _, square = nearest_stars(rotations[start : start + step], rays, level, xyz)
-        scores[start : start + step] = np.maximum(0, 1 - square * inverse_square_tolerance).sum(axis=1)
+        _, square = nearest_stars(rotations[start : start + step], rays, level, index)
+        square *= -inverse_square_tolerance
+        square += 1
+        scores[start : start + step] = np.maximum(square, 0, out=square).sum(axis=1)
     return scores
 
 
-def best_hypotheses(
-    rotations: F4, view: View, tolerance_px: float, level: Level, xyz: F4, most: int, first_look: int = 36
-) -> tuple[F4, F4, int]:
-    """Return the rotations of the highest soft counts (at most `most`), those counts, and how many lookups it took.
+def scoring_work(n_rotations: int, n_rays: int, first_look: int) -> int:
+    """Look-ups that `best_hypotheses` takes."""
+    if n_rotations * n_rays <= _FEW_LOOKUPS or n_rays <= first_look:
+        return n_rotations * n_rays
+    return n_rotations * first_look + _kept(n_rotations) * n_rays
 
-    Many hypotheses are first scored by a few detections, and only the better quarter of them by all.
+
+def _kept(n_rotations: int) -> int:
+    """How many hypotheses pass the first look."""
+    return min(n_rotations, max(400, n_rotations // 4))
+
+
+def best_hypotheses(
+    rotations: F4, view: View, tolerance_px: float, level: Level, index: SkyIndex, most: int, first_look: int
+) -> tuple[F4, F4]:
+    """Return the rotations of the highest soft counts (at most `most`), and those counts.
+
+    Many hypotheses are first scored by `first_look` detections, and only the better quarter of them by all.
     """
     weight = (1.0 / (tolerance_px * view.radians_per_px) ** 2).astype(np.float32)
-    lookups = 0
-    if len(rotations) * len(view.rays) > 12 * _BLOCK and len(view.rays) > first_look:
+    if len(rotations) * len(view.rays) > _FEW_LOOKUPS and len(view.rays) > first_look:
         # Spread over all ranks: the brightest may be clutter.
         few = np.linspace(0, len(view.rays) - 1, first_look).astype(np.intp)
-        first = soft_count(rotations, view.rays[few], weight[few], level, xyz)
-        lookups += len(rotations) * first_look
-        kept = max(400, len(rotations) // 4)
+        first = soft_count(rotations, view.rays[few], weight[few], level, index)
+        kept = _kept(len(rotations))
         if kept < len(rotations):
             rotations = rotations[np.argpartition(-first, kept)[:kept]]
-    scores = soft_count(rotations, view.rays, weight, level, xyz)
-    lookups += len(rotations) * len(view.rays)
+    scores = soft_count(rotations, view.rays, weight, level, index)
     top = np.argsort(-scores, kind="stable")[: 8 * most]
+    # Hypotheses that turn the field by less than the tolerance are the same one.
+    limit = 3 - (2 * tolerance_px * float(view.radians_per_px.max())) ** 2
+    turn = np.einsum("aij,bij->ab", rotations[top], rotations[top])
     chosen: list[int] = []
-    for k in top:
-        # Hypotheses that turn the field by less than the tolerance are the same one.
-        turn = np.trace(rotations[chosen] @ rotations[k].T, axis1=1, axis2=2) if chosen else np.empty(0)
-        if not (turn > 3 - (2 * tolerance_px * float(view.radians_per_px.max())) ** 2).any():
-            chosen.append(int(k))
+    for k in range(len(top)):
+        if not (turn[k, chosen] > limit).any():
+            chosen.append(k)
         if len(chosen) == most:
             break
-    return rotations[chosen], scores[chosen], lookups
+    return rotations[top[chosen]], scores[top[chosen]]
 
 
-def polish(rotation: F4, view: View, tolerance_px: float, level: Level, xyz: F4) -> tuple[F8, float]:
-    """Turn a hypothesis to the least-squares rotation of the stars it explains, twice; also the soft count then.
+def polish(rotations: F4, view: View, tolerance_px: float, level: Level, index: SkyIndex) -> tuple[F8, F8]:
+    """Turn hypotheses, shape (h, 3, 3), to the least-squares rotation of the stars they explain, twice.
 
-    Wahba's problem by singular value decomposition (Markley 1988, J. Astronaut. Sci. 36, 245).
+    Returns
+    -------
+    The rotations, camera to sky, and their soft counts, shape (h,).
     """
-    current = rotation.astype(np.float64)
+    current = rotations.astype(np.float64)
+    rays = view.rays.astype(np.float64)
     limit = (tolerance_px * view.radians_per_px) ** 2
     weight = 1.0 / view.radians_per_px.astype(np.float64) ** 2
-    score = 0.0
+    score = np.zeros(len(current))
     for last in (False, False, True):
-        star, square = nearest_stars(current[None].astype(np.float32), view.rays, level, xyz)
-        near = square[0] <= limit
-        score = float(np.maximum(0, 1 - square[0] / limit).sum())
-        if last or near.sum() < 2:
+        star, square = nearest_stars(current.astype(np.float32), view.rays, level, index)
+        near = square <= limit
+        score = np.maximum(0, 1 - square / limit).sum(axis=1).astype(np.float64)
+        if last:
             break
-        current = wahba(view.rays[near].astype(np.float64), xyz[star[0][near]].astype(np.float64), weight[near])
+        fixed = near.sum(axis=1) >= 2
+        turned = wahba(rays, index.xyz[star].astype(np.float64), np.where(near, weight, 0.0))
+        current = np.where(fixed[:, None, None], turned, current)
     return current, score
 
 
 def wahba(rays: F8, stars: F8, weight: F8) -> F8:
-    """Return the rotation R, shape (3, 3), that minimises the weighted sum of |stars - R rays|^2."""
-    u, _, vt = np.linalg.svd((stars * weight[:, None]).T @ rays)
-    return np.asarray(u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u) * np.linalg.det(vt)))]) @ vt)
+    """Return the rotations R, shape (h, 3, 3), that minimise the weighted sums of |stars - R rays|^2.
+
+    By singular value decomposition (Markley 1988, J. Astronaut. Sci. 36, 245).
+
+    Parameters
+    ----------
+    rays : ndarray, shape (m, 3)
+        Unit vectors.
+    stars : ndarray, shape (h, m, 3)
+        The same in the other frame, for each rotation.
+    weight : ndarray, shape (h, m)
+        Weights.
+    """
+    u, _, vt = np.linalg.svd(np.swapaxes(stars * weight[:, :, None], 1, 2) @ rays)
+    proper = np.ones((len(u), 1, 3))
+    proper[:, 0, 2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    return np.asarray((u * proper) @ vt)

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from celnav.camera import Camera
 from celnav.identification.sky_index import F8
+from celnav.pairing import candidate_pairs, mutual_nearest
 
 CROWD_PX = 80.0
 FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified
+MOST_LOG_F = 0.12  # beyond it the search would have to start with another focal length
 _RADII = (1.0, 0.6, 0.35)
 
 
@@ -62,29 +64,6 @@ def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
     a, b, c = by_direction[:, :, 0], by_direction[:, :, 1], by_direction[:, :, 2]
     x, y, z = x[:, None], y[:, None], z[:, None]
     return np.stack((c * y - b * z, a * z - c * x, b * x - a * y), axis=2)
-
-
-def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows of `seen` (n, 2) and `predicted` (k, 2) that are each other's nearest, within a radius."""
-    if len(seen) == 0 or len(predicted) == 0:
-        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    if len(seen) * len(predicted) <= 60_000:
-        square = (seen[:, 0, None] - predicted[:, 0]) ** 2
-        square += (seen[:, 1, None] - predicted[:, 1]) ** 2
-        to_star = square.argmin(axis=1)
-        to_seen = square.argmin(axis=0)
-        rows = np.flatnonzero(to_seen[to_star] == np.arange(len(seen)))
-        rows = rows[square[rows, to_star[rows]] <= radius_px**2]
-        return rows, to_star[rows]
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(predicted, balanced_tree=False, compact_nodes=False)
-    distance, to_star = (np.asarray(found) for found in tree.query(seen, distance_upper_bound=radius_px))
-    rows = np.flatnonzero(np.isfinite(distance))
-    # Of the detections that name one star the nearest has it.
-    rows = rows[np.argsort(distance[rows], kind="stable")]
-    stars, first = np.unique(to_star[rows], return_index=True)
-    return rows[first], stars
 
 
 def log10_chance(agreeing: int, tried: int, chance: float) -> float:
@@ -132,10 +111,7 @@ def verify(
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
     centre = np.array([camera.cx_px, camera.cy_px])
-    middle, reach = field_cone(camera)
-    reach += 0.1
-    near = xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach, math.pi))
-    rows = np.flatnonzero(near)
+    rows = _may_be_seen(camera, xyz, rotation, tolerance_px)
     sky = xyz[rows]
     none = np.empty(0, dtype=np.intp)
     detection, star, sigma, inside = none, none, tolerance_px, np.zeros(len(rows), dtype=bool)
@@ -171,7 +147,7 @@ def verify(
         except np.linalg.LinAlgError:
             break
         rotation = rotation_of(step[:3]) @ rotation
-        log_f = float(np.clip(log_f + step[3], -0.12, 0.12))
+        log_f = float(np.clip(log_f + step[3], -MOST_LOG_F, MOST_LOG_F))
         radius = min(radius, max(3.5 * sigma, 1.2))
     length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
@@ -187,13 +163,24 @@ def verify(
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
 
 
+def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> NDArray[np.intp]:
+    """Rows of the stars that the frame may show once the rotation and the focal length are refined."""
+    middle, reach = field_cone(camera)
+    rows = np.flatnonzero(xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach + 0.1, math.pi)))
+    predicted = camera.project(xyz[rows] @ rotation.T)
+    # What the largest change of the focal length moves a corner by, and what a turn may move the field by.
+    margin = math.expm1(MOST_LOG_F) * math.hypot(camera.width, camera.height) / 2 + 2 * tolerance_px
+    near = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), margin)
+    return np.asarray(rows[near])
+
+
 def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:
     """Predicted stars per square pixel around each detection, shape (n,).
 
     Where the sky is crowded, both crowd: chance has to be judged there and not on the mean of the frame.
     """
-    square = (seen[:, 0, None] - predicted[:, 0]) ** 2 + (seen[:, 1, None] - predicted[:, 1]) ** 2
-    return np.asarray((square < radius_px**2).sum(axis=1) / (math.pi * radius_px**2))
+    detection, _, _ = candidate_pairs(seen, predicted, radius_px)
+    return np.asarray(np.bincount(detection, minlength=len(seen)) / (math.pi * radius_px**2))
 
 
 @lru_cache(maxsize=32)

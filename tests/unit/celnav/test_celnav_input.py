@@ -1,7 +1,6 @@
 """Input: what is read, and what is refused with a typed error of one line."""
 
 import json
-import time
 from datetime import UTC, datetime
 
 import numpy as np
@@ -176,17 +175,16 @@ def test_too_few_detections(solver, n):
 
 
 @pytest.mark.parametrize("solver", celnav.solvers())
-def test_nonsense_is_refused_within_a_second(solver):
+def test_nonsense_is_refused(solver):
     """Stars on a line, on one spot, and thousands of random ones (with and without brightness)."""
-    celnav.solve(np.zeros((9, 2)), CAMERA, UTC_OK, R_CAM, solver)  # loads the tables
     rng = np.random.default_rng(3)
     line = np.column_stack((np.linspace(0, 1079, 60), np.full(60, 300.0)))
     crowd = rng.uniform([0, 0], [1079, 719], (5000, 2))
     for uv, flux in ((line, None), (np.full((50, 2), 77.0), None), (crowd, None), (crowd, rng.random(5000))):
-        start = time.thread_time()  # what else the machine does is not the solver's
         fix = celnav.solve(uv, CAMERA, UTC_OK, R_CAM, solver, flux=flux)
-        assert time.thread_time() - start < 1.0
-        assert (fix.ok, fix.reason) == (False, "no_hypothesis")
+        assert not fix.ok
+        assert fix.reason in {"no_hypothesis", "effort_spent"}
+        assert fix.work <= celnav.SkybenchConfig().max_work
 
 
 def test_images(tmp_path):

@@ -1,0 +1,146 @@
+"""The field once it is identified: which stars the frame is deep enough for, and which planets stand in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.adjustment import Adjusted, predict
+from celnav.astrometry import DIURNAL_ABERRATION, terrestrial_stars
+from celnav.camera import Camera
+from celnav.catalog import StarCatalog, load_catalog
+from celnav.earth_rotation import EarthOrientation
+from celnav.horizon import horizontal_frame
+from celnav.identification.identify import Question
+from celnav.identification.verification import Alignment, field_cone
+from celnav.pairing import candidate_pairs
+from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
+from celnav.problem import Problem
+
+F8 = NDArray[np.float64]
+
+# Pairs of a detection and a star that one adjustment has to weigh, about: a hundred thousand take a second. Only
+# thousands of detections that scatter by many pixels come near it, and then fainter stars are left out.
+MOST_PAIRS = 30_000
+# Fewest stars in the field for which fainter ones are left out.
+FEWEST_STARS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Detections in the solver's order, without what cannot be used."""
+
+    rows: NDArray[np.intp]
+    uv: F8
+    rays: F8
+    relative_sigma: F8 | None
+    question: Question
+
+
+def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:
+    """Shift terrestrial directions toward east by the observer's rotation with the Earth, at most 0.32 arcsec."""
+    return np.asarray(dirs + DIURNAL_ABERRATION * np.array([-zenith[1], zenith[0], 0.0]))
+
+
+def visible_stars(
+    problem: Problem,
+    prepared: Prepared,
+    orientation: EarthOrientation,
+    to_terrestrial: F8,
+    alignment: Alignment,
+) -> tuple[StarCatalog, F8, float, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Choose the stars of the field that the frame is deep enough for.
+
+    Returns
+    -------
+    The stars, their directions in the terrestrial frame (n, 3), the estimated limiting magnitude, and the pairs of
+    detections and stars that may belong together.
+    """
+    camera = problem.observation.camera
+    catalog = load_catalog()
+    n = len(prepared.uv)
+    radius = pairing_radius(alignment.sigma_px)
+    in_field = min(
+        1.25 * n + 30, max(MOST_PAIRS * prepared.question.area_px / (n * math.pi * radius**2), float(FEWEST_STARS))
+    )
+    deepest = int(min(len(catalog), in_field * 4 * math.pi / prepared.question.solid_angle_sr))
+    middle, reach = field_cone(camera)
+    axis, reach = np.array(middle), min(reach * 1.04 * max(1.0, math.exp(-alignment.log_f)) + 0.02, math.pi)
+    near = np.flatnonzero(catalog.vectors[:deepest] @ (alignment.rotation.T @ axis) > math.cos(reach))
+    ideal = camera.project(catalog.vectors[near] @ alignment.rotation.T)
+    rows = near[_inside(camera, alignment.log_f, ideal, 4.0)]
+    stars = catalog.take(rows)
+    dirs = terrestrial_stars(stars, problem.utc, orientation, to_terrestrial).dirs
+    rotation = alignment.rotation @ to_terrestrial.T
+    if problem.attitude is not None:
+        dirs = _with_diurnal_aberration(dirs, rotation.T @ horizontal_frame(problem.attitude)[:, 2])
+    ideal = camera.project(dirs @ rotation.T)
+    centre = np.array([camera.cx_px, camera.cy_px])
+    predicted = np.nan_to_num(centre + math.exp(alignment.log_f) * (ideal - centre), nan=-1e6)
+    detection, star, distance = candidate_pairs(prepared.uv, predicted, radius)
+    near_radius = max(3.0 * alignment.sigma_px, 1.0)
+    seen = np.zeros(len(rows), dtype=bool)
+    seen[star[distance <= near_radius]] = True
+    chance = 1 - math.exp(-n * math.pi * near_radius**2 / prepared.question.area_px)
+    n_kept, limit = _depth(seen, stars.v_mag, chance)
+    kept = star < n_kept
+    return stars.take(slice(n_kept)), dirs[:n_kept], limit, (detection[kept], star[kept])
+
+
+def pairing_radius(sigma_px: float) -> float:
+    """Distance up to which a detection and a star may belong together."""
+    return max(5.0 * sigma_px + 0.5, 1.5)
+
+
+def seen_planets(
+    problem: Problem, prepared: Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], F8]:
+    """Name the detections, brighter than most, that stand where a planet does and are no star: pairs and residuals.
+
+    `taken` are the rows of `prepared` that are stars.
+    """
+    camera = problem.observation.camera
+    n_bright = max(30, len(prepared.uv) // 10) if prepared.question.ranked else len(prepared.uv)
+    is_free = np.ones(len(prepared.uv), dtype=bool)
+    is_free[taken] = False
+    free = np.flatnonzero(is_free[:n_bright])
+    predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
+    visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
+    if not len(free) or not len(visible):
+        return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
+    scale = camera.radians_per_px(predicted[visible])
+    radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
+    seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
+    order = np.argsort(distance, kind="stable")
+    # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
+    order = order[np.sort(np.unique(planet[order], return_index=True)[1])]
+    order = order[np.unique(seen[order], return_index=True)[1]]
+    seen, planet = free[seen[order]], visible[planet[order]]
+    pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
+    return pairs, prepared.uv[seen] - predicted[planet]
+
+
+def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArray[np.bool_]:
+    """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
+    centre = np.array([camera.cx_px, camera.cy_px])
+    predicted = centre + math.exp(log_f) * (ideal - centre)
+    return np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e6), margin_px)
+
+
+def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
+    """Return how many of the stars, brightest first, the frame shows, and the magnitude where it stops.
+
+    The number that maximises the sum of what each star adds: a star that is seen adds as much as it is unlikely by
+    chance, one that is not takes away half of what bright stars add on average.
+    """
+    if not len(seen):
+        return 0, math.nan
+    bright = seen[: max(20, len(seen) // 8)]
+    share = max((float(bright.mean()) - chance) / max(1 - chance, 1e-3), 0.05)
+    expected = chance + 0.5 * share * (1 - chance)
+    gain = np.cumsum(seen - expected)
+    n = int(np.argmax(gain)) + 1
+    return n, float(v_mag[n - 1])

@@ -1,0 +1,138 @@
+"""Choices of the identification: its stages, and the numbers that were tuned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the search.
+
+    Attributes
+    ----------
+    bright : int
+        Hypotheses come from this many of the first detections.
+    lags : tuple of int
+        Pairs are made of detections whose ranks differ by so much, first and last.
+    sigma_px : float
+        Noise that pairs may have.
+    tolerance_px : float
+        How far off a detection may be from the star that explains it under a raw hypothesis.
+    scored : int
+        Detections that score a hypothesis.
+    """
+
+    bright: int
+    lags: tuple[int, int]
+    sigma_px: float
+    tolerance_px: float
+    scored: int = 150
+
+
+# Noise and tolerance, pixels: for good centroids, and for 4 px of noise or a focal length that is off by 3 %.
+FINE, COARSE = (0.8, 5.0), (4.5, 20.0)
+PAIR_STAGES = (
+    Stage(4, (1, 3), *FINE, scored=40),
+    Stage(8, (1, 3), *FINE, scored=60),
+    Stage(6, (1, 2), *COARSE, scored=60),
+    Stage(24, (1, 3), *FINE),
+    Stage(14, (1, 3), *COARSE),
+    Stage(40, (1, 3), *FINE),
+    Stage(30, (4, 8), *FINE),
+    Stage(30, (1, 2), *COARSE),
+    Stage(30, (9, 29), *FINE),
+    Stage(20, (4, 8), *COARSE),
+    Stage(60, (1, 8), *FINE),
+)
+# Without an order of brightness pairs are as good as one another: many narrow windows before wide ones.
+UNORDERED_STAGES = (
+    Stage(8, (1, 3), *FINE),
+    Stage(30, (1, 3), *FINE),
+    Stage(12, (1, 1), *COARSE),
+    Stage(40, (1, 8), *FINE),
+    Stage(60, (1, 3), *COARSE),
+)
+# One star is off by less than the difference of two: a wider tolerance costs little.
+SINGLE_STAGES = (
+    Stage(6, (0, 0), 0.8, 6.0, scored=60),
+    Stage(16, (0, 0), 0.8, 6.0),
+    Stage(10, (0, 0), *COARSE),
+    Stage(60, (0, 0), 0.8, 6.0),
+    Stage(60, (0, 0), *COARSE),
+)
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """Choices of the search.
+
+    Attributes
+    ----------
+    pair_stages, unordered_stages, single_stages : tuple of Stage
+        Where the attitude to the horizon is not known; the same without an order of brightness; and where it is known.
+    verified : int
+        Detections that verify a hypothesis: enough for a bound far below the limit, few enough for half a millisecond.
+    candidates : int
+        Hypotheses of a batch that are verified. The true one is the best of its batch nearly always.
+    max_log10_false_alarm : float
+        The bound that ends the search.
+    first_look, first_look_singles : int
+        Detections that score all hypotheses of a batch before the better quarter is scored by all; and where they come
+        from single stars: those are few, and each true detection makes only one, so they get the longer look.
+    chance_sigmas : float
+        A hypothesis is verified if its score exceeds the mean score of chance by so many standard deviations, and by
+        the stars that it is made of.
+    paired_depth, scored_depth, verified_depth : float
+        Catalogue stars in the field per detection that makes hypotheses, scores them and verifies them, where
+        detections are in order of brightness. More than one, because stars are missing and magnitudes differ.
+    unordered_paired_depth, unordered_depth : float
+        The same where they are in no order, per detection of the frame: all stars of the field count.
+    narrowest_pair : float
+        Least separation of a pair, as part of the widest: narrow ones leave the orientation about their axis open.
+    pairs_at_once : int
+        Pairs of detections in one batch.
+    hypotheses_at_once : int
+        Hypotheses that pairs for one batch are gathered for; a single pair may make twice as many. Large enough for
+        array operations to pay, small enough for the search to end soon after the true one is met.
+    sharp_scale : float
+        Where a pixel is more than so many times the median pixel's angle, at the rim of some lenses, detections are
+        left out: their direction says nothing.
+    given_order_share : float
+        Part of the work for the order given where there are no fluxes: it is only a guess.
+    least_rival : int
+        Detections that another orientation must explain.
+    rival_share : float
+        Detections that must be unexplained for another orientation to be looked for among them, and that it must
+        explain, as part of those that the first one explains.
+    same_deg : float
+        Orientations that differ by less are the same one, of a camera whose distortion or focal length is not what it
+        is said to be.
+    rival_effort : float
+        Part of the work that is kept for the other orientation: a few batches of pairs of bright detections. Two skies
+        in one frame show in the first.
+    """
+
+    pair_stages: tuple[Stage, ...] = PAIR_STAGES
+    unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
+    single_stages: tuple[Stage, ...] = SINGLE_STAGES
+    verified: int = 120
+    candidates: int = 4
+    max_log10_false_alarm: float = -8.0
+    first_look: int = 36
+    first_look_singles: int = 80
+    chance_sigmas: float = 2.5
+    paired_depth: float = 2.2
+    scored_depth: float = 2.2
+    verified_depth: float = 1.6
+    unordered_paired_depth: float = 1.1
+    unordered_depth: float = 1.2
+    narrowest_pair: float = 0.12
+    pairs_at_once: int = 8
+    hypotheses_at_once: int = 12_000
+    sharp_scale: float = 4.0
+    given_order_share: float = 1 / 3
+    least_rival: int = 8
+    rival_share: float = 0.5
+    same_deg: float = 2.0
+    rival_effort: float = 0.07
