@@ -10,10 +10,10 @@ fix = celnav.solve(detections, camera, utc="2020-01-01T00:00:00Z", attitude=R_ca
 from celnav import errors
 from celnav.attitude import Attitude
 from celnav.camera import Camera
+from celnav.detecting.flood_fill import FloodFillConfig
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
-from celnav.flood_fill import FloodFillConfig
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position

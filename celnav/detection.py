@@ -7,12 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
+from celnav.detecting.image_background import (
+    background_and_noise,
+    grey,
+    remove_line_offsets,
+    repair_defects,
+    used_pixels,
+)
+from celnav.detecting.star_candidates import (
+    Components,
+    Cores,
+    components,
+    peaks,
+    saturated_cores,
+    trails,
+    without_flanks,
+)
+from celnav.detecting.star_centroids import Measured, measure_stars
+from celnav.detecting.star_shape import Filtered, StarShape, adaptive_moments, axes, fit_shape, matched_filter
 from celnav.errors import ConfigError, DetectionError
-from celnav.flood_fill import FloodFillConfig, flood_fill
-from celnav.image_background import background_and_noise, grey, remove_line_offsets, repair_defects, used_pixels
-from celnav.star_candidates import Components, Cores, components, peaks, saturated_cores, trails, without_flanks
-from celnav.star_centroids import Measured, measure_stars
-from celnav.star_shape import Filtered, StarShape, adaptive_moments, axes, fit_shape, matched_filter
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

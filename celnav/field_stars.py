@@ -15,8 +15,8 @@ from celnav.catalog import StarCatalog, load_catalog
 from celnav.earth_rotation import EarthOrientation
 from celnav.horizon import horizontal_frame
 from celnav.identification.identify import Question
+from celnav.identification.pairing import candidate_pairs
 from celnav.identification.verification import Alignment, field_cone
-from celnav.pairing import candidate_pairs
 from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
 from celnav.problem import Problem
 

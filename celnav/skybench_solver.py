@@ -23,10 +23,10 @@ from celnav.horizon import Place, horizontal_frame, place_from_rotation
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.identify import Question
+from celnav.identification.pairing import candidate_pairs
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import load_sky_index
 from celnav.identification.verification import Alignment
-from celnav.pairing import candidate_pairs
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.refraction import unrefract_rays
 from celnav.wgs84 import MEAN_RADIUS_KM

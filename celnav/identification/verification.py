@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.camera import Camera
+from celnav.identification.pairing import candidate_pairs, mutual_nearest
 from celnav.identification.sky_index import F8
-from celnav.pairing import candidate_pairs, mutual_nearest
 
 CROWD_PX = 80.0
 FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified

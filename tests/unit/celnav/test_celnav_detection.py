@@ -8,9 +8,9 @@ from hypothesis.extra.numpy import arrays
 from star_images import add_star, add_streak, grid, nearest
 
 import celnav
+from celnav.detecting.star_candidates import Cores, without_flanks
+from celnav.detecting.star_shape import StarShape, fit_shape
 from celnav.errors import ConfigError
-from celnav.star_candidates import Cores, without_flanks
-from celnav.star_shape import StarShape, fit_shape
 
 SIZE = (360, 480)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import celnav
-from benchmark.solver_bars import attitude_of, camera_of
-from benchmark.solver_fields import Condition, make_field
+from benchmark.fields.solver_bars import attitude_of, camera_of
+from benchmark.fields.solver_fields import Condition, make_field
 from celnav.identification import identify
 from celnav.identification.effort import Effort
-from celnav.pairing import candidate_pairs, mutual_nearest
+from celnav.identification.pairing import candidate_pairs, mutual_nearest
 
 CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=60)
 UTC = "2020-01-01T00:00:00Z"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.detecting.image_background import background_and_noise, grey, used_pixels
 from celnav.errors import ConfigError
-from celnav.image_background import background_and_noise, grey, used_pixels
 
 F8 = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.star_shape import inverse, patches, unlikeness
+from celnav.detecting.star_shape import inverse, patches, unlikeness
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Measured:
     snr : ndarray, shape (n,)
         Light under the window over its noise.
     unlike, significance : ndarray, shape (n,)
-        Light that is not that of a star, as of `celnav.star_shape.unlikeness`.
+        Light that is not that of a star, as of `celnav.detecting.star_shape.unlikeness`.
     """
 
     uv: F8

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.star_shape import Filtered, StarShape, inverse
+from celnav.detecting.star_shape import Filtered, StarShape, inverse
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
