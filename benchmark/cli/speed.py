@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EPILOG = (
     "Examples: skybench speed; skybench speed --codec jxl --json > speed.json; skybench speed --solver.  "
-    "Exit status with --solver: 0 when every bar is reached, 1 otherwise."
+    "Exit status with --solver: 0 when every bar is reached and every hostile input refused within its bounds, 1 otherwise."
 )
 
 
@@ -30,13 +30,20 @@ def speed(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
     solver: Annotated[bool, typer.Option("--solver", help="Measure the default solver on random star fields.")] = False,
     fields: Annotated[int, typer.Option("--fields", min=1, help="With --solver: fields of each condition.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", help="With --solver: seed of the fields.")] = 2026,
+    hostile: Annotated[
+        int, typer.Option("--hostile", min=1, help="With --solver: inputs without an answer that are to be refused.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="With --solver: seed of the fields and inputs.")] = 2026,
 ) -> None:
     """Time the making of frames, stage by stage, beside a floor: drawing the noise and compressing the image alone."""
     if solver:
+        from benchmark.fields.solver_effort import report_effort
         from benchmark.fields.solver_table import solver_speed
 
-        raise typer.Exit(0 if solver_speed(fields, seed, typer.echo) else 1)
+        reached = solver_speed(fields, seed, typer.echo)
+        typer.echo()
+        kept = report_effort(hostile, seed, typer.echo)
+        raise typer.Exit(0 if reached and kept else 1)
     from generator.dataset.layout import DatasetSpec
     from generator.errors import GeneratorError
 

@@ -74,7 +74,8 @@ class SearchConfig:
     verified : int
         Detections that verify a hypothesis: enough for a bound far below the limit, few enough for half a millisecond.
     candidates : int
-        Hypotheses of a batch that are verified. The true one is the best of its batch nearly always.
+        Hypotheses of a batch that are verified. The true one is the best of its batch nearly always, and verifying more
+        takes effort from batches to come.
     max_log10_false_alarm : float
         The bound that ends the search.
     first_look, first_look_singles : int
@@ -117,7 +118,7 @@ class SearchConfig:
     unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
     verified: int = 120
-    candidates: int = 4
+    candidates: int = 2
     max_log10_false_alarm: float = -8.0
     first_look: int = 36
     first_look_singles: int = 80

@@ -85,6 +85,14 @@ def test_refusal(files, capsys):
     assert (fix["ok"], fix["lat_deg"], fix["reason"]) == (False, None, "too_few_detections")
 
 
+def test_a_time_limit_ends_the_search(files, capsys):
+    assert main([*arguments(files), "--time-limit-s", "1e-9"]) == 1
+    assert "effort_spent" in capsys.readouterr().out
+    assert main([*arguments(files), "--time-limit-s", "3600"]) == 0
+    assert main([*arguments(files), "--time-limit-s", "-1"]) == 2
+    assert "time_limit_s" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("image", "changes", "text"),
     [

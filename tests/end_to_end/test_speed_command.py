@@ -1,11 +1,15 @@
-"""`skybench speed` on tiny frames: the shape of what it answers. Times themselves are no test's business."""
+"""`skybench speed` on tiny frames and few inputs: the shape of what it answers. No test asserts a time."""
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
 
+import celnav
 from benchmark.cli.app import app
+from benchmark.fields import solver_effort, solver_table
+from benchmark.fields.hostile import ATTITUDES, CAMERAS, KINDS, make_hostile
 from generator.speed import report as speed_report
 from generator.speed.pairs import PairedTimes
 from generator.speed.scenes import FrameSize, data_set
@@ -89,3 +93,49 @@ def test_unknown_codec_is_refused() -> None:
     run = CliRunner().invoke(app, ["speed", "--codec", "gif"])
     assert run.exit_code != 0
     assert "gif" in run.output
+
+
+def test_hostile_inputs_are_made_from_seed_and_number_alone() -> None:
+    inputs = [make_hostile(3, number) for number in range(70)]
+    assert {each.kind for each in inputs} == set(KINDS)
+    assert {each.camera_name for each in inputs} == set(CAMERAS)
+    assert {each.attitude_name for each in inputs} == set(ATTITUDES)
+    assert {each.flux is None for each in inputs} == {True, False}
+    again = make_hostile(3, 41)
+    assert again.name == inputs[41].name
+    assert (again.uv == inputs[41].uv).all()
+    assert max(len(each.uv) for each in inputs) > 10_000
+
+
+def test_effort_report_holds_work_against_its_bound() -> None:
+    solver = celnav.SkybenchSolver(celnav.SkybenchConfig(max_work=1_000_000))
+    report = solver_effort.measure_effort(len(KINDS), 5, solver)
+    assert len(report.refusals) == len(KINDS)
+    assert 0 < report.most_work.work <= report.max_work == 1_000_000
+    assert report.claims == 0
+    text = "\n".join(report.lines())
+    for kind in KINDS:
+        assert re.search(rf"^\| {kind} \| 1 \| 0\.\d\d \| [\d.]+ \| [\d.]+ \| [\d.]+ \|$", text, re.MULTILINE), text
+    assert f"calibration loop: {report.loop_s:.4f} s" in text
+    assert report.slowest.question.name in text
+
+
+def test_speed_of_the_solver_prints_both_tables_and_fails_where_one_does(monkeypatch) -> None:
+    asked = []
+
+    def table(fields, seed, echo):
+        asked.append((fields, seed))
+        echo("bars")
+        return True
+
+    def effort(n_inputs, seed, echo):
+        asked.append((n_inputs, seed))
+        echo("hostile")
+        return n_inputs < 9
+
+    monkeypatch.setattr(solver_table, "solver_speed", table)
+    monkeypatch.setattr(solver_effort, "report_effort", effort)
+    run = CliRunner().invoke(app, ["speed", "--solver", "--fields", "2", "--hostile", "8", "--seed", "4"])
+    assert (run.exit_code, run.stdout.split()) == (0, ["bars", "hostile"])
+    assert asked == [(2, 4), (8, 4)]
+    assert CliRunner().invoke(app, ["speed", "--solver", "--hostile", "9"]).exit_code == 1

@@ -8,15 +8,10 @@ from benchmark.fields.solver_table import (
     ACCURACY,
     ACCURACY_RATIO,
     BARS,
-    CENTROID_MS,
-    CENTROID_P95_MS,
     CLEAN,
     CLEAN_30,
     CLEAN_KM,
     ELLIPSE,
-    IMAGE_MS,
-    centroid_times_ms,
-    image_times_ms,
     measure_bar,
 )
 
@@ -69,15 +64,3 @@ def test_accuracy():
 @pytest.mark.parametrize("condition", [CLEAN, CLEAN_30], ids=lambda c: c.name)
 def test_clean(condition):
     assert np.nanmedian(measure(condition, 1000, SLOW_SEED).error_km) <= CLEAN_KM
-
-
-@pytest.mark.slow
-def test_times():
-    centroids = centroid_times_ms(100, SLOW_SEED)
-    images = image_times_ms(10, SLOW_SEED)
-    print(
-        f"centroids {np.median(centroids):.1f} / {np.percentile(centroids, 95):.1f} ms, image {np.median(images):.1f}"
-    )
-    assert np.median(centroids) <= CENTROID_MS
-    assert np.percentile(centroids, 95) <= CENTROID_P95_MS
-    assert np.median(images) <= IMAGE_MS

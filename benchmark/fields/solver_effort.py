@@ -1,0 +1,155 @@
+"""What refusing costs: work and processor time of the default solver on hostile inputs, beside a calibration loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+import celnav
+from benchmark.fields.hostile import KINDS, HostileInput, make_hostile
+
+# Processor time on one core within which any input is to be refused.
+REFUSAL_S = 0.5
+
+
+def calibration_s() -> float:
+    """Processor time of a fixed loop of array operations like the solver's, the least of five, seconds.
+
+    Some 25 ms on an idle core. Times divided by it compare between machines, and between a busy hour and an idle one.
+    """
+    rng = np.random.default_rng(1)
+    values = rng.random(20_000, dtype=np.float32) + 0.5
+    rows = rng.integers(0, 20_000, 20_000)
+    best = np.inf
+    for _ in range(5):
+        start = time.thread_time()
+        for _ in range(200):
+            scaled = values * np.float32(0.5) + values.take(rows)
+            scaled /= np.abs(values) + np.float32(1)
+            np.maximum(scaled, 0).sum()
+        best = min(best, time.thread_time() - start)
+    return float(best)
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """One hostile input and what it cost.
+
+    Attributes
+    ----------
+    question : HostileInput
+        The input.
+    reason : str
+        Why it was refused; ``ok`` for a claim.
+    work : int
+        Look-ups (`celnav.Fix.work`).
+    processor_s : float
+        Processor time of this thread, seconds.
+    """
+
+    question: HostileInput
+    reason: str
+    work: int
+    processor_s: float
+
+
+@dataclass(frozen=True)
+class EffortReport:
+    """All refusals of a run.
+
+    Attributes
+    ----------
+    refusals : tuple of Refusal
+        One for each input.
+    max_work : int
+        The bound of the solver.
+    loop_s : float
+        The calibration loop in the same run, seconds.
+    """
+
+    refusals: tuple[Refusal, ...]
+    max_work: int
+    loop_s: float
+
+    @property
+    def most_work(self) -> Refusal:
+        """The input that took most work."""
+        return max(self.refusals, key=lambda each: each.work)
+
+    @property
+    def slowest(self) -> Refusal:
+        """The input that took longest."""
+        return max(self.refusals, key=lambda each: each.processor_s)
+
+    @property
+    def claims(self) -> int:
+        """Inputs that were answered with a position."""
+        return sum(each.reason == "ok" for each in self.refusals)
+
+    @property
+    def passed(self) -> bool:
+        """Whether work kept to its bound, no input was answered, and none took too long."""
+        in_bounds = self.most_work.work <= self.max_work and self.slowest.processor_s <= REFUSAL_S
+        return in_bounds and self.claims == 0
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of a Markdown table and what stands below it."""
+        yield "| hostile inputs | number | most work / bound | median s | worst s | worst / calibration loop |"
+        yield "|-|-|-|-|-|-|"
+        for kind in KINDS:
+            mine = [each for each in self.refusals if each.question.kind == kind]
+            if mine:
+                yield self._row(kind, mine)
+        yield self._row("all", list(self.refusals))
+        yield ""
+        yield f"calibration loop: {self.loop_s:.4f} s of processor time; bound of work: {self.max_work:,} look-ups"
+        yield f"slowest: {self.slowest.question.name} ({self.slowest.reason})"
+        yield f"most work: {self.most_work.question.name} ({self.most_work.reason})"
+        reasons = sorted({each.reason for each in self.refusals})
+        counts = ", ".join(f"{reason} {sum(each.reason == reason for each in self.refusals)}" for reason in reasons)
+        yield f"reasons: {counts}"
+        yield (
+            f"within the bound of work, without a claim, and each below {REFUSAL_S} s: {'yes' if self.passed else 'NO'}"
+        )
+
+    def _row(self, name: str, refusals: list[Refusal]) -> str:
+        worst = max(each.processor_s for each in refusals)
+        work = max(each.work for each in refusals) / self.max_work
+        median = float(np.median([each.processor_s for each in refusals]))
+        return f"| {name} | {len(refusals)} | {work:.2f} | {median:.3f} | {worst:.3f} | {worst / self.loop_s:.1f} |"
+
+
+def measure_effort(n_inputs: int, seed: int, solver: celnav.SkybenchSolver | None = None) -> EffortReport:
+    """Solve hostile inputs, and time a calibration loop before and after.
+
+    Parameters
+    ----------
+    n_inputs : int
+        How many.
+    seed : int
+        Of the inputs.
+    solver : SkybenchSolver, optional
+        The default solver unless given.
+    """
+    solver = celnav.SkybenchSolver() if solver is None else solver
+    make_hostile(seed, 0).solve(solver)  # loads the tables
+    loop_s = calibration_s()
+    refusals = []
+    for number in range(n_inputs):
+        question = make_hostile(seed, number)
+        start = time.thread_time()
+        fix = question.solve(solver)
+        elapsed = time.thread_time() - start
+        refusals.append(Refusal(question, "ok" if fix.ok else str(fix.reason), fix.work, elapsed))
+    return EffortReport(tuple(refusals), solver.config.max_work, min(loop_s, calibration_s()))
+
+
+def report_effort(n_inputs: int, seed: int, echo: Callable[[str], None]) -> bool:
+    """Measure and print; returns whether the promises are kept."""
+    report = measure_effort(n_inputs, seed)
+    for line in report.lines():
+        echo(line)
+    return report.passed
