@@ -33,6 +33,10 @@ from celnav.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
 
+# Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
+LOWEST_ALTITUDE_DEG = -5.0
+_BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
+
 
 @dataclass(frozen=True)
 class SkybenchConfig:
@@ -175,7 +179,7 @@ class SkybenchSolver:
                 "give Attitude.up",
             )
         place = place_from_rotation(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude)
-        if refusal := self._contradiction(problem, place):
+        if refusal := self._contradiction(problem, place) or _below_horizon(problem, prepared, adjusted):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
         covariance = place.cov_km2 * max(1.0, place.chi2 / 16.0)
         return replace(
@@ -245,6 +249,20 @@ class SkybenchSolver:
         return ""
 
 
+def _below_horizon(problem: Problem, prepared: Prepared, adjusted: Adjusted) -> str:
+    """Say that named stars lie below the horizon of the vertical given, where too many do to be wrong names."""
+    if problem.weather.pressure_hpa == 0:  # outside the atmosphere the horizon may lie anywhere
+        return ""
+    assert problem.attitude is not None
+    named = np.unique(adjusted.detection[adjusted.weight > 0.5])
+    sine = prepared.rays[named] @ horizontal_frame(problem.attitude)[:, 2]
+    lowest_deg = max(LOWEST_ALTITUDE_DEG - 3 * problem.attitude.tilt_deg, -90.0)
+    below = int(np.sum(sine < math.sin(math.radians(lowest_deg))))
+    if below <= max(3, 0.05 * len(named)):
+        return ""
+    return f"{below} of {len(named)} stars lie below the horizon: check the attitude"
+
+
 def _not_identified(effort: Effort) -> Fix:
     """Refuse, and say whether everything was tried."""
     tried = f"no orientation explains the detections better than chance ({effort.hypotheses} were tried)"
@@ -277,6 +295,9 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Pr
         local = frame if known else None
         if problem.weather.pressure_hpa > 0:
             true = unrefract_rays(rays, up, problem.weather.pressure_hpa, problem.weather.temperature_c)
+            # No star is seen below the horizon. Where the vertical is wrong they can be named, and contradict it.
+            below = rays @ up < _BELOW_HORIZON
+            true[below] = rays[below]
             moved = camera.project(true)
             # At the very edge of a lens's range the unrefracted ray may have no image.
             usable = np.isfinite(moved[:, 0])

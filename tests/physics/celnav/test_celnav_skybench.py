@@ -1,11 +1,13 @@
 """The solver ``skybench`` on fields of the independent forward model (ERFA and OpenCV)."""
 
 import dataclasses
+import math
 
 import cv2
 import numpy as np
 import pytest
 import skyfield_data
+from scipy.spatial.transform import Rotation
 from skyfield.api import Loader
 
 import celnav
@@ -96,6 +98,55 @@ def test_attitude_with_uncertainty_is_weighed(sky, frames):
     np.testing.assert_allclose(np.sqrt(np.diag(tilted.cov_km2)), 11.1, rtol=0.35)
     wrong = solve(frame, celnav.Attitude.with_sigma(sky.ZENITH_NORTH_UP @ off, tilt_deg=0.0, heading_deg=0.1))
     assert (wrong.ok, wrong.reason) in {(False, "no_hypothesis"), (False, "effort_spent"), (False, "inconsistent")}
+
+
+def turned(axis, angle_deg):
+    return Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize("kind", ["exact", "with_sigma"])
+@pytest.mark.parametrize(
+    "error", [turned("z", 20), turned("y", 30), turned("y", 90), turned("x", 180)], ids=["heading", "30", "90", "180"]
+)
+def test_a_wrong_attitude_that_contradicts_the_stars_is_refused(kind, error):
+    """Headings are given too, so that a tilt across the meridian does not fit any place."""
+    condition = Condition("wrong", v_max=5.5, noise_px=0.3, tilt_deg=5.0)
+    for number in range(3):
+        frame = make_field(condition, 9, number)
+        R_cam = frame.R_cam @ error
+        attitude = (
+            celnav.Attitude.exact(R_cam)
+            if kind == "exact"
+            else celnav.Attitude.with_sigma(R_cam, tilt_deg=0.5, heading_deg=1.0)
+        )
+        fix = celnav.solve(frame.uv, camera_of(condition), frame.utc, attitude, flux=frame.flux)
+        assert not fix.ok
+        assert fix.reason in {"no_hypothesis", "effort_spent", "inconsistent"}
+
+
+@pytest.mark.parametrize("error", [turned("x", 90), turned("y", 90), turned("x", 180)], ids=["north", "east", "nadir"])
+def test_a_vertical_that_puts_stars_below_the_horizon_is_refused(error):
+    condition = Condition("wrong", v_max=5.5, noise_px=0.3, tilt_deg=5.0)
+    for number in range(3):
+        frame = make_field(condition, 9, number)
+        up = celnav.Attitude.up((frame.R_cam @ error)[:, 2])
+        fix = celnav.solve(frame.uv, camera_of(condition), frame.utc, up, flux=frame.flux)
+        assert (fix.ok, fix.reason) == (False, "inconsistent")
+        assert "below the horizon" in fix.message
+
+
+def test_a_tilt_along_the_meridian_is_another_place(sky):
+    """What no solver can tell: a camera tilted by 20 deg that is said to look at the zenith sees another latitude's sky.
+
+    Only refraction differs, by an arcminute and a half at most. The fix is 20 deg away, and docs/solver.md says so.
+    """
+    condition = Condition("wrong", v_max=5.5, noise_px=0.3, tilt_deg=5.0)
+    for number in range(3):
+        frame = make_field(condition, 9, number)
+        attitude = celnav.Attitude.exact(frame.R_cam @ turned("x", math.copysign(20.0, frame.lat_deg)))
+        fix = celnav.solve(frame.uv, camera_of(condition), frame.utc, attitude, flux=frame.flux)
+        assert fix.ok
+        assert error_km(sky, frame, fix) == pytest.approx(20 * 111.2, rel=0.01)
 
 
 def test_last_known_position(sky, frames):
