@@ -58,7 +58,7 @@ class Adjusted:
     cov : ndarray, shape (3 + k, 3 + k)
         Covariance of a small rotation in the camera frame (rad^2), then of the camera parameters that were free.
     camera_values, camera_sigmas : ndarray, shape (5,)
-        What was added to the camera, in the order of `PARAMETERS`, and standard deviations (0: kept fixed).
+        Changes of the camera, in the order of `PARAMETERS`, and their standard deviations (0: kept fixed).
     detection, star : ndarray, shape (m,)
         Pairs that may belong together: rows of the positions and of the stars.
     weight : ndarray, shape (m,)

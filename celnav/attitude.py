@@ -1,4 +1,4 @@
-"""What is known of the camera's attitude."""
+"""The camera's attitude, known in whole or in part."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROTATION_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Attitude:
-    """What is known of the attitude; make one with `exact`, `with_sigma` or `up`.
+    """Knowledge of the attitude: exact, uncertain, or the vertical alone; make one with `exact`, `with_sigma` or `up`.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ def digest(*parts: bytes | str) -> str:
 
 
 def cached(name: str, key: str, build: Callable[[], Mapping[str, NDArray[np.generic]]]) -> Arrays:
-    """Return the arrays cached under `name` and `key`, building and storing them where there are none.
+    """Return the arrays cached under `name` and `key`, building and storing them on the first call.
 
     Arrays from the cache cannot be written to. A cache that cannot be read or written costs time, not correctness: the
     arrays are then built again.

@@ -1,8 +1,8 @@
 """Star catalogue: the Yale Bright Star Catalogue joined to Hipparcos.
 
 Sources: Hoffleit & Warren 1991, Bright Star Catalogue, 5th edition (CDS V/50); van Leeuwen 2007, Hipparcos, the New
-Reduction (CDS I/311). A star is named by its *star id*: the Hipparcos number, or minus the HR number where there is
-none.
+Reduction (CDS I/311). A star is named by its *star id*: the Hipparcos number, or minus the HR number of a
+star that has no Hipparcos number.
 """
 
 from __future__ import annotations

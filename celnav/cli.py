@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        # Whoever reads has seen enough. What is left must not be written again when the interpreter ends.
+        # The reader closed the pipe. The rest must not be written again when the interpreter ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_FIX if fix.ok else EXIT_REFUSAL
 

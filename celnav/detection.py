@@ -32,7 +32,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# The background is taken off in single precision; what is smaller than this part of the image is rounding.
+# The background is subtracted in single precision; anything smaller than this part of the image is rounding.
 _FLOAT_ROUNDING = 4e-6
 _FIRST_SIGMA_PX = 1.0
 _SHAPE_STARS, _SHAPE_ROUNDS = 100, 2
@@ -172,7 +172,7 @@ def detect(
     shape = first_guess = _given_shape(config, pixels.shape)
     found = _search(light, noise, used, shape, config)
     if config.psf_sigma_px is None and config.streak_px is None:
-        # Streaks fall apart under a filter for points: what is found with the measured shape is measured once more.
+        # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
         for _ in range(_SHAPE_ROUNDS):
             measured = _measured_shape(light, noise, found, cores, config)
             if measured is None:
@@ -264,10 +264,10 @@ def _measured_shape(light: F4, noise: F4, found: _Found, cores: Cores, config: D
 
 
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:
-    """Tell what is neither sharper nor wider than stars, nor of another form, by more than noise explains.
+    """Select the sources whose width and form agree with those of stars within the noise.
 
-    The tracks of particles have another form than compact images; streaks and large disks have one of their own. What is
-    wider than a guessed shape has the form of a wider star.
+    Particle tracks differ in form from compact stars; streaks and large disks are not compared in form. Where the shape is
+    only a guess, wider sources are kept: they may be wider stars.
     """
     leeway = 5 / np.maximum(stars.snr, 1e-9)
     formed = (stars.unlike < _UNLIKE) | (stars.significance < _UNLIKE_SIGNIFICANCE)

@@ -31,7 +31,7 @@ FEWEST_STARS = 200
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Detections in the solver's order, without what cannot be used."""
+    """Usable detections in the solver's order."""
 
     rows: NDArray[np.intp]
     uv: F8

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 
 class Reason(StrEnum):
-    """Why there is a fix (`OK`) or none; docs/celnav.md explains each."""
+    """Why a solver gives a position (`OK`) or refuses; docs/celnav.md explains each."""
 
     OK = "ok"
     TOO_FEW_DETECTIONS = "too_few_detections"
@@ -36,7 +36,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the solver changed in the camera; None where it kept the camera's value.
+    """Changes of the camera that the solver estimated; None where it kept the camera's value.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Fix:
     confidence : float
         0 to 1, as the solver defines it; 0 where there is no hypothesis.
     matches : ndarray of int64, shape (m, 2)
-        Index of the detection, star id (Hipparcos number, or minus the HR number where there is none).
+        Index of the detection, star id (Hipparcos number, or minus the HR number of a star without one).
     residual_rms_px : float
         Root mean square distance between matched detections and predicted stars, pixels; NaN without a position.
     residuals_px : ndarray, shape (m, 2), or None
@@ -94,7 +94,7 @@ class Fix:
         How far the heading that the stars imply is from the one given, degrees; NaN where no heading was given, or the
         solver does not tell.
     calibration : Calibration
-        What the solver changed in the camera.
+        Changes of the camera that the solver estimated.
     work : int
         Work that the identification took, in look-ups (docs/solver.md, "Effort"); 0 where the solver does not count.
     time_ms : mapping of str to float
@@ -128,7 +128,7 @@ class Fix:
 
     @classmethod
     def refusal(cls, reason: Reason, message: str, confidence: float = 0.0) -> Fix:
-        """Make a fix that says why there is none."""
+        """Make a refusal."""
         return cls(ok=False, reason=reason, message=message, confidence=confidence)
 
     def to_dict(self) -> dict[str, Any]:

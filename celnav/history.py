@@ -1,4 +1,4 @@
-"""What a solver may remember from frame to frame, when the caller wants it to."""
+"""Memory from frame to frame, for callers who want their solver to have one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Position from the orientation of the camera to the stars and what is known of its orientation to the horizon.
+"""Position from the camera's orientation to the stars and its orientation to the horizon, so far as it is known.
 
 The stars give the rotation from the terrestrial frame to the camera with a covariance; the attitude gives the rotation
 from east-north-up to the camera, or a part of it. Their quotient is the local frame of the observer: three numbers for
@@ -91,7 +91,7 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
     cov_rad2 : ndarray, shape (3, 3)
         Covariance of its error as a small rotation in the camera frame.
     attitude : Attitude
-        What is known of the horizon.
+        Knowledge of the camera's orientation to the horizon.
     """
     R_cam = horizontal_frame(attitude)
     local = R_cam.T @ terrestrial_to_camera

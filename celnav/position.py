@@ -114,7 +114,7 @@ def fix_position(
     uv : array_like, shape (n, 2)
         Pixel positions; two stars or more give a unique position, one leaves two solutions of which one is returned.
     star_ids : array_like of int, shape (n,)
-        Hipparcos numbers, or minus HR numbers where there is none.
+        Hipparcos numbers, or minus HR numbers of stars without one.
     camera : Camera
         The camera.
     utc : str, datetime or Utc

@@ -1,4 +1,4 @@
-"""What a solver is given, and the protocol that solvers follow."""
+"""The question put to a solver, and the protocol that solvers follow."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Problem:
     utc : Utc
         Middle of the exposure.
     attitude : Attitude or None
-        What is known of the horizon.
+        Knowledge of the camera's orientation to the horizon.
     weather : Weather
         For refraction.
     dut1_s : float or None

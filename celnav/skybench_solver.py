@@ -61,7 +61,8 @@ class SkybenchConfig:
         Bound on the work of the identification, in look-ups: one look-up is one detection laid on the star map under one
         hypothesis, and other steps count as many look-ups as take the same time
         (`celnav.identification.effort`). The answer depends on it, and not on the machine. The default keeps the
-        refusal of any input at about a quarter of a second on one core; twice as much solves few more fields.
+        refusal of any input at about 0.2 s on one idle core, and meets the bars of docs/solver.md, which shows what more
+        work finds.
     time_limit_s : float or None
         Time by the clock after which the identification gives up, looked at between batches of some milliseconds. Off by
         default: under a time limit an answer may differ from machine to machine and from run to run. The caller's
@@ -230,7 +231,7 @@ class SkybenchSolver:
         return adjusted if clearly_off else without_focal(adjusted)
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
-        """Say what the position contradicts, or nothing."""
+        """Describe the contradiction between the position and the caller's knowledge; empty without one."""
         assert problem.attitude is not None
         limit = self.config.max_heading_off_deg + 5 * problem.attitude.heading_deg
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:

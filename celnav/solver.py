@@ -147,15 +147,15 @@ def solve(
     utc : str, datetime or Utc
         Mid-exposure; ISO 8601 with a zone.
     attitude : 3x3 array_like, Attitude or None
-        `R_cam` (ENU to camera), or what is known of it.
+        `R_cam` (ENU to camera), an `Attitude` that knows it in part, or None.
     solver : str or callable
         One of `celnav.solvers()`, or a solver made with `ddr_solver` or `SkybenchSolver`.
     history : History, optional
-        What earlier frames taught, for solvers that use it. Read and extended; without it every frame stands alone.
+        Memory of earlier frames, for solvers that use it. It is read and extended; without it every frame stands alone.
     flux : array_like, shape (n,), optional
         Brightness of bare positions, any linear unit.
     pressure_hpa, temperature_c : float
-        Air at the observer, for refraction; pressure 0 means none.
+        Air at the observer, for refraction; pressure 0 means no refraction.
     dut1_s : float, optional
         UT1-UTC in seconds; from the IERS table unless given.
     near : LastKnown, optional

@@ -39,7 +39,7 @@ class TrackConfig:
     acceleration_km_s2 : float
         White-noise acceleration, km/s^2 per square root of hertz.
     tilt_bias_sigma_deg, heading_bias_sigma_deg : float
-        Standard deviations of the mount's constant errors; zero where there are none.
+        Standard deviations of the mount's constant errors; zero for a mount without errors.
     bias_walk_deg : float
         How far the biases wander in the square root of a second, degrees.
     gate : float
@@ -104,7 +104,7 @@ class TrackPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """What the smoother needs of a step: the state before its fix, and the transition that led there."""
+    """One step for the smoother: the state before its fix, and the transition that led there."""
 
     predicted: TrackPoint
     transition: F8

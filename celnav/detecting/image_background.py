@@ -94,7 +94,7 @@ def _sample_places(edges: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def _moments_within(deviation: F4, limit: F4, counted: Mask) -> tuple[F4, F4]:
-    """Means of each row, shape (n,), and of its squares, of what is no larger than the row's limit.
+    """Means of each row, shape (n,), and of its squares, of the values no larger than the row's limit.
 
     Medians alone are too coarse for integers where the noise is less than a step or two.
     """
@@ -105,7 +105,7 @@ def _moments_within(deviation: F4, limit: F4, counted: Mask) -> tuple[F4, F4]:
 
 
 def _medians(samples: F4, counted: Mask) -> F4:
-    """Upper medians of the counted samples of each row, shape (n,); NaN where there are none."""
+    """Upper medians of the counted samples of each row, shape (n,); NaN for rows without any."""
     number = counted.sum(axis=1)
     if (number == samples.shape[1]).all():
         middle = samples.shape[1] // 2

@@ -1,4 +1,4 @@
-"""Where in an image stars may be: saturated cores, trails that are none, and peaks of the filtered image."""
+"""Candidates for stars in an image: saturated cores, peaks of the filtered image; and the trails that are not stars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Centroids, brightness, and shape of stars under a window that follows them, neighbours taken off.
+"""Centroids, brightness, and shape of stars under a window that follows them, neighbours subtracted.
 
 The iteration x += 2 sum(w I (x_i - x)) / sum(w I) of the windowed positions of SExtractor (Bertin & Arnouts 1996, A&AS
 117, 393, and its manual) is nearly as good as a fit where the window has the shape of the star. Negative light counts:
@@ -38,8 +38,8 @@ class Measured:
     sigma_px : ndarray, shape (n,)
         Standard deviation of the centroid, root mean square of the two axes.
     narrow, wide : ndarray, shape (n,)
-        Second moments of the light under the window along its axes over those expected: 1 for a star, less for what is
-        sharper, 2 for what is flat.
+        Second moments of the light under the window along its axes over those expected: 1 for a star, less for a
+        sharper source, 2 for a flat one.
     snr : ndarray, shape (n,)
         Light under the window over its noise.
     unlike, significance : ndarray, shape (n,)

@@ -94,7 +94,7 @@ def _terms(uv: F8, size: tuple[int, int]) -> F8:
 
 
 def inverse(covariance: F8) -> F8:
-    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN of what has no width."""
+    """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN for covariances without width."""
     uu, uv, vv = covariance.T
     determinant = uu * vv - uv * uv
     return np.asarray(np.column_stack((vv, -uv, uu)) / np.where(determinant > 1e-9, determinant, np.nan)[:, None])
@@ -242,7 +242,7 @@ class Filtered:
 
 
 def matched_filter(light: F4, shape: StarShape) -> Filtered:
-    """Correlate with the star's image less its mean over a square: what is flat or slopes leaves no trace."""
+    """Correlate with the star's image less its mean over a square: constant and sloping backgrounds cancel."""
     from scipy import ndimage
 
     sigma = shape.round_sigma_px
@@ -274,7 +274,7 @@ def _correlate_rows(values: F4, line: F4) -> F4:
 
 
 def _response(star: F8, area: int) -> tuple[float, float]:
-    """What the filter makes of a star of unit peak, and of unit noise."""
+    """Response of the filter to a star of unit peak, and to unit noise."""
     kernel = star / star.sum()
     gain = float((kernel * star).sum() - star.sum() / area)
     return gain, float(np.sqrt((kernel**2).sum() - 1 / area))

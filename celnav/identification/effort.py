@@ -1,4 +1,4 @@
-"""What identification may spend: work that is counted and, where the caller wants one, a deadline.
+"""The bound of the identification's effort: counted work and, where the caller wants one, a deadline.
 
 The unit of work is one look-up: one detection laid on the star map under one hypothesis. Other steps count as many
 look-ups as take the same processor time, so that a bound on work bounds the time of any input, while the count itself,
@@ -24,14 +24,14 @@ VERIFIED_PAIR_WORK = 1
 
 @dataclass
 class Effort:
-    """What a search may spend, and what it has spent.
+    """The budget of a search and its expenses.
 
     Attributes
     ----------
     max_work : int
         Bound on `work`; `work` never exceeds it.
     deadline_s : float
-        Value of `time.perf_counter` after which no further batch is begun; infinite for none.
+        Value of `time.perf_counter` after which no further batch is begun; infinite without a deadline.
     limit : int
         Bound on `work` for the part of the search that is under way, at most `max_work`.
     work : int

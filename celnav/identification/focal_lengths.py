@@ -1,4 +1,4 @@
-"""Identification with a camera whose focal length is only roughly what it is said to be."""
+"""Identification with a camera whose declared focal length is only approximate."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def identify_at_focal_lengths(
     Parameters
     ----------
     question, index, config
-        As of `identify`, which bears with a focal length that is off by 6 %.
+        As of `identify`, which tolerates a focal length that is off by 6 %.
     factors : iterable of float
         On the focal length. They count only where detections are in order of brightness: without one the search is
         several times as long.

@@ -40,7 +40,7 @@ from celnav.identification.verification import Alignment, field_cone, verify
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What the search works on.
+    """Detections, camera and attitude as the search needs them.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What the search found.
+    """Result of the search.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Identified:
     rival : Alignment or None
         Another one that passes too, and explains half as many detections or more.
     effort : Effort
-        What it took.
+        Work spent on it.
     """
 
     alignment: Alignment | None
@@ -136,7 +136,7 @@ class _Batch:
 def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: Effort) -> Identified:
     """Find the orientation that explains the detections, and whether another does about as well.
 
-    `effort` is charged with the work. What it counts of earlier searches enters the bound of chance.
+    `effort` is charged with the work; the hypotheses that it counts of earlier searches enter the bound of chance.
     """
     # A part is kept for the rival: a hypothesis that is found last must not pass unexamined.
     kept = int(config.rival_effort * effort.max_work)
@@ -157,7 +157,7 @@ def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """One search: a question, what it is looked up in, how, and at what expense."""
+    """One search: a question, the tables of the sky, the choices, and the effort."""
 
     question: Question
     index: SkyIndex
@@ -206,7 +206,7 @@ class _Search:
             return None
         others = replace(self.question, uv=self.question.uv[rest], rays=self.question.rays[rest])
         # Its bound of chance counts what it tries itself. A deadline does not stop it: it is short, and an orientation
-        # that was not held against others is none to give out.
+        # that was not compared with others must not be given out.
         effort = Effort(self.effort.limit - self.effort.work)
         rival, _ = replace(self, question=others, effort=effort).run()
         self.effort.work += effort.work

@@ -107,8 +107,8 @@ class SearchConfig:
         Detections that must be unexplained for another orientation to be looked for among them, and that it must
         explain, as part of those that the first one explains.
     same_deg : float
-        Orientations that differ by less are the same one, of a camera whose distortion or focal length is not what it
-        is said to be.
+        Orientations that differ by less are the same one, seen with a camera whose declared distortion or focal length
+        is wrong.
     rival_effort : float
         Part of the work that is kept for the other orientation: a few batches of pairs of bright detections. Two skies
         in one frame show in the first.

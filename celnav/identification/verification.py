@@ -1,4 +1,4 @@
-"""Verification of a hypothesis: predict the field, count what agrees, and ask how likely chance does as well.
+"""Verification of a hypothesis: predict the field, count agreements, and bound the probability of a chance agreement.
 
 The probability that chance explains k agreements of m detections is a binomial tail, bounded by Chernoff's inequality
 (Chernoff 1952, Ann. Math. Statist. 23, 493), times the number of hypotheses and of radii that were tried.
@@ -25,7 +25,7 @@ _RADII = (1.0, 0.6, 0.35)
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A hypothesis laid on the image.
+    """A hypothesis with the detections that it explains.
 
     Attributes
     ----------
@@ -50,7 +50,10 @@ class Alignment:
 
 
 def rotation_of(vector: F8) -> F8:
-    """Return the rotation matrix of a rotation vector (Rodrigues)."""
+    """Return the rotation matrix of a rotation vector (Rodrigues).
+
+    Solving from centroids needs nothing of scipy, whose import would take several times as long as the solution.
+    """
     angle = math.sqrt(float(vector @ vector))
     cross = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]])
     if angle < 1e-12:
@@ -106,7 +109,7 @@ def verify(
     log10_tried : float
         Decimal logarithm of how many hypotheses were looked at.
     free_stars : int
-        Agreements that the hypothesis has for nothing, because it was made of them.
+        Agreements that prove nothing, because the hypothesis was made of them.
     """
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
@@ -168,7 +171,7 @@ def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> 
     middle, reach = field_cone(camera)
     rows = np.flatnonzero(xyz @ (rotation.T @ np.array(middle)) > math.cos(min(reach + 0.1, math.pi)))
     predicted = camera.project(xyz[rows] @ rotation.T)
-    # What the largest change of the focal length moves a corner by, and what a turn may move the field by.
+    # Refinement moves a corner by as much as the largest change of the focal length does, and the field by its turn.
     margin = math.expm1(MOST_LOG_F) * math.hypot(camera.width, camera.height) / 2 + 2 * tolerance_px
     near = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), margin)
     return np.asarray(rows[near])

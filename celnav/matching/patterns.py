@@ -27,7 +27,7 @@ I4 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class PatternConfig:
-    """What the database is made of; two equal configurations share one database.
+    """Contents of the database; equal configurations share one database.
 
     Attributes
     ----------

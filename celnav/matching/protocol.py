@@ -1,4 +1,4 @@
-"""What a matcher is given and what it returns."""
+"""Input and output of a matcher."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from celnav.history import History
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the camera saw.
+    """Detections and the camera that made them.
 
     Attributes
     ----------
@@ -44,12 +44,12 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Which detection is which star, or why that is not known.
+    """Detections named as stars, or the reason why they are not.
 
     Attributes
     ----------
     reason : Reason
-        `Reason.OK`, or why there is none.
+        `Reason.OK`, or the reason of the refusal.
     message : str
         The reason in words.
     matches : ndarray of int64, shape (m, 2)
@@ -57,7 +57,7 @@ class Identification:
     confidence : float
         0 to 1, as the matcher defines it.
     details : mapping
-        What else the matcher found.
+        Further diagnostics.
     """
 
     reason: Reason
