@@ -106,5 +106,5 @@ def test_refusals_are_passed_over_and_order_is_kept():
 def test_heading_bias_is_learnt_from_what_the_stars_say():
     track = Track()
     for fix, utc, heading, _ in orbit(np.random.default_rng(6), n=20):
-        track.update(dataclasses.replace(fix, details={"heading_off_deg": 0.7}), utc, heading)
+        track.update(dataclasses.replace(fix, heading_off_deg=0.7), utc, heading)
     assert track.points[-1].heading_bias_deg == pytest.approx(0.7, abs=0.02)
