@@ -72,12 +72,12 @@ def hypotheses(folder: Path, field) -> None:
     seen = []
     original = identify.best_hypotheses
 
-    def spy(rotations, view, tolerance, level, xyz, most, first_look):
+    def spy(rotations, view, tolerance, level, index, most, first_look):
         weight = (1 / (tolerance * view.radians_per_px) ** 2).astype(np.float32)
         from celnav.identification.search import soft_count
 
-        seen.append((rotations, soft_count(rotations, view.rays, weight, level, xyz)))
-        return original(rotations, view, tolerance, level, xyz, most, first_look)
+        seen.append((rotations, soft_count(rotations, view.rays, weight, level, index)))
+        return original(rotations, view, tolerance, level, index, most, first_look)
 
     identify.best_hypotheses = spy
     try:
