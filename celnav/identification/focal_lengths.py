@@ -44,7 +44,7 @@ def identify_at_focal_lengths(
     """
     others = tuple(factors) if question.ranked else ()
     work_each = int(share * effort.max_work)
-    kept = int(config.rival_effort * effort.max_work)
+    kept = config.kept_for_rival(effort.max_work)
     effort.allow(effort.max_work - kept - len(others) * work_each - effort.work)
     found = identify(question, index, config, effort)
     for factor in others:

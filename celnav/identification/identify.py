@@ -139,7 +139,7 @@ def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: 
     `effort` is charged with the work; the hypotheses that it counts of earlier searches enter the bound of chance.
     """
     # A part is kept for the rival: a hypothesis that is found last must not pass unexamined.
-    kept = int(config.rival_effort * effort.max_work)
+    kept = config.kept_for_rival(effort.max_work)
     effort.limit = min(effort.limit, effort.max_work - kept)
     search = _Search(question, index, config, effort)
     found, looked_at = search.run()

@@ -109,9 +109,9 @@ class SearchConfig:
     same_deg : float
         Orientations that differ by less are the same one, seen with a camera whose declared distortion or focal length
         is wrong.
-    rival_effort : float
-        Part of the work that is kept for the other orientation: a few batches of pairs of bright detections. Two skies
-        in one frame show in the first.
+    rival_work : int
+        Work kept for the other orientation (half of the bound at most): a few batches of pairs of bright detections. Two
+        skies in one frame show in the first.
     """
 
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
@@ -136,4 +136,8 @@ class SearchConfig:
     least_rival: int = 8
     rival_share: float = 0.5
     same_deg: float = 2.0
-    rival_effort: float = 0.07
+    rival_work: int = 600_000
+
+    def kept_for_rival(self, max_work: int) -> int:
+        """Return the part of the bound of work that is kept for the other orientation."""
+        return min(self.rival_work, max_work // 2)
