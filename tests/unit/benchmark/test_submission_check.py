@@ -302,3 +302,13 @@ def test_the_command_says_line_by_line_what_is_wrong(file):
     run = CliRunner().invoke(app, ["bench", "check", str(file)])
     assert (run.exit_code, run.output) == (0, "in order: 1 frames, 1 fixes\n")
     assert CliRunner().invoke(app, ["bench", "check", str(file), "--set", str(file.parent)]).exit_code == 2
+
+
+def test_detections_of_a_frame_are_limited(file, monkeypatch):
+    monkeypatch.setattr(submission, "LARGEST_DETECTIONS_OF_A_FRAME", 2)
+    rows = "".join(f"{frame},{n}.5,2,677\n" for frame in ("frame-1", "frame-2") for n in range(2))
+    file.write_text("frame_id,u_px,v_px,star_id\n" + rows)
+    assert check_stars(file).problems == ()
+    found = problems_of(file, "frame_id,u_px,v_px,star_id\n" + rows + "frame-1,9,9,\n", check=check_stars)
+    assert found == ["line 6: frame-1 has more than 2 detections"]
+    assert len(check_stars(file).stars["frame-1"]) == 2

@@ -1,5 +1,6 @@
 """Submissions from the packed set to the leaderboard: the truth scores perfectly, an empty and a random one as they must."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -17,7 +18,7 @@ from benchmark.report.site.tree import read_tree
 from benchmark.stats.frame_metrics import measure
 from benchmark.stats.intervals import wilson
 from benchmark.submit.csv_cells import csv_lines
-from benchmark.submit.pack import withheld_names
+from benchmark.submit.pack import public_record, withheld_names
 from benchmark.submit.submission import FRAME_COLUMNS, STAR_COLUMNS
 
 N = 9
@@ -61,7 +62,7 @@ def scores_of(tmp_path, name="mine"):
 def truth_rows(frames, names):
     places = [(frame.conditions.latitude_deg, frame.conditions.longitude_deg) for frame in frames]
     rows = [
-        (names[frame.frame_id], "fix", *place, 0.01, 0.0, 0.01, 1.0, 5.0)
+        (names[frame.frame_id], "fix", *place, 0.01, 0.004, 0.02, 1.0, 5.0)
         for frame, place in zip(frames, places, strict=True)
     ]
     stars = [
@@ -90,6 +91,8 @@ def test_the_truth_scores_perfectly(tmp_path, folder, packed, frames):
     assert (result.solver, result.provenance.solver.detector) == ("mine", "submission")
     assert result.provenance.solver.version.startswith("sha256:")
     assert result.frames["n_correct"].sum() == N * 12
+    for name, value in (("cov_ee_km2", 0.01), ("cov_en_km2", 0.004), ("cov_nn_km2", 0.02), ("confidence", 1.0)):
+        assert result.frames[name].tolist() == [value] * N
 
 
 def test_an_empty_submission_scores_nothing(tmp_path, folder, packed):
@@ -143,6 +146,19 @@ def test_the_set_holds_no_truth(packed, folder, frames):
     text = "".join(path.read_text() for path in packed.glob("*.json"))
     for secret in ("site", "latitude", "zenith", "bortle", "stars", "scenario", "seed", "provenance", "frame-0"):
         assert secret not in text
+
+
+def test_a_packed_record_keeps_what_is_known_of_the_attitude(frames):
+    """JSON has no infinity: null stands for a heading that is not known."""
+    seen = dataclasses.replace(frames[0].observation, tilt_sigma_deg=0.25, heading_sigma_deg=math.inf)
+    attitude = public_record("test-0", dataclasses.replace(frames[0], observation=seen))["attitude"]
+    assert (attitude["tilt_sigma_deg"], attitude["heading_sigma_deg"]) == (0.25, None)
+    assert attitude["R_cam"] == np.asarray(seen.R_cam).tolist()
+    known = dataclasses.replace(seen, heading_sigma_deg=1.5)
+    assert (
+        public_record("test-0", dataclasses.replace(frames[0], observation=known))["attitude"]["heading_sigma_deg"]
+        == 1.5
+    )
 
 
 def test_names_need_the_truth(frames):
