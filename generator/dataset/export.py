@@ -24,11 +24,17 @@ from generator.files import atomic_path, path_within, write_bytes
 from generator.frame.render import png_bytes
 
 SIP_DEGREE = 3
+"""Highest order of the distortion polynomials; the leading radial distortion of a lens is cubic."""
 TANGENT_ROUNDS = 5
+"""Fits that bring the tangent point to the principal point."""
 LARGEST_WCS_RESIDUAL_PX = 0.5
+"""Rms beyond which a world coordinate system would mislead more than help."""
 FEWEST_WCS_STARS = 60
+"""Three for each of the 20 numbers of the fit."""
 WIDEST_WCS_FIELD_DEG = 130.0
+"""Diagonal; at its corners a gnomonic projection is stretched by a factor of 5.6 in radius."""
 BOX_HALF_WIDTH_SIGMAS = 3.0
+"""Standard deviations of the point spread function from a star to the edges of its box."""
 
 PUBLIC_KEYS = ("format", "time", "camera", "attitude", "optics", "sensor")
 """Parts of the frame record that a solver may know."""

@@ -16,6 +16,7 @@ from generator.scenario.file import Scenario
 
 FORMAT = "skybench-dataset/1"
 LARGEST_MANIFEST_BYTES = 100_000_000
+"""About half a million files."""
 
 
 @dataclass(frozen=True)

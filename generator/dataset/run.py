@@ -24,6 +24,7 @@ from generator.errors import GeneratorError, ScenarioError
 from generator.scenario.file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
+"""A worker may die by chance, for want of memory, but hardly three times on one shard."""
 POLL_S = 0.2
 
 

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from generator.files import atomic_path
 
 ROWS_PER_GROUP = 1 << 17
+"""About 20 MB of truth of stars in memory at a time."""
 REPEATED = ("index", "frame_id", "kind", "split", "shard")
 """Columns with few distinct values, stored with a dictionary."""
 

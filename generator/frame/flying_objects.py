@@ -23,7 +23,9 @@ from generator.scenario.foreground_spec import DirectionSpec, ForegroundSpec, Tl
 Floats = NDArray[np.float64]
 
 KEYFRAMES = 65
+"""Directions of each object over the shutter's time; in between they are linear."""
 FEWEST_PARTS, MOST_PARTS = 64, 4096
+"""Limits of the parts of a light curve, of which the shortest flash has eight."""
 SECONDS_PER_DAY = 86400.0
 
 

@@ -14,7 +14,9 @@ from generator.scenario.mesh_file import mesh_description
 Floats = NDArray[np.float64]
 
 WALL_STEP_DEG = 0.25
+"""Width of the wall's faces between the profile's own points: a chord lies within 2.4e-6 of its radius from the arc."""
 LOWEST_DEG = -89.0
+"""Elevation of the wall's foot, which hides the sky below the horizon almost to the nadir."""
 
 
 def shape_dicts(spec: ForegroundSpec, mi: Any) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from generator.places.ephemeris import MOON_RADIUS_KM
 Floats = NDArray[np.float64]
 
 FEWEST_ACROSS, MOST_ACROSS = 3, 120
+"""Points across the disk: enough for a centroid where it is unresolved, few enough to draw where it is large."""
 POINTS_PER_PIXEL = 2.0
+"""Points across each pixel of the disk."""
 
 
 def moon_points(

@@ -38,6 +38,7 @@ LONGEST_STEP_S = 60.0
 """Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
 
 SKY_RATE_DEG_S = 15.05 / 3600
+"""Rotation of the sky, rounded up."""
 FIELD_MARGIN_DEG = 2.5
 """Exceeds the displacement of a star by refraction, aberration, and proper motion over a century."""
 LARGEST_CHROMATIC_SHARE = 2.5

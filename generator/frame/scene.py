@@ -37,7 +37,9 @@ Floats = NDArray[np.float64]
 SKY_STEP_PX = 8.0
 """The diffuse sky is evaluated once per this many pixels of motion."""
 MOST_SKY_MOMENTS = 16
+"""Bounds the time of a frame with fast motion; the sky is smooth."""
 MOST_COVERAGE_MOMENTS = 64
+"""Bounds the time of a frame with fast motion; beyond, a moving edge is blurred in steps of more than a pixel."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,9 @@ PHOTON_JOULE_NM = constants.h * constants.c * 1e9
 """Energy of a photon times its wavelength."""
 OBSERVER = "CIE 1931 2 Degree Standard Observer"
 STAR_SIGMA_PX = 0.6
+"""Standard deviation of the stars' images."""
 WHITE_OVER_MEDIAN = 6.0
+"""Luminance of white over that of the median sky: dark enough for the Milky Way to show."""
 BACKGROUND = 31
 """Dark grey of the corners, 8 bits."""
 

@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 
 LAMPS_PATH = Path(__file__).parents[1] / "data" / "lamps.csv"
 MOST_WAVELENGTHS = 10_000
+"""Far more rows than the table of the package has."""
 
 LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
 """Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""

@@ -37,7 +37,9 @@ NODE_REFINEMENT = 9 / 5
 BAND_COUNT = 4
 """Wavelength bands, where it depends on wavelength."""
 REFERENCE_NM = 550.0
+"""Wavelength without lateral chromatic shift, and of the waves of aberrations."""
 CHROMATIC_SPAN_NM = 200.0
+"""From 450 to 650 nm, between which the lateral chromatic shift is stated."""
 MARGIN_PX = 4
 PSF_REACH_SIGMAS = 6.0
 """Equivalent standard deviations from a star within which its light counts."""

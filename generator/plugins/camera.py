@@ -46,6 +46,7 @@ from generator.scenario.projection import COEFFICIENTS, MODELS, Projection
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 ROW_ITERATIONS = 4
+"""Rounds of the fixed point; each shrinks the error by the image's rows per line time."""
 
 
 def _rotation(quaternion: list[Any]) -> list[list[Any]]:

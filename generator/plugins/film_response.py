@@ -24,6 +24,7 @@ WAVELENGTH_GROUPS = 33
 """Wavelengths over four: one every 4.9 nm."""
 AIRMASS_NODES = 192
 LARGEST_AIRMASS = 40.0
+"""Above the 37.92 of the horizon."""
 AIRMASS_SCALE = 0.5
 """Nodes of the table of stars are evenly spaced in log(airmass + this)."""
 DARK = 1e-300

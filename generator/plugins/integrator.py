@@ -50,6 +50,7 @@ from generator.plugins.star_tracks import StarTracks, follow_stars
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
+"""Radius of a Gaussian's largest stamp; 2e-9 of the light lies beyond along each axis."""
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
 """Factors on the step for stars of fewer electrons: at four times half the width the image ripples by 2 %."""
 

@@ -30,6 +30,7 @@ UNITS_PER_ELECTRON = 2.0**24
 """Resolution of the splats' fixed-point sum: 6e-8 electrons, with room for 1e12 electrons in a pixel."""
 MOST_IN_32_BITS_E = 2.0**31 / UNITS_PER_ELECTRON
 LANES_AT_ONCE = 1_000_000
+"""Rows of stamps in one launch: enough to fill any device, few enough for its memory."""
 MOST_TAPS = 9
 """Pixels that one lane adds: their code is unrolled, and more of it takes longer to compile."""
 

@@ -13,6 +13,7 @@ from generator.scenario.strict import File, Fraction, Numbers, Strict, listed
 
 Waves = Annotated[float, Field(ge=-5, le=5)]
 LEAST_DIRECT_SHARE = 0.4
+"""Least part of the light that bloom and ghosts must leave."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
 
 

@@ -25,7 +25,9 @@ from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describ
 from generator.seeds import random_stream
 
 LARGEST_FILE_BYTES = 1_000_000
+"""Hundreds of times the size of a long scenario."""
 LARGEST_FRAME_COUNT = 10_000_000
+"""Indices of at most seven digits."""
 HEADER_KEYS = ("name", "description", "seed", "frames")
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _UNIT_SUFFIX = re.compile(

@@ -15,6 +15,7 @@ from generator import mitsuba_runtime
 from generator.scenario.strict import InputFile
 
 MOST_FACES = 5_000_000
+"""Bounds memory, and the time of the search for open edges."""
 LARGEST_HEADER_BYTES = 65536
 KINDS = ("ply", "obj")
 

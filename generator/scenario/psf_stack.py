@@ -12,6 +12,7 @@ from generator.scenario.strict import InputFile
 
 MOST_FUNCTIONS = 64
 LARGEST_SIDE_PX = 120
+"""Twice the largest support_px of the camera's psf."""
 
 
 class StackError(ValueError):

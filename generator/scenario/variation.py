@@ -33,7 +33,9 @@ from generator.places.times import Instant
 
 KeyPath = tuple[str, ...]
 DEEPEST_NESTING = 20
+"""Scenarios need five levels."""
 LARGEST_NUMBER_OF_TRIES = 10_000
+"""Draws of a time before a condition on the Sun counts as impossible."""
 SWEEP_KEY = "sweep"
 
 
@@ -265,7 +267,8 @@ def _only_keys(node: dict[str, Any], allowed: tuple[str, ...], where: str) -> No
     unknown = sorted(str(key) for key in node if key not in allowed)
     if unknown:
         raise ScenarioError(
-            f"{where}.{unknown[0]}: unknown key; beside '{allowed[0]}' stand only: {allowed[1:] or 'none'}"
+            f"{where}.{unknown[0]}: unknown key; expected '{allowed[0]}'"
+            + (f" with or without '{allowed[1]}'" if len(allowed) > 1 else " alone")
         )
 
 
