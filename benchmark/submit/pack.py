@@ -27,7 +27,6 @@ from benchmark.submit.submission import FRAME_COLUMNS
 LISTING = "frames.json"
 TEMPLATE = "answers.csv"
 LARGEST_LISTING_BYTES = 64 * 2**20
-_SHARDED = "manifest.json"
 
 
 def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
