@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small test test-slow lint format install lock clean
+.PHONY: help demo demo-small docs test test-slow lint format install lock clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
 	@echo "make test        run the tests"
 	@echo "make test-slow   run the tests that take longer"
+	@echo "make docs        build the documentation, out/docs/index.html"
 	@echo "make lint        ruff and mypy"
 	@echo "make format      format the code"
 	@echo "make lock        pin the dependencies anew (requirements.lock)"
@@ -27,6 +28,11 @@ test: install
 
 test-slow: install
 	@$(BIN)/python -m pytest -m slow
+
+# The variable silences an advertisement of the theme.
+docs: install
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "out/docs/index.html"
 
 lint: install
 	@$(BIN)/ruff check .

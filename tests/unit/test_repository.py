@@ -1,0 +1,85 @@
+"""The repository's own files agree: versions, addresses, the linters' revisions, continuous integration."""
+
+import re
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+import yaml
+
+import generator
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+
+
+def locked(package: str) -> str:
+    """Version of a package in requirements.lock."""
+    found = re.search(rf"^{re.escape(package)}==(\S+)", LOCK, re.MULTILINE)
+    assert found, f"requirements.lock does not list {package}"
+    return found.group(1)
+
+
+def citation() -> dict[str, object]:
+    return dict(yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8")))
+
+
+def newest_change() -> tuple[str, str]:
+    """Version and date (or "unreleased") of the first chapter of the changelog."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    found = re.search(r"^## (\S+) \((\d{4}-\d{2}-\d{2}|unreleased)\)$", text, re.MULTILINE)
+    assert found, "CHANGELOG.md begins with a chapter such as `## 1.2.0 (2026-01-31)` or `## 1.2.0 (unreleased)`"
+    return found.group(1), found.group(2)
+
+
+def test_all_files_name_one_version() -> None:
+    number, date = newest_change()
+    assert {PROJECT["version"], citation()["version"], number, generator.__version__, version("skybench")} == {number}
+    assert str(citation().get("date-released", "unreleased")) == date
+
+
+def test_all_files_name_one_address() -> None:
+    urls = PROJECT["urls"]
+    assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
+    assert all(address.startswith(urls["Source"]) for address in urls.values())
+    assert citation()["repository-code"] == urls["Source"]
+    for name in ("Documentation", "Changelog"):
+        assert (ROOT / urls[name].split("/blob/main/")[1]).is_file()
+
+
+def test_hooks_lint_with_the_locked_revision_of_ruff() -> None:
+    repositories = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    revisions = {entry["repo"]: entry.get("rev") for entry in repositories}
+    assert revisions["https://github.com/astral-sh/ruff-pre-commit"] == f"v{locked('ruff')}"
+    assert all(rev for repository, rev in revisions.items() if repository != "local")
+    (mypy,) = next(entry["hooks"] for entry in repositories if entry["repo"] == "local")
+    assert mypy["entry"] == ".venv/bin/mypy"
+
+
+def test_continuous_integration_runs_the_targets_of_make_on_every_python() -> None:
+    jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))["jobs"]
+    promised = [name.rsplit(" :: ")[-1] for name in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", name)]
+    assert jobs["test"]["strategy"]["matrix"]["python-version"] == promised
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    commands = [step["run"] for job in jobs.values() for step in job["steps"] if "run" in step]
+    called = {target for command in commands for target in re.findall(r"\bmake ([a-z-]+)", command)}
+    assert {"lint", "test", "docs"} <= called <= targets
+    local = set(re.findall(r"^make ([a-z-]+)", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE))
+    assert called == local
+
+
+@pytest.mark.parametrize("name", ["bug", "physics", "submission"])
+def test_issue_forms_ask_for_what_an_answer_needs(name: str) -> None:
+    form = yaml.safe_load((ROOT / f".github/ISSUE_TEMPLATE/{name}.yml").read_text(encoding="utf-8"))
+    assert {"name", "description", "body"} <= set(form)
+    fields = {entry["id"]: entry for entry in form["body"]}
+    assert all({"label"} <= set(entry["attributes"]) for entry in fields.values())
+    required = {key for key, entry in fields.items() if entry.get("validations", {}).get("required")}
+    wanted = {
+        "bug": {"command", "observed", "machine"},
+        "physics": {"published", "source", "scenario"},
+        "submission": {"name", "task", "check"},
+    }
+    assert wanted[name] <= required
