@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
-import sys
+import tomllib
 from collections.abc import Iterator
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,9 @@ SHELL = {"", "sh", "bash", "console"}
 
 
 def skybench_app() -> Any:
-    """The Typer application behind the installed command `skybench`."""
-    (entry,) = entry_points(group="console_scripts", name="skybench")
-    return sys.modules[entry.load().__module__].app
+    """The Typer application behind the command `skybench`."""
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    return importlib.import_module(scripts["skybench"].split(":")[0]).app
 
 
 def commands_that_exist() -> dict[str, Any]:

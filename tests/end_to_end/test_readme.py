@@ -45,7 +45,7 @@ seed: 3
 frames: 2
 site: {latitude_deg: 52.0, longitude_deg: 4.36}
 time: {utc_start: 2020-01-15T20:00:00Z, exposure_s: 0.5}
-camera: {width: 270, height: 180, hfov_deg: 120, aperture_mm: 4}
+camera: {width: 540, height: 360, hfov_deg: 90, aperture_mm: 4}
 sky: {bortle: 4}
 attitude: zenith-north-up
 """
