@@ -7,7 +7,7 @@ A scenario describes one frame, or many by *sweeps*: any value may be replaced b
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,9 @@ class AtmosphereSpec(Strict):
     """Whether extinction dims the light."""
 
 
-COMPONENTS = ("airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight")
+Component = Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"]
+"""Name of a part of the diffuse sky."""
+COMPONENTS: tuple[Component, ...] = get_args(Component)
 """Parts of the diffuse sky, in the order in which they are added."""
 
 
@@ -153,13 +155,7 @@ class SkySpec(Strict):
     """Total brightness of the frame's zenith without Moon, twilight and cloud, V mag/arcsec^2."""
     cities: Annotated[tuple[CitySpec, ...], BeforeValidator(_as_tuple), Field(max_length=32)] | None = None
     """Layout of cities instead of the default one."""
-    components: (
-        Annotated[
-            tuple[Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"], ...],
-            BeforeValidator(_as_tuple),
-        ]
-        | None
-    ) = None
+    components: Annotated[tuple[Component, ...], BeforeValidator(_as_tuple)] | None = None
     """Components that contribute light; all of them by default, if a brightness or cities are given."""
     solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
     """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
@@ -173,7 +169,7 @@ class SkySpec(Strict):
         return self
 
     @property
-    def active_components(self) -> tuple[str, ...]:
+    def active_components(self) -> tuple[Component, ...]:
         """Names of the components that contribute light."""
         if self.components is not None:
             return self.components

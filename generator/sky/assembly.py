@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from generator.light.lamps import City
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
 from generator.light.stellar_spectra import star_spectra
 from generator.places.catalogue import load_catalogue
-from generator.scenario.model import SkySpec
+from generator.scenario.model import Component, SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
 from generator.sky.city_light import bortle_city, skyglow
@@ -37,6 +38,15 @@ def star_light() -> tuple[float, float]:
     v_mag = load_catalogue().v_mag
     factor = mw.gap_factor(v_mag)
     return factor, mw.points_s10(v_mag[v_mag <= mw.FAINT_LIMIT_V_MAG]) + factor * mw.sky_mean_s10()
+
+
+NATURAL: dict[Component, Callable[[SkySpec, Atmosphere | None, SkyState], SkyTable]] = {
+    "airglow": lambda spec, air, state: airglow(spec.solar_flux_sfu, air),
+    "zodiacal": lambda spec, air, state: zodiacal(state.icrs_from_enu, state.sun_icrs, air),
+    "milky_way": lambda spec, air, state: mw.milky_way(state.icrs_from_enu, star_light()[0], air),
+    "starlight": lambda spec, air, state: scattered_starlight(star_light()[1], air),
+}
+"""Components that shine without lamps, Moon and Sun. A Bortle class counts them: lamps give what they leave."""
 
 
 def layout(spec: SkySpec) -> tuple[City, ...]:
@@ -67,15 +77,9 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
         A map is missing or damaged.
     """
     active = spec.active_components
-    layers: dict[str, SkyTable] = {}
-    if "airglow" in active:
-        layers["airglow"] = airglow(spec.solar_flux_sfu, atmosphere)
-    if "zodiacal" in active:
-        layers["zodiacal"] = zodiacal(state.icrs_from_enu, state.sun_icrs, atmosphere)
-    if "milky_way" in active:
-        layers["milky_way"] = mw.milky_way(state.icrs_from_enu, star_light()[0], atmosphere)
-    if "starlight" in active:
-        layers["starlight"] = scattered_starlight(star_light()[1], atmosphere)
+    layers: dict[str, SkyTable] = {
+        name: make(spec, atmosphere, state) for name, make in NATURAL.items() if name in active
+    }
     cities = layout(spec) if "skyglow" in active else ()
     glow = skyglow(cities, atmosphere) if cities else None
     asked_mag = _asked_zenith(spec)
