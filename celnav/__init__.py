@@ -1,10 +1,11 @@
 """Latitude and longitude from one picture of the night sky.
 
-import celnav
-
-camera = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
-detections = celnav.detect(image)
-fix = celnav.solve(detections, camera, utc="2020-01-01T00:00:00Z", attitude=R_cam)
+Examples
+--------
+>>> import celnav
+>>> camera = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
+>>> detections = celnav.detect(image)
+>>> fix = celnav.solve(detections, camera, utc="2020-01-01T00:00:00Z", attitude=R_cam)
 """
 
 from celnav import errors

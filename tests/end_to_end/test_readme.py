@@ -161,7 +161,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
             assert refusal(line) is None, line
             assert run(line) == 0, line
     assert Path("set-show/index.html").is_file()
-    assert Path("results/report.html").is_file()
+    assert Path("results/site/index.html").is_file()
 
 
 @pytest.mark.slow  # pictures of all-sky maps, and studies on rendered frames: a minute or more each

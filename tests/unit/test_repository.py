@@ -68,6 +68,10 @@ def test_continuous_integration_runs_the_targets_of_make_on_every_python() -> No
     assert {"lint", "test", "docs"} <= called <= targets
     local = set(re.findall(r"^make ([a-z-]+)", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE))
     assert called == local
+    made = r"test -s (\S+)"
+    assert [path for command in commands for path in re.findall(made, command)] == re.findall(
+        made, (ROOT / ".ci/run").read_text(encoding="utf-8")
+    )
 
 
 @pytest.mark.parametrize("name", ["bug", "physics", "submission"])
