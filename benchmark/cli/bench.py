@@ -124,6 +124,10 @@ def report(
     data: Annotated[
         Path | None, typer.Option("--data", help="Folder of the frames, for pictures. Default: out/tasks.")
     ] = None,
+    pictures: Annotated[
+        int | None,
+        typer.Option("--pictures", min=0, help="Most pictures of failures for each set of frames; default: 100."),
+    ] = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
@@ -133,7 +137,10 @@ def report(
     The pages need neither a server nor the network, and index.html is the first.
     """
     from benchmark.frames.task_frames import DEFAULT_DATA
-    from benchmark.report.site.pages import make_boards, render_figure, result_table, write_site
+    from benchmark.report.site.commands import Places
+    from benchmark.report.site.pages import make_boards, render_figure, write_site
+    from benchmark.report.site.pictures import MOST_PICTURES
+    from benchmark.report.site.terminal import result_table
     from benchmark.run.results import write_atomically
 
     try:
@@ -144,7 +151,9 @@ def report(
         if figure is not None:
             write_atomically(figure, render_figure(boards).encode())
         with Console(stderr=True).status("writing the pages"):
-            path = write_site(boards, out, data or DEFAULT_DATA)
+            path = write_site(
+                boards, Places(out, data or DEFAULT_DATA), MOST_PICTURES if pictures is None else pictures
+            )
     except BenchmarkError as error:
         fail(error)
     typer.echo(str(path))

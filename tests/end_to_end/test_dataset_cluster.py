@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
+from object_store import served
 from small_scenes import BASE
 
 ROOT = Path(__file__).parents[2]
@@ -87,31 +87,8 @@ def test_ray_with_a_killed_worker_gives_the_same_bytes(scenario, local, tmp_path
 
 @pytest.fixture
 def object_store():
-    """An S3-compatible server on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    server = subprocess.Popen(
-        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        for _ in range(200):
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.1)
-        yield {
-            "AWS_ACCESS_KEY_ID": "test",
-            "AWS_SECRET_ACCESS_KEY": "test",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-            "FSSPEC_S3_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-        }
-    finally:
-        server.kill()
-        server.wait()
+    with served() as environment:
+        yield environment
 
 
 DOWNLOAD = """

@@ -9,6 +9,7 @@ from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_frames, write_results
 
+from benchmark.report.site.commands import Places
 from benchmark.report.site.pages import make_boards, write_site
 
 PHONE_PX = 390
@@ -19,7 +20,7 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     root = write_results(folder / "tree", TASKS[:2], SOLVERS[:4], frames_per_level=9, modes=("own", "shared"))
     data = write_frames(folder / "data", TASKS[:2], frames_per_level=9)
-    return write_site(make_boards(root), root, data).parent
+    return write_site(make_boards(root), Places(root, data)).parent
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def column(driver, table, place):
 @pytest.mark.parametrize("dark", [False, True])
 def test_no_page_complains_asks_outside_or_scrolls_sideways(driver, site, width, dark):
     pages = sorted(site.glob("*.html"))
-    assert len(pages) == 1 + 4 + 4
+    assert len(pages) == 1 + 4 + 4 + 4
     for page in pages:
         open_page(driver, page, width, dark)
         driver.execute_script("document.querySelectorAll('details').forEach((one) => { one.open = true; });")
@@ -126,6 +127,38 @@ def test_links_lead_from_the_leaderboard_to_a_solver_and_on_to_its_worst_frame(d
     driver.find_element("link text", "look at it").click()
     card = driver.find_element("css selector", ".card:target")
     assert "thesis-baseline+si+pr" in card.text
+    assert console(driver) == []
+
+
+LOADED = "return arguments[0].complete && arguments[0].naturalWidth > 0"
+
+
+def test_all_failures_are_listed_filtered_and_shown_with_what_the_solver_saw(driver, site):
+    open_page(driver, site / "index.html")
+    driver.find_element("link text", "thesis-baseline+si+pr").click()
+    driver.find_element("link text", "all its failures").click()
+    status = driver.find_element("css selector", "#failure-filters output")
+    assert set(column(driver, "failure-list", 1)) == {"thesis-baseline+si+pr"}
+    mine = int(status.text.split()[-2])
+    assert len(shown(driver, "#failure-list tbody tr")) == min(mine, 50)
+    driver.find_element("css selector", "#failure-filters [type=reset]").click()
+    driver.execute_async_script("setTimeout(arguments[0], 50)")
+    every = int(status.text.split()[-2])
+    assert every > max(mine, 50)
+    driver.find_element("css selector", ".pager [name=on]").click()
+    assert status.text.startswith("51 to 100 of")
+    search = driver.find_element("css selector", "#failure-filters [name=words]")
+    search.send_keys("too few stars")
+    assert all("too few stars" in text for text in column(driver, "failure-list", 3))
+    search.clear()
+    search.send_keys("frame-00080")
+    assert 0 < len(shown(driver, "#failure-list tbody tr")) <= 4
+    driver.find_element("css selector", "#failure-list tbody button").click()
+    figure = driver.find_element("css selector", "#shown")
+    assert "frame-00080" in figure.text
+    for image in figure.find_elements("css selector", "img"):
+        assert image.is_displayed()
+        WebDriverWait(driver, 10).until(lambda page, one=image: page.execute_script(LOADED, one))
     assert console(driver) == []
 
 

@@ -152,6 +152,11 @@ class Board:
         return f"{self.task.key}-{self.split}-{self.detections}.html"
 
     @property
+    def failures_file_name(self) -> str:
+        """Of the page that lists its failures."""
+        return f"{self.file_name.removesuffix('.html')}-failures.html"
+
+    @property
     def title(self) -> str:
         """Task and mode, for tables."""
         return f"{self.task.key}, {self.split}, {self.detections} detections"
@@ -217,14 +222,14 @@ def _shown_by(task: TaskFacts, frames: pd.DataFrame) -> TaskFacts:
     return task
 
 
-def _conditions(frames: pd.DataFrame, task: TaskFacts) -> F8:
+def conditions_of(frames: pd.DataFrame, task: TaskFacts) -> F8:
     """What success is shown by, frame by frame; NaN where it is not known, or nothing varies."""
     return column(frames, task.by) if task.by else np.full(len(frames), math.nan)
 
 
 def _circumstances(frames: pd.DataFrame, task: TaskFacts) -> tuple[Circumstance, ...]:
     """What varies from frame to frame besides the condition, in a few groups of like size each."""
-    graded = pd.Series(_conditions(frames, task)).fillna(-math.inf)
+    graded = pd.Series(conditions_of(frames, task)).fillna(-math.inf)
     found = []
     for name, words, unit in _CIRCUMSTANCES:
         values = column(frames, name)
@@ -269,7 +274,7 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
 
 
 def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
-    values = _conditions(frames, task)
+    values = conditions_of(frames, task)
     metrics = [metric for metric in METRICS if metric.key in {task.metric, "median_error_km"}]
     levels = []
     for group in groups_of(values, MOST_LEVELS if task.graded else _MOST_SHOWN):
@@ -283,7 +288,7 @@ def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
 
 
 def _worst(frames: pd.DataFrame, task: TaskFacts) -> WorstFrame | None:
-    failed, values = ~succeeded(frames, task.limit_km), _conditions(frames, task)
+    failed, values = ~succeeded(frames, task.limit_km), conditions_of(frames, task)
     if not failed.any():
         return None
     errors = pd.Series(errors_km(frames)).where(fixed(frames) & failed, -math.inf)

@@ -1,115 +1,149 @@
-"""The gallery of a board: each solver's worst frame, with what it made of it drawn over the picture."""
+"""All frames on which a solver of a board failed, and which of them are shown with pictures."""
 
 from __future__ import annotations
 
-import base64
-import dataclasses
-import io
+import itertools
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from PIL import Image, UnidentifiedImageError
+import numpy as np
+import pandas as pd
 
-from benchmark.errors import ResultsError
-from benchmark.frames.preview import encode_webp
-from benchmark.report.overlay import Overlay, draw_overlay
-from benchmark.report.site.boards import Board, Entry
-from benchmark.report.site.frame_source import FrameSource
+from benchmark.report.site.boards import Board, conditions_of
+from benchmark.report.site.frame_source import rendered_id
+from benchmark.stats.frame_metrics import errors_km, succeeded
+from benchmark.stats.metrics import ERROR, FIX
 
-# Of a card's words and tags in the page.
-_CARD_BYTES = 1200
-_LEAST_CARD_BYTES = 9_000
-_FEWEST_CARDS = 3
-_WIDTHS_PX = (720, 540, 400, 300, 220)
+KINDS = ("wrong fix", "refused", "error")
+_WRONG, _REFUSED, _ERROR = range(len(KINDS))
 
 
 @dataclass(frozen=True)
-class Card:
-    """One solver's worst frame and what it made of it."""
+class Failure:
+    """One solver's failure on one frame.
 
-    anchor: str
-    label: str
+    Attributes
+    ----------
+    entry : int
+        Place of the solver on the board.
+    frame_id : str
+    condition : float
+        What success is shown by; NaN where nothing is.
+    kind : int
+        Place in `KINDS`.
+    error_km : float
+        Infinite without a fix.
+    reason : str
+        Empty with a fix.
+    n_correct, n_matches, n_detections : int
+    """
+
+    entry: int
     frame_id: str
     condition: float
-    words: str
-    counts: str
-    image_uri: str
-    width_px: int
-    height_px: int
-    overlay: Overlay
+    kind: int
+    error_km: float
+    reason: str
+    n_correct: int
+    n_matches: int
+    n_detections: int
 
 
-def make_cards(board: Board, source: FrameSource, budget_bytes: int) -> list[Card]:
-    """Cards of the solvers whose worst frame has a picture at hand.
-
-    Parameters
-    ----------
-    board : Board
-    source : FrameSource
-    budget_bytes : int
-        What all cards together may add to a page; where it is too little, pictures have the least width.
-
-    Raises
-    ------
-    ResultsError
-        A picture or a table of detections is damaged.
-    """
-    shown = []
-    for number, entry in enumerate(board.entries):
-        picture = source.picture(entry.stored, entry.worst.frame_id) if entry.worst else None
-        if picture is not None:
-            shown.append((number, entry, picture))
-    # Fewer pictures rather than ones too small to show anything; the best solvers' first.
-    shown = shown[: max(_FEWEST_CARDS, budget_bytes // _LEAST_CARD_BYTES)]
-    cards = []
-    for number, entry, picture in shown:
-        try:
-            bare = _card(entry, source, number)
-            fitted = _fit(picture, budget_bytes // len(shown) - bare.overlay.size - _CARD_BYTES)
-        except (UnidentifiedImageError, OSError) as error:
-            raise ResultsError(
-                f"{entry.stored.folder}: the picture of a frame is not readable ({error}); run `skybench bench run` again"
-            ) from error
-        cards.append(dataclasses.replace(bare, image_uri=_uri(fitted)))
-    return cards
+def failures_of(board: Board) -> list[Failure]:
+    """All failures on a board, solver by solver, each in the order of the frames."""
+    return [failure for place in range(len(board.entries)) for failure in _of_entry(board, place)]
 
 
-def _fit(picture: bytes, most_bytes: int) -> bytes:
-    """Reduce a picture until its base64 has at most so many bytes, or to the least width."""
-    with Image.open(io.BytesIO(picture), formats=["WEBP"]) as opened:
-        grey = opened.convert("L")
-    fitted = b""
-    for width in _WIDTHS_PX:
-        fitted = encode_webp(grey, width)
-        if len(fitted) * 4 // 3 <= most_bytes:
-            break
-    return fitted
-
-
-def _card(entry: Entry, source: FrameSource, number: int) -> Card:
-    worst = entry.worst
-    assert worst is not None
-    frames = entry.stored.frames
-    row = frames[frames["frame_id"] == worst.frame_id].iloc[0]
-    width, height = int(row["width_px"]), int(row["height_px"])
-    rows = entry.stored.detections_of(worst.frame_id)
-    return Card(
-        anchor=f"worst-{number}",
-        label=entry.label,
-        frame_id=worst.frame_id,
-        condition=worst.condition,
-        words=worst.words,
-        counts=_counts(int(row["n_correct"]), int(row["n_matches"]), int(row["n_detections"])),
-        image_uri="",
-        width_px=width,
-        height_px=height,
-        overlay=draw_overlay(width, height, rows, source.true_stars(entry.stored, worst.frame_id)),
+def _of_entry(board: Board, place: int) -> Iterator[Failure]:
+    frames = board.entries[place].stored.frames
+    failed = ~succeeded(frames, board.task.limit_km)
+    values = zip(
+        frames["frame_id"][failed],
+        conditions_of(frames, board.task)[failed].tolist(),
+        frames["status"][failed],
+        errors_km(frames)[failed].tolist(),
+        frames["reason"][failed],
+        *(frames[name][failed].astype(int) for name in ("n_correct", "n_matches", "n_detections")),
+        strict=True,
     )
+    for frame_id, condition, status, error, reason, correct, matches, detections in values:
+        kind = _WRONG if status == FIX else _ERROR if status == ERROR else _REFUSED
+        yield Failure(
+            place, str(frame_id), condition, kind, error, str(reason or ""), int(correct), int(matches), int(detections)
+        )
 
 
-def _counts(correct: int, matches: int, detections: int) -> str:
-    named = f"{correct} of {matches} stars named right" if matches else "no star named"
-    return f"{named}, {detections} detections"
+def worst_first(board: Board, failures: Sequence[Failure]) -> list[Failure]:
+    """Failures with the most harmful of each solver first, the solvers taking turns.
+
+    Fixes that are off come before refusals, the farthest first; refusals from the easiest condition on.
+    """
+
+    def harm(failure: Failure) -> tuple[float, float, float]:
+        ease = 0.0 if math.isnan(failure.condition) else board.task.harder * failure.condition
+        return float(failure.kind != _WRONG), -failure.error_km if failure.kind == _WRONG else 0.0, ease
+
+    rows = [sorted(group, key=harm) for _, group in itertools.groupby(failures, key=lambda failure: failure.entry)]
+    turns = itertools.chain.from_iterable(itertools.zip_longest(*rows))
+    return [failure for failure in turns if failure is not None]
 
 
-def _uri(picture: bytes) -> str:
-    return "data:image/webp;base64," + base64.b64encode(picture).decode("ascii")
+def pictured_frames(board: Board, failures: Sequence[Failure], most: int) -> list[str]:
+    """Ids of the frames that are to be shown with pictures, at most so many pictures; the most harmful first.
+
+    Levels of a task that differ in what solvers are told share their picture.
+    """
+    chosen: list[str] = []
+    known: set[str] = set()
+    pictures: set[str] = set()
+    for failure in worst_first(board, failures):
+        rendered = rendered_id(failure.frame_id)
+        full = rendered not in pictures and len(pictures) >= most
+        if rendered is None or full or failure.frame_id in known:
+            continue
+        known.add(failure.frame_id)
+        pictures.add(rendered)
+        chosen.append(failure.frame_id)
+    return chosen
+
+
+def listed(board: Board, failures: Sequence[Failure]) -> dict[str, Any]:
+    """The failures as the page's script reads them: short, for there may be thousands."""
+    frames = list(dict.fromkeys(failure.frame_id for failure in failures))
+    reasons = {reason: place for place, reason in enumerate(dict.fromkeys(failure.reason for failure in failures))}
+    place_of = {frame_id: place for place, frame_id in enumerate(frames)}
+    condition_of = {failure.frame_id: failure.condition for failure in failures}
+    return {
+        "solvers": [entry.label for entry in board.entries],
+        "kinds": list(KINDS),
+        "condition": board.task.condition,
+        "frames": frames,
+        "conditions": [_short(condition_of[frame_id]) for frame_id in frames],
+        "reasons": list(reasons),
+        "rows": [
+            [
+                failure.entry,
+                place_of[failure.frame_id],
+                failure.kind,
+                _short(failure.error_km) if failure.kind == _WRONG else reasons[failure.reason],
+                failure.n_correct,
+                failure.n_matches,
+                failure.n_detections,
+            ]
+            for failure in failures
+        ],
+    }
+
+
+def counts_by_kind(board: Board, failures: Sequence[Failure]) -> list[tuple[str, list[int]]]:
+    """For each solver how many failures of each kind it has."""
+    table = np.zeros((len(board.entries), len(KINDS)), dtype=int)
+    for failure in failures:
+        table[failure.entry, failure.kind] += 1
+    return [(entry.label, row) for entry, row in zip(board.entries, table.tolist(), strict=True)]
+
+
+def _short(value: float) -> float | None:
+    return None if pd.isna(value) or math.isinf(value) else float(f"{value:.4g}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image, UnidentifiedImageError
@@ -22,7 +24,14 @@ from benchmark.run.results import RUN_AGAIN
 
 MOST_STARS = 200
 # A task that varies what solvers are told has several frame ids to a picture, with the level at their end.
-_RENDERED_ID = re.compile(r"frame-[0-9]{5,8}")
+_FRAME_ID = re.compile(r"(frame-[0-9]{5,8})(-[0-9]{1,2})?")
+_STAR_COLUMNS = ("frame_id", "u_px", "v_px", "electrons_e", "snr")
+
+
+def rendered_id(frame_id: str) -> str | None:
+    """Id of the frame as it was rendered; None for what is not an id of a frame."""
+    found = _FRAME_ID.fullmatch(frame_id)
+    return found.group(1) if found else None
 
 
 @dataclass(frozen=True)
@@ -37,47 +46,52 @@ class FrameSource:
 
     data: Path | None = None
 
-    def picture(self, result: StoredResult, frame_id: str) -> bytes | None:
-        """WebP picture of a frame, stretched; None where the frame is not at hand.
+    def picture(self, result: StoredResult, frame_id: str, width_px: int) -> bytes | None:
+        """WebP picture of a frame, stretched, at most so wide; None where the frame is not at hand.
 
         Raises
         ------
         ResultsError
             It is damaged.
         """
-        rendered, place = _RENDERED_ID.match(frame_id), self._place(result)
+        rendered, place = rendered_id(frame_id), self._place(result)
         if rendered is None or place is None:
             return None
-        image = place.images / f"{rendered.group()}.png"
+        image = place.images / f"{rendered}.png"
         if not image.is_file():
             return None
         try:
             with Image.open(image, formats=["PNG"]) as opened:
-                return preview_webp(np.asarray(opened).astype(np.uint16))
+                return preview_webp(np.asarray(opened).astype(np.uint16), width_px)
         except (UnidentifiedImageError, OSError, ValueError) as error:
             raise ResultsError(f"{image}: not a readable image ({error}); delete it and {RUN_AGAIN}") from error
 
-    def true_stars(self, result: StoredResult, frame_id: str) -> list[tuple[float, float]]:
-        """Positions (px) of a frame's brightest stars that leave a trace; none where the truth is not at hand.
+    def true_stars(self, result: StoredResult, frame_ids: Sequence[str]) -> dict[str, list[tuple[float, float]]]:
+        """Positions (px) of the brightest stars that leave a trace, by frame; of no frame where the truth is not at hand.
 
         Raises
         ------
         ResultsError
-            The table of stars is damaged.
+            A table of stars is damaged.
         """
-        rendered, place = _RENDERED_ID.match(frame_id), self._place(result)
-        if rendered is None or place is None:
-            return []
+        place = self._place(result)
+        rendered = {frame_id: found for frame_id in frame_ids if (found := rendered_id(frame_id))}
+        if place is None or not rendered:
+            return {}
+        tables = []
         for path in sorted(place.stars.glob("*.parquet")):
-            wanted = [("frame_id", "=", rendered.group()), ("snr", ">=", TRACE_SNR)]
+            wanted = [("frame_id", "in", sorted(set(rendered.values()))), ("snr", ">=", TRACE_SNR)]
             try:
-                stars = pq.read_table(path, columns=["u_px", "v_px", "electrons_e"], filters=wanted).to_pandas()
+                tables.append(pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas())
             except (pa.ArrowException, OSError) as error:
                 raise ResultsError(f"{path}: damaged ({error}); delete it and {RUN_AGAIN}") from error
-            if len(stars):
-                brightest = stars.nlargest(MOST_STARS, "electrons_e")
-                return list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
-        return []
+        if not tables:
+            return {}
+        places: dict[str, list[tuple[float, float]]] = {}
+        for name, stars in pd.concat(tables).groupby("frame_id"):
+            brightest = stars.nlargest(MOST_STARS, "electrons_e")
+            places[str(name)] = list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
+        return {frame_id: places[name] for frame_id, name in rendered.items() if name in places}
 
     def _place(self, result: StoredResult) -> _Place | None:
         """Where a result's frames are, if anywhere."""

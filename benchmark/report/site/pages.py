@@ -1,4 +1,4 @@
-"""Writing the site: one page to the leaderboard, one to each board, one to each solver, each complete in itself."""
+"""Writing the site: one page to the leaderboard, two to each board, one to each solver, and pictures beside them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Any
 
 import jinja2
 from markupsafe import Markup
-from rich.markup import escape
-from rich.table import Table
 
 from benchmark.report.formatting import interval, number, percent
 from benchmark.report.site import charts, columns
 from benchmark.report.site.boards import Board, Entry, make_board
 from benchmark.report.site.charts import Mark, Style
-from benchmark.report.site.failures import Card, make_cards
+from benchmark.report.site.commands import Places, commands_of
+from benchmark.report.site.failures import KINDS, Failure, counts_by_kind, failures_of, listed
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.leaderboard_figure import leaderboard_svg
+from benchmark.report.site.pictures import MOST_PICTURES, Pictures, remove_others, worst_cards, write_pictures
 from benchmark.report.site.site_view import (
     board_provenance,
     board_verdict,
@@ -38,7 +38,6 @@ from benchmark.stats.intervals import Estimate
 from generator.drawing.palette import palette_sheet
 
 SITE_FOLDER = "site"
-LARGEST_SITE_BYTES = 4_900_000
 _SHEETS = ("page.css", "figure.css", "site/site.css")
 
 
@@ -66,16 +65,16 @@ def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, 
     return boards
 
 
-def write_site(boards: Sequence[Board], root: Path, data: Path | None = None) -> Path:
-    """Write the report to ``root/site``; pages that an earlier report left there go.
+def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOST_PICTURES) -> Path:
+    """Write the report to the folder ``site`` of the results; what an earlier report left there goes.
 
     Parameters
     ----------
     boards : sequence of Board
-    root : Path
-        Tree of results.
-    data : Path, optional
-        Folder of the tasks' rendered frames, for pictures; see `FrameSource`.
+    places : Places
+        Of results and frames, as the user named them.
+    most_pictures : int
+        Pictures of each set of frames; other failures are listed without one.
 
     Returns
     -------
@@ -87,107 +86,104 @@ def write_site(boards: Sequence[Board], root: Path, data: Path | None = None) ->
     ResultsError
         A picture is damaged.
     """
-    folder = root / SITE_FOLDER
-    pages = render_site(boards, FrameSource(data), root.name or ".")
+    folder, source = places.out / SITE_FOLDER, FrameSource(places.data)
+    failed = [failures_of(board) for board in boards]
+    pictures = [
+        write_pictures(board, failures, source, folder, most_pictures)
+        for board, failures in zip(boards, failed, strict=True)
+    ]
+    pages = render_site(boards, failed, pictures, places)
     for name, page in pages.items():
         write_atomically(folder / name, page.encode())
     for old in folder.glob("*.html"):
         if old.name not in pages:
             old.unlink()
+    remove_others(folder, pictures)
     return folder / "index.html"
 
 
-def result_table(boards: Sequence[Board]) -> Table:
-    """What the terminal shows: all numbers of one board, or the successes of several."""
-    return board_table(boards[0]) if len(boards) == 1 else leaderboard_table(boards)
+def render_site(
+    boards: Sequence[Board], failed: Sequence[Sequence[Failure]], pictures: Sequence[Pictures], places: Places
+) -> dict[str, str]:
+    """All pages, by file name.
 
-
-def board_table(board: Board) -> Table:
-    """All numbers of one board with their intervals, for the terminal."""
-    title = f"{board.task.title} ({board.title}): {board.n_frames} frames (95 % intervals in brackets)"
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("", no_wrap=True)
-    for entry in board.entries:
-        table.add_column(escape(entry.label), justify="left", overflow="fold")
-    for column in columns.HEADLINE:
-        shown = [(column.value(entry), column.interval(entry)) for entry in board.entries]
-        table.add_row(column.heading, *(f"{value} [dim]\\[{limits}][/dim]" for value, limits in shown))
-    counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in board.entries]
-    table.add_row("fixes, refused, errors", *counts)
-    return table
-
-
-def leaderboard_table(boards: Sequence[Board]) -> Table:
-    """Success of each solver on each task with its interval, for the terminal."""
-    view = make_view(boards, make_styles(boards), ".")
-    matrix = next(matrix for matrix in view.matrices if matrix.column is columns.SUCCESS)
-    title = "Percentage of frames within 10 km of the truth, and its 95 % interval"
-    table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
-    table.add_column("solver", overflow="fold")
-    table.add_column("by")
-    for task in view.tasks:
-        table.add_column(task.key, overflow="fold", justify="right", min_width=6)
-    for row in matrix.rows:
-        cells = ["not run" if entry is None else _in_percent(entry.success) for _, entry in row.cells]
-        table.add_row(escape(row.label), row.detections, *cells)
-    return table
-
-
-def _in_percent(share: Estimate) -> str:
-    low, value, high = (f"{100 * number:.0f}" for number in (share.low, share.value, share.high))
-    return f"{value}\n[dim]{low}–{high}[/dim]"
-
-
-def render_site(boards: Sequence[Board], source: FrameSource, out_name: str) -> dict[str, str]:
-    """All pages, by file name."""
+    Parameters
+    ----------
+    boards : sequence of Board
+    failed : sequence of sequence of Failure
+        Of each board.
+    pictures : sequence of Pictures
+        Of each board.
+    places : Places
+    """
     styles = make_styles(boards)
-    view = make_view(boards, styles, out_name)
+    view = make_view(boards, styles, places)
     template = _templates(styles)
-    drawn = [_board_charts(board, styles) for board in boards]
-
-    def board_page(place: int, cards: Sequence[Card]) -> str:
-        board = boards[place]
-        return template("board.html").render(
+    pages = {"index.html": template("index.html").render(site=view)}
+    anchors = {}
+    for board, failures, shown in zip(boards, failed, pictures, strict=True):
+        cards = worst_cards(board, shown)
+        anchors.update({(board.file_name, card.label): card.anchor for card in cards})
+        commands = commands_of([(board, board.entries)], places)
+        pages[board.file_name] = template("board.html").render(
             board=board,
             siblings=[one for one in boards if one.task.key == board.task.key and one is not board],
             verdict=board_verdict(board),
             detectable_words=detectable_words(board),
-            charts=drawn[place],
+            charts=_board_charts(board, styles),
             differences=_differences(board),
             cards=cards,
+            n_failures=len(failures),
             provenance=board_provenance(board),
+            commands=commands,
         )
-
-    curves = {
-        solver.name: [
+        pages[board.failures_file_name] = _failures_page(template, board, failures, shown, places)
+    for solver in view.solvers:
+        curves = [
             (board, _success_panel(board, entry, styles[solver.name]))
             for board, entry in solver.entries
             if board.task.by
         ]
-        for solver in view.solvers
-    }
+        commands = commands_of([(board, [entry]) for board, entry in solver.entries], places)
+        pages[solver.file_name] = template("solver.html").render(
+            solver=solver, curves=curves, anchors=anchors, commands=commands
+        )
+    return pages
 
-    def solver_pages(anchors: Mapping[tuple[str, str], str]) -> dict[str, str]:
-        return {
-            solver.file_name: template("solver.html").render(solver=solver, curves=curves[solver.name], anchors=anchors)
-            for solver in view.solvers
-        }
 
-    index = template("index.html").render(site=view)
-    # What the pages leave of the limit goes to pictures.
-    bare = [index, *solver_pages({}).values(), *(board_page(place, ()) for place in range(len(boards)))]
-    budget = max(LARGEST_SITE_BYTES - sum(len(page.encode()) for page in bare), 0) // len(boards)
-    cards = [make_cards(board, source, budget) for board in boards]
-    anchors = {
-        (board.file_name, card.label): card.anchor for board, some in zip(boards, cards, strict=True) for card in some
+def _failures_page(
+    template: Callable[[str], jinja2.Template],
+    board: Board,
+    failures: Sequence[Failure],
+    pictures: Pictures,
+    places: Places,
+) -> str:
+    """The page that lists all failures of a board; its script shows those of its data that are asked for."""
+    script = "\n".join(read_sheet(name) for name in ("site/site.js", "site/failures.js"))
+    commands = commands_of([(board, board.entries)], places)
+    more = f"{commands[-1]} --pictures {MOST_PICTURES * 10}"
+    content = listed(board, failures) | {
+        "pictures": pictures.frames,
+        "overlays": [[place, frame_id, path] for (place, frame_id), path in pictures.overlays.items()],
+        "without": (f"No picture of this frame was written. For more: {more}" if pictures.at_hand else "")
+        or "Its frames were not at hand for the report. They come with the first of the commands below.",
     }
-    pages = {"index.html": index, **solver_pages(anchors)}
-    return pages | {board.file_name: board_page(place, cards[place]) for place, board in enumerate(boards)}
+    return template("failures.html").render(
+        board=board,
+        counts=counts_by_kind(board, failures),
+        kinds=KINDS,
+        n_failures=len(failures),
+        n_pictures=len(pictures.frames),
+        content=content,
+        script=Markup(script),
+        script_hash=_hash(script),
+        commands=commands if not pictures.at_hand else (*commands[:-1], more),
+    )
 
 
 def render_figure(boards: Sequence[Board]) -> str:
     """The leaderboard as one picture, SVG."""
-    view = make_view(boards, make_styles(boards), ".")
+    view = make_view(boards, make_styles(boards), Places(Path()))
     return leaderboard_svg(view)
 
 

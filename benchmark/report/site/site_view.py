@@ -10,6 +10,7 @@ from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.charts import SHAPES, Style
 from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.commands import Places, commands_of
 from benchmark.report.site.tree import TaskFacts
 
 COLOURS = 8
@@ -85,9 +86,9 @@ def make_styles(boards: Sequence[Board]) -> dict[str, Style]:
     }
 
 
-def make_view(boards: Sequence[Board], styles: Mapping[str, Style], out_name: str) -> SiteView:
+def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Places) -> SiteView:
     """Arrange the boards for the first page."""
-    tasks = tuple({board.task.key: board.task for board in boards}.values())
+    tasks = tasks_of(boards)
     solvers = _solvers(boards)
     return SiteView(
         boards=tuple(boards),
@@ -95,12 +96,17 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], out_name: st
         solvers=solvers,
         families=tuple(sorted({solver.family for solver in solvers})),
         modes=tuple(sorted({board.detections for board in boards})),
-        matrices=_matrices(boards, tasks, styles),
+        matrices=matrices_of(boards, tasks),
         n_answers=sum(board.n_frames * len(board.entries) for board in boards),
         verdict=site_verdict(boards),
         provenance=_site_provenance(boards),
-        commands=_commands(boards, out_name),
+        commands=commands_of([(board, board.entries) for board in boards], places),
     )
+
+
+def tasks_of(boards: Sequence[Board]) -> tuple[TaskFacts, ...]:
+    """What the boards' frames are, each once."""
+    return tuple({board.task.key: board.task for board in boards}.values())
 
 
 def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
@@ -130,7 +136,9 @@ def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
     return tuple(views)
 
 
-def _matrices(boards: Sequence[Board], tasks: Sequence[TaskFacts], styles: Mapping[str, Style]) -> tuple[Matrix, ...]:
+def matrices_of(boards: Sequence[Board], tasks: Sequence[TaskFacts]) -> tuple[Matrix, ...]:
+    """The numbers of all solvers on all sets of frames."""
+    styles = make_styles(boards)
     cells: defaultdict[tuple[str, str], dict[str, Entry]] = defaultdict(dict)
     for board in boards:
         for entry in board.entries:
@@ -258,17 +266,6 @@ def _site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
         ("machines", _joined(run.machine.get("cpu", "unknown") for run in runs)),
         ("in detail", "at the foot of each task's and each solver's page"),
     )
-
-
-def _commands(boards: Sequence[Board], out_name: str) -> tuple[str, ...]:
-    commands = []
-    for board in boards:
-        solvers = " ".join(f"--solver {name}" for name in sorted({entry.stored.solver for entry in board.entries}))
-        commands.append(
-            f"skybench bench run {board.task.key} {solvers} --split {board.split} --detections {board.detections} "
-            f"--out {out_name}"
-        )
-    return (*commands, f"skybench bench report --out {out_name}")
 
 
 def _joined(values: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,8 +91,8 @@ class StoredResult:
     provenance: RunProvenance
     frames: pd.DataFrame
 
-    def detections_of(self, frame_id: str) -> list[DetectionRow]:
-        """Detections of one frame; none where the table of detections is not at hand.
+    def detections_in(self, frame_ids: Collection[str]) -> dict[str, list[DetectionRow]]:
+        """Detections by frame; of no frame where the table of detections is not at hand.
 
         Raises
         ------
@@ -100,13 +100,16 @@ class StoredResult:
             The table is damaged.
         """
         path = self.folder / MATCHES_NAME
-        if not path.is_file():
-            return []
+        if not path.is_file() or not frame_ids:
+            return {}
         try:
-            rows = pq.read_table(path, filters=[("frame_id", "=", frame_id)]).to_pylist()
+            rows = pq.read_table(path, filters=[("frame_id", "in", list(frame_ids))]).to_pylist()
         except (pa.ArrowException, OSError) as error:
-            raise ResultsError(f"{path}: damaged ({error}); run `skybench bench run` again") from error
-        return [DetectionRow(**row) for row in rows]
+            raise ResultsError(f"{path}: damaged ({error}); {RUN_AGAIN}") from error
+        found: dict[str, list[DetectionRow]] = {frame_id: [] for frame_id in frame_ids}
+        for row in rows:
+            found[row["frame_id"]].append(DetectionRow(**row))
+        return found
 
 
 def family_of(solver: str) -> str:

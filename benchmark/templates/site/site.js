@@ -88,6 +88,6 @@
   document.addEventListener("DOMContentLoaded", () => {
     setUpTheme();
     document.querySelectorAll("table.sortable").forEach(setUpSorting);
-    document.querySelectorAll("form.filters").forEach(setUpFilters);
+    document.querySelectorAll("form.filters:not([id])").forEach(setUpFilters);
   });
 })();

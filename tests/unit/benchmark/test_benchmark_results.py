@@ -134,7 +134,7 @@ def test_circumstances_are_read_from_the_record(tmp_path):
 def test_a_result_is_read_from_its_own_folder_alone(out):
     folder = folder_of(out, "truth")
     (folder / "matches.parquet").unlink()  # large, and nothing but pictures needs it
-    assert stored(out)["truth"].detections_of("frame-00000") == []
+    assert stored(out)["truth"].detections_in(["frame-00000"]) == {}
     folder.rename(folder.with_name("empty-0123456789ab"))
     with pytest.raises(ResultsError, match="result of 'truth'"):
         read_tree(out)
@@ -176,7 +176,7 @@ def test_damaged_results_are_refused_by_name(out, tmp_path):
     matches = folder_of(out, "mixed") / "matches.parquet"
     matches.write_bytes(b"no table")
     with pytest.raises(ResultsError, match=r"matches\.parquet: damaged"):
-        stored(out)["mixed"].detections_of("frame-00000")
+        stored(out)["mixed"].detections_in(["frame-00000"])
     (folder_of(out, "empty") / "summary.json").write_text("{}")
     with pytest.raises(ResultsError, match=r"summary\.json: not a readable result"):
         read_tree(out)

@@ -10,6 +10,7 @@ import re
 import shutil
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
+from urllib.parse import unquote
 
 import numpy as np
 import pyarrow as pa
@@ -24,8 +25,11 @@ from benchmark.errors import ResultsError
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.charts import _apart, _front, error_curves, success_curves
 from benchmark.report.site.columns import SUCCESS, break_interval, break_words, p_value, script_number, signed
+from benchmark.report.site.commands import Places
+from benchmark.report.site.failures import KINDS, failures_of, listed, pictured_frames, worst_first
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.pages import render_figure, render_site, write_site
+from benchmark.report.site.pictures import Pictures
 from benchmark.report.site.scales import level_scale, log_scale
 from benchmark.report.site.site_view import detectable_words, make_styles, site_verdict
 from benchmark.report.site.tree import read_tree
@@ -52,8 +56,8 @@ def boards(root):
 
 @pytest.fixture(scope="module")
 def pages(root, boards, data):
-    folder = write_site(boards, root, data).parent
-    return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
+    folder = write_site(boards, Places(root, data)).parent
+    return {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.html")}
 
 
 class Outline(HTMLParser):
@@ -71,17 +75,21 @@ class Outline(HTMLParser):
         self.ids += [value for name, value in attrs if name == "id"]
 
 
-def test_every_link_leads_somewhere_in_the_folder(pages):
+def test_every_link_leads_somewhere_in_the_folder(pages, root):
     outlines = {name: Outline(text) for name, text in pages.items()}
-    assert len(pages) == 1 + len(TASKS) + len(SOLVERS)
+    assert len(pages) == 1 + 2 * len(TASKS) + len(SOLVERS)
     for name, outline in outlines.items():
         assert len(outline.ids) == len(set(outline.ids)), name
         for address in outline.addresses:
-            if address.startswith("data:image/webp;base64,"):
-                continue
             page, _, anchor = address.partition("#")
+            if page.startswith("pictures/"):
+                assert (root / "site" / page).is_file(), (name, address)
+                continue
             assert (page or name) in pages, (name, address)
-            assert not anchor or anchor in outlines[page or name].ids, (name, address)
+            if page.endswith("-failures.html"):  # its script reads the solver's name
+                assert not anchor or unquote(anchor) in {solver.name for solver in SOLVERS}
+            else:
+                assert not anchor or anchor in outlines[page or name].ids, (name, address)
 
 
 def test_nothing_runs_but_the_one_script_that_the_policy_names(pages):
@@ -218,14 +226,70 @@ def test_results_of_different_frames_are_not_compared(root):
             make_board([one, dataclasses.replace(two, provenance=other)])
 
 
+def test_every_failure_is_listed_and_no_success(boards):
+    for board in boards:
+        failures = failures_of(board)
+        for place, entry in enumerate(board.entries):
+            mine = [failure for failure in failures if failure.entry == place]
+            frames = entry.stored.frames
+            failed = frames[~(frames["error_km"].fillna(math.inf) < 10.0)]
+            assert [failure.frame_id for failure in mine] == failed["frame_id"].tolist()
+            assert [KINDS[failure.kind] for failure in mine] == [
+                "wrong fix" if status == "fix" else "refused" for status in failed["status"]
+            ]
+        rows = listed(board, failures)["rows"]
+        assert len(rows) == len(failures)
+
+
+def test_the_list_says_of_a_failure_what_the_table_says(boards):
+    board = boards[0]
+    content = json.loads(json.dumps(listed(board, failures_of(board)), allow_nan=False))
+    for solver, frame, kind, value, correct, matches, detections in content["rows"][::17]:
+        frames = board.entries[solver].stored.frames.set_index("frame_id")
+        row = frames.loc[content["frames"][frame]]
+        assert content["conditions"][frame] == row["condition"]
+        assert (correct, matches, detections) == (row["n_correct"], row["n_matches"], row["n_detections"])
+        if content["kinds"][kind] == "wrong fix":
+            assert value == pytest.approx(row["error_km"], rel=1e-3)
+        else:
+            assert content["reasons"][value] == row["reason"]
+
+
+def test_the_most_harmful_failures_have_pictures_and_solvers_take_turns(boards):
+    board = boards[0]
+    failures = failures_of(board)
+    ordered = worst_first(board, failures)
+    assert sorted(ordered, key=repr) == sorted(failures, key=repr)
+    first = ordered[: len({failure.entry for failure in failures})]
+    assert {failure.frame_id for failure in first} == {entry.worst.frame_id for entry in board.entries if entry.worst}
+    assert len(pictured_frames(board, failures, 7)) == 7
+    assert pictured_frames(board, failures, 7) == pictured_frames(board, failures, 20)[:7]
+
+
+def test_pictures_are_bounded_in_number_and_size_and_old_ones_go(root, boards, data, tmp_path):
+    out = shutil.copytree(root, tmp_path / "tree")
+    site = write_site(boards, Places(out, data), most_pictures=5).parent
+    pictures = sorted(site.glob("pictures/*/*.webp"))
+    assert len(pictures) == 5 * len(boards)
+    assert all(path.stat().st_size < 60_000 for path in pictures)
+    drawn = sorted(site.glob("pictures/*/*.svg"))
+    assert drawn
+    assert all(ET.fromstring(path.read_text()).tag.endswith("svg") for path in drawn)
+    write_site(boards, Places(out, data), most_pictures=2)
+    assert len(list(site.glob("pictures/*/*.webp"))) == 2 * len(boards)
+    write_site(boards, Places(out, tmp_path / "no data"))
+    assert not list(site.glob("pictures/*"))
+    assert "There are no pictures" in (site / boards[0].file_name).read_text(encoding="utf-8")
+
+
 def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp_path):
     result = read_tree(root)[0][0]
-    assert FrameSource(tmp_path).picture(result, "frame-00003") is None
+    assert FrameSource(tmp_path).picture(result, "frame-00003", 640) is None
     folder = tmp_path / "bortle@1" / f"dev-{'ab' * 6}"
     (folder / "unpacked").mkdir(parents=True)
     pixels = np.random.default_rng(np.random.SeedSequence(5)).integers(90, 130, (40, 60)).astype(np.uint16)
     Image.fromarray(pixels).save(folder / "unpacked" / "frame-00003.png")
-    picture = FrameSource(tmp_path).picture(result, "frame-00003-2")  # level 2 of the same picture
+    picture = FrameSource(tmp_path).picture(result, "frame-00003-2", 640)  # level 2 of the same picture
     assert picture[8:12] == b"WEBP"
     (folder / "stars" / "dev").mkdir(parents=True)
     stars = {
@@ -236,14 +300,14 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
         "snr": [2.0, 9.0, 9.0],
     }
     pq.write_table(pa.table(stars), folder / "stars" / "dev" / "shard-000000.parquet")
-    assert FrameSource(tmp_path).true_stars(result, "frame-00003-2") == [(2.0, 5.0)]
+    assert FrameSource(tmp_path).true_stars(result, ["frame-00003-2"]) == {"frame-00003-2": [(2.0, 5.0)]}
     (folder / "unpacked" / "frame-00003.png").write_bytes(b"no picture")
     with pytest.raises(ResultsError, match="not a readable image"):
-        FrameSource(tmp_path).picture(result, "frame-00003")
-    assert FrameSource(tmp_path).picture(result, "../../secret") is None
+        FrameSource(tmp_path).picture(result, "frame-00003", 640)
+    assert FrameSource(tmp_path).picture(result, "../../secret", 640) is None
 
 
-def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards, data):
+def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards, tmp_path):
     many = []
     for task in range(8):
         for mode in ("own", "shared"):
@@ -267,12 +331,10 @@ def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards, data
                     board, task=facts, detections=mode, entries=tuple(entries), comparisons=tuple(pairs)
                 )
             )
-    pages = render_site(many, FrameSource(data), "results")
-    assert len(pages) == 1 + 16 + 12
+    pages = render_site(many, [failures_of(board) for board in many], [Pictures()] * 16, Places(tmp_path))
+    assert len(pages) == 1 + 2 * 16 + 12
     size = sum(len(text.encode()) for text in pages.values())
     assert FIVE_MB / 2 < size < FIVE_MB
-    pictures = "".join(re.findall(r"data:image/webp;base64,([\w+/=]+)", pages[many[0].file_name]))
-    assert len(pictures) > 12_000
 
 
 def test_the_leaderboard_as_a_picture_stands_alone(boards):

@@ -58,6 +58,9 @@ def main():
             print(json.dumps(ANSWER | {"frame_id": "another"}), flush=True)
         elif WAY == "chatter":
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}) + "\nand more", flush=True)
+        elif WAY == "loud":
+            print(f"I am looking at {request['frame_id']}", file=sys.stderr, flush=True)
+            print(json.dumps(ANSWER | {"frame_id": request["frame_id"]}), flush=True)
         elif WAY == "count":
             time.sleep(0.02)
             print(json.dumps(ANSWER | {"frame_id": request["frame_id"], "lat_deg": float(asked)}), flush=True)

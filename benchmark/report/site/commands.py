@@ -1,0 +1,72 @@
+"""Shell commands that make a page again, as they are to be pasted."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmark.frames.task_frames import DEFAULT_DATA
+from benchmark.report.site.boards import Board, Entry
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the report reads, as the user named it.
+
+    Attributes
+    ----------
+    out : Path
+        Root of the results.
+    data : Path
+        Folder of the frames of tasks and of datasets in shards.
+    """
+
+    out: Path
+    data: Path = DEFAULT_DATA
+
+    @property
+    def options(self) -> list[str]:
+        """For the command line."""
+        chosen = ["--out", str(self.out)]
+        return chosen if self.data == DEFAULT_DATA else [*chosen, "--data", str(self.data)]
+
+
+def commands_of(runs: Sequence[tuple[Board, Sequence[Entry]]], places: Places) -> tuple[str, ...]:
+    """Commands that run these entries again and write the report; a comment for each that no command runs.
+
+    Parameters
+    ----------
+    runs : sequence of (Board, sequence of Entry)
+    places : Places
+    """
+    lines: list[str] = []
+    for board, entries in runs:
+        lines += _run_commands(board, entries, places)
+    return (*dict.fromkeys(lines), shlex.join(["skybench", "bench", "report", *places.options]))
+
+
+def _run_commands(board: Board, entries: Sequence[Entry], places: Places) -> list[str]:
+    sources = {entry.stored.provenance.solver.target: entry.stored.provenance for entry in entries}
+    lines = []
+    targets = sorted(target for target in sources if target is not None)
+    if targets:
+        frames = sources[targets[0]].frames
+        command = ["skybench", "bench", "run", frames.target]
+        for target in targets:
+            command += ["--solver", target]
+        if frames.grading is not None:
+            command += ["--split", frames.split, "--frames", str(frames.per_condition)]
+        if frames.condition is not None:
+            command += ["--condition", f"{frames.condition:.12g}"]
+        if board.detections != "own":
+            command += ["--detections", board.detections]
+        lines.append(shlex.join([*command, *places.options]))
+    for entry in sorted(entries, key=lambda entry: entry.label):
+        kind = entry.stored.provenance.solver.kind
+        if kind == "submission":
+            lines.append(f"# {entry.label}: submitted answers; score their file with skybench bench score")
+        elif entry.stored.provenance.solver.target is None:
+            lines.append(f"# {entry.label}: a Python object; run it with benchmark.run.engine.run")
+    return lines

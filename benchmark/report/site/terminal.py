@@ -1,0 +1,54 @@
+"""The tables that the terminal shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from benchmark.report.site import columns
+from benchmark.report.site.boards import Board
+from benchmark.report.site.site_view import matrices_of, tasks_of
+from benchmark.stats.intervals import Estimate
+
+
+def result_table(boards: Sequence[Board]) -> Table:
+    """What the terminal shows: all numbers of one board, or the successes of several."""
+    return board_table(boards[0]) if len(boards) == 1 else leaderboard_table(boards)
+
+
+def board_table(board: Board) -> Table:
+    """All numbers of one board with their intervals, for the terminal."""
+    title = f"{board.task.title} ({board.title}): {board.n_frames} frames (95 % intervals in brackets)"
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("", no_wrap=True)
+    for entry in board.entries:
+        table.add_column(escape(entry.label), justify="left", overflow="fold")
+    for column in columns.HEADLINE:
+        shown = [(column.value(entry), column.interval(entry)) for entry in board.entries]
+        table.add_row(column.heading, *(f"{value} [dim]\\[{limits}][/dim]" for value, limits in shown))
+    counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in board.entries]
+    table.add_row("fixes, refused, errors", *counts)
+    return table
+
+
+def leaderboard_table(boards: Sequence[Board]) -> Table:
+    """Success of each solver on each task with its interval, for the terminal."""
+    tasks = tasks_of(boards)
+    matrix = next(matrix for matrix in matrices_of(boards, tasks) if matrix.column is columns.SUCCESS)
+    title = "Percentage of frames within 10 km of the truth, and its 95 % interval"
+    table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
+    table.add_column("solver", overflow="fold")
+    table.add_column("by")
+    for task in tasks:
+        table.add_column(task.key, overflow="fold", justify="right", min_width=6)
+    for row in matrix.rows:
+        cells = ["not run" if entry is None else _in_percent(entry.success) for _, entry in row.cells]
+        table.add_row(escape(row.label), row.detections, *cells)
+    return table
+
+
+def _in_percent(share: Estimate) -> str:
+    low, value, high = (f"{100 * number:.0f}" for number in (share.low, share.value, share.high))
+    return f"{value}\n[dim]{low}–{high}[/dim]"
