@@ -1,0 +1,118 @@
+"""Finished results are skipped, interrupted runs resume, and solvers that cannot be told apart are run anew."""
+
+import dataclasses
+
+import pyarrow.parquet as pq
+import pytest
+from unit.benchmark.fake_night import Contestant, Raising, Truth, write_dataset
+from unit.benchmark.stored import detections, stored
+
+from benchmark.frames.dataset import open_dataset
+from benchmark.run import engine, journal
+
+
+class StoppedError(Exception):
+    """Stands for Ctrl-C."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Counting(Truth):
+    """The truth, which counts the frames that it was asked for, and has a revision."""
+
+    revision: str = "first"
+    asked: list = dataclasses.field(default_factory=list, compare=False)
+
+    def solve(self, detections, observation):
+        self.asked.append(observation.utc)
+        return super().solve(detections, observation)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_dataset(tmp_path_factory.mktemp("data") / "night", (1, 2, None), per_class=3)
+
+
+@pytest.fixture(scope="module")
+def frames(folder):
+    return open_dataset(folder).frames
+
+
+def interrupted(folder, solver, out, after):
+    """Run, and stop once so many frames are done."""
+    done = []
+
+    def progress(name, count):
+        done.extend([name] * count)
+        if len(done) == after:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        engine.run(folder, [solver], out, progress=progress)
+
+
+def test_an_interrupted_run_resumes_and_gives_what_a_whole_one_gives(folder, frames, tmp_path):
+    first = Counting("truth", frames)
+    interrupted(folder, first, tmp_path / "cut", after=4)
+    assert not list((tmp_path / "cut").rglob("summary.json"))
+    second = Counting("truth", frames)
+    (run,) = engine.run(folder, [second], tmp_path / "cut")
+    # The first frame of each session is put twice, for the warm-up.
+    assert (run.n_solved, len(second.asked)) == (5, 6)
+    engine.run(folder, [Counting("truth", frames)], tmp_path / "whole")
+    cut, whole = stored(tmp_path / "cut")["truth"], stored(tmp_path / "whole")["truth"]
+    for column in ("frame_id", "error_km", "n_correct", "condition"):
+        assert cut.frames[column].equals(whole.frames[column])
+    assert detections(cut).equals(detections(whole))
+    assert not list((tmp_path / "cut").rglob(journal.FOLDER))
+
+
+def test_a_finished_result_is_skipped_until_the_solver_changes(folder, frames, tmp_path):
+    engine.run(folder, [Counting("truth", frames)], tmp_path)
+    again = Counting("truth", frames)
+    (run,) = engine.run(folder, [again], tmp_path)
+    assert (run.n_solved, again.asked, run.summary.recall.value) == (0, [], 1.0)
+    other = Counting("truth", frames, revision="second")
+    (run,) = engine.run(folder, [other], tmp_path)
+    assert run.n_solved == 9
+    assert len(list(tmp_path.rglob("summary.json"))) == 2
+
+
+def test_an_object_without_revision_is_run_anew_and_leaves_nothing_to_resume(folder, frames, tmp_path):
+    for _ in range(2):
+        (run,) = engine.run(folder, [Truth("truth", frames)], tmp_path / "a")
+        assert run.n_solved == 9
+    interrupted(folder, Truth("truth", frames), tmp_path / "b", after=4)
+    assert not list((tmp_path / "b").rglob("*.parquet"))
+
+
+def test_outcomes_of_another_machine_or_number_of_jobs_are_not_taken_over(folder, frames, tmp_path):
+    interrupted(folder, Counting("truth", frames), tmp_path, after=4)
+    (run,) = engine.run(folder, [Counting("truth", frames)], tmp_path, jobs=2)
+    assert run.n_solved == 9
+
+
+def test_a_result_of_errors_alone_is_not_finished(folder, frames, tmp_path):
+    class Settled(Raising):
+        revision = "one"
+
+    for _ in range(2):
+        (run,) = engine.run(folder, [Settled("raising", frames)], tmp_path)
+        assert (run.n_solved, run.failed_throughout) == (9, True)
+
+
+class Ending(Contestant):
+    """Ends its process on one frame."""
+
+    def solve(self, detections, observation):
+        import os
+
+        if observation.utc == self.frames[2].observation.utc:
+            os._exit(3)
+        return Truth.solve(self, detections, observation)
+
+
+def test_an_object_that_ends_its_process_costs_itself_the_frame(folder, frames, tmp_path):
+    (run,) = engine.run(folder, [Ending("ending", frames)], tmp_path, jobs=2)
+    assert (run.summary.n_errors, run.summary.n_fixes) == (1, 8)
+    reasons = pq.read_table(run.folder / "frames.parquet")["reason"].to_pylist()
+    assert [reason for reason in reasons if reason] == ["error: ended its process"]
