@@ -6,10 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
-import altair as alt
 import numpy as np
-import pandas as pd
-import vl_convert
+from matplotlib.axes import Axes
 from scipy.spatial import cKDTree
 
 import celnav
@@ -20,14 +18,32 @@ from benchmark.judge.geodesy import geodesic_km
 from celnav.catalog import load_catalog
 from celnav.identification import identify
 from celnav.track import KM_PER_DEG, Track, moved, offset_km
+from generator.drawing.palette import SERIES, SOFT
+from generator.drawing.style import axes_at, house_style, new_figure
+from generator.drawing.svg import standalone_svg
 
 CONDITION = Condition("figure", noise_px=0.5, missing=0.5, false=1.0)
-BLUE, RED, GREY = "#2563a8", "#c4452f", "#9aa0a6"
+BLUE, RED, GREY = SERIES[0].light, SERIES[7].light, SOFT.light
+WIDTH_PX = 560
 
 
-def save(chart: alt.Chart | alt.LayerChart, path: Path) -> None:
-    chart = chart.configure_view(stroke=None).configure_axis(grid=False, labelFontSize=12, titleFontSize=13)
-    path.write_text(vl_convert.vegalite_to_svg(chart.to_json()), encoding="utf-8")
+def new_axes(height_px: int, x: str, y: str, log: str = "") -> Axes:
+    """Axes with titles, those named in `log` logarithmic; the title of y stands over its axis."""
+    figure = new_figure(WIDTH_PX + 80, height_px + 80)
+    axes = axes_at(figure, 56, 32, WIDTH_PX, height_px)
+    axes.set(xlabel=x, xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
+    axes.annotate(y, (0.0, 1.0), (-52.0, 12.0), "axes fraction", "offset points")
+    return axes
+
+
+def save(axes: Axes, path: Path, label: str) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.3)
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("")
+    path.write_text(standalone_svg(axes.figure, label), encoding="utf-8")
     print(path, path.stat().st_size)
 
 
@@ -49,22 +65,10 @@ def detection(folder: Path) -> None:
         for name, config in configs.items():
             seen = cKDTree(celnav.detect(image, config=config).uv).query(field.uv)[0] < 1.5
             found[name] += np.histogram(v_mag[alone & seen], edges)[0]
-    rows = [
-        {"v": (a + b) / 2, "part": hits / n, "what": name}
-        for name, counts in found.items()
-        for a, b, hits, n in zip(edges[:-1], edges[1:], counts, total, strict=True)
-    ]
-    chart = (
-        alt.Chart(pd.DataFrame(rows))
-        .mark_line(point=True)
-        .encode(
-            x=alt.X("v:Q", title="V", scale=alt.Scale(zero=False)),
-            y=alt.Y("part:Q", title="share of single stars found"),
-            color=alt.Color("what:N", title=None, scale=alt.Scale(domain=list(configs), range=[BLUE, GREY])),
-        )
-        .properties(width=560, height=260)
-    )
-    save(chart, folder / "solver_detection.svg")
+    axes = new_axes(260, "V", "share of single stars found")
+    for (name, counts), colour, marker in zip(found.items(), (BLUE, GREY), "os", strict=True):
+        axes.plot((edges[:-1] + edges[1:]) / 2, counts / total, marker=marker, color=colour, label=name)
+    save(axes, folder / "solver_detection.svg", "Share of single stars detected against magnitude")
 
 
 def hypotheses(folder: Path, field) -> None:
@@ -88,19 +92,18 @@ def hypotheses(folder: Path, field) -> None:
     rotations, scores = max(seen, key=lambda chunk: float(chunk[1].max(initial=0.0)))
     turn = np.einsum("hij,ji->h", rotations, fix.R_icrs_to_camera.astype(np.float32))
     angle = np.degrees(np.arccos(np.clip((turn - 1) / 2, -1, 1)))
-    table = pd.DataFrame({"angle": np.maximum(angle, 0.02), "score": scores, "true": angle < 1.5})
-    table = table.sort_values("score").iloc[-1500:]
-    chart = (
-        alt.Chart(table)
-        .mark_circle(size=22, opacity=0.7)
-        .encode(
-            x=alt.X("angle:Q", title="angle from the true orientation, degrees", scale=alt.Scale(type="log")),
-            y=alt.Y("score:Q", title="detections explained (soft count)"),
-            color=alt.Color("true:N", scale=alt.Scale(domain=[True, False], range=[BLUE, GREY]), legend=None),
+    last = np.argsort(scores, kind="stable")[-1500:]
+    angle, scores = np.maximum(angle, 0.02)[last], scores[last]
+    axes = new_axes(300, "angle from the true orientation, degrees", "detections explained (soft count)", log="x")
+    for near, colour, name in ((angle >= 1.5, GREY, "others"), (angle < 1.5, BLUE, "within 1.5 degrees")):
+        axes.plot(
+            angle[near], scores[near], "o", markersize=5.0, markeredgewidth=0.0, alpha=0.7, color=colour, label=name
         )
-        .properties(width=560, height=300)
+    save(
+        axes,
+        folder / "solver_hypotheses.svg",
+        "Detections explained by each hypothesis against its angle from the truth",
     )
-    save(chart, folder / "solver_hypotheses.svg")
 
 
 def verification(folder: Path, field) -> None:
@@ -109,22 +112,15 @@ def verification(folder: Path, field) -> None:
     named = np.zeros(len(field.uv), dtype=bool)
     named[fix.matches[:, 0]] = True
     rows = np.arange(500)
-    table = pd.DataFrame(
-        {"u": field.uv[rows, 0], "v": field.uv[rows, 1],
-         "what": np.where(named[rows], "named", "clutter"), "size": np.maximum(3, 7 + np.log10(field.flux[rows]) * 2)}
-    )  # fmt: skip
-    chart = (
-        alt.Chart(table)
-        .mark_circle()
-        .encode(
-            x=alt.X("u:Q", title="u, px", scale=alt.Scale(domain=[0, 1080])),
-            y=alt.Y("v:Q", title="v, px", scale=alt.Scale(domain=[720, 0])),
-            size=alt.Size("size:Q", legend=None, scale=alt.Scale(range=[6, 60])),
-            color=alt.Color("what:N", title=None, scale=alt.Scale(domain=["named", "clutter"], range=[BLUE, RED])),
-        )
-        .properties(width=560, height=373)
-    )
-    save(chart, folder / "solver_verification.svg")
+    size = np.sqrt(np.maximum(3, 7 + np.log10(field.flux[rows]) * 2))
+    axes = new_axes(373, "u, px", "v, px")
+    axes.set(xlim=(0, 1080), ylim=(720, 0))
+    for kind, colour, marker, name in ((~named, RED, "x", "clutter"), (named, BLUE, "o", "identified")):
+        for step in np.unique(np.round(size[kind[rows]], 1)):
+            here = kind[rows] & (np.round(size, 1) == step)
+            axes.plot(*field.uv[rows][here].T, marker, markersize=1.6 * step, markeredgewidth=1.0, color=colour)
+        axes.plot([], [], marker, markersize=5.0, color=colour, label=name)
+    save(axes, folder / "solver_verification.svg", "Detections of the field, identified and clutter")
 
 
 def depth(folder: Path) -> None:
@@ -138,37 +134,25 @@ def depth(folder: Path) -> None:
     stars = stars.take(camera_of(condition).in_frame(np.nan_to_num(uv, nan=-1e6)))
     found = np.isin(stars.star_id, fix.matches[:, 1])
     edges = np.arange(2.0, 6.61, 0.2)
-    table = pd.DataFrame(
-        {"v": edges[:-1] + 0.1,
-         "part": [found[(stars.v_mag >= a) & (stars.v_mag < a + 0.2)].mean() for a in edges[:-1]]}
-    )  # fmt: skip
-    bars = alt.Chart(table).mark_bar(size=18, color=BLUE).encode(
-        x=alt.X("v:Q", title="V"), y=alt.Y("part:Q", title="share of the catalogue's stars detected")
-    )  # fmt: skip
-    rule = alt.Chart(pd.DataFrame({"v": [fix.limiting_mag]})).mark_rule(color=RED, strokeWidth=2).encode(x="v:Q")
-    save((bars + rule).properties(width=560, height=260), folder / "solver_depth.svg")
+    parts = [found[(stars.v_mag >= a) & (stars.v_mag < a + 0.2)].mean() for a in edges[:-1]]
+    axes = new_axes(260, "V", "share of the catalogue's stars detected")
+    axes.bar(edges[:-1] + 0.1, parts, 0.16, color=BLUE)
+    axes.axvline(fix.limiting_mag, color=RED, label="limiting magnitude found")
+    save(axes, folder / "solver_depth.svg", "Share of the catalogue's stars detected against magnitude")
 
 
 def accuracy(folder: Path) -> None:
     """Median error and the Cramer-Rao bound over the depth of the frame."""
-    rows = []
+    stars, errors, bounds = [], [], []
     for v_max in (3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0):
         one = measure(Condition("a", v_max=v_max, noise_px=0.5, exact_attitude=True), 40, 11)
-        for name, value in (("solver", np.nanmedian(one.error_km)), ("Cramer-Rao bound", np.median(one.bound_km))):
-            rows.append({"stars": float(np.median(one.n_detections)), "km": float(value), "what": name})
-    chart = (
-        alt.Chart(pd.DataFrame(rows))
-        .mark_line(point=True)
-        .encode(
-            x=alt.X("stars:Q", title="stars in the frame", scale=alt.Scale(type="log")),
-            y=alt.Y("km:Q", title="median error, km (0.5 px, exact attitude)", scale=alt.Scale(type="log")),
-            color=alt.Color(
-                "what:N", title=None, scale=alt.Scale(domain=["solver", "Cramer-Rao bound"], range=[BLUE, GREY])
-            ),
-        )
-        .properties(width=560, height=300)
-    )
-    save(chart, folder / "solver_accuracy.svg")
+        stars.append(float(np.median(one.n_detections)))
+        errors.append(float(np.nanmedian(one.error_km)))
+        bounds.append(float(np.median(one.bound_km)))
+    axes = new_axes(300, "stars in the frame", "median error, km (0.5 px, exact attitude)", log="xy")
+    axes.plot(stars, errors, "o-", color=BLUE, label="solver")
+    axes.plot(stars, bounds, "s--", color=GREY, label="Cramér-Rao bound")
+    save(axes, folder / "solver_accuracy.svg", "Median error and Cramér-Rao bound against the number of stars")
 
 
 def orbit(folder: Path) -> None:
@@ -189,30 +173,18 @@ def orbit(folder: Path) -> None:
         track.update(shifted, f"2024-01-01T00:{k:02d}:00Z", heading)
         truth.append(place)
         singles.append(geodesic_km(*place, *seen))
-    rows = []
-    for name, points in (("filter", track.points), ("smoother", track.smoothed())):
-        rows += [
-            {"k": k, "km": geodesic_km(*truth[k], point.lat_deg, point.lon_deg), "what": name}
-            for k, point in enumerate(points)
-        ]
-    rows += [{"k": k, "km": value, "what": "single fixes"} for k, value in enumerate(singles)]
-    chart = (
-        alt.Chart(pd.DataFrame(rows))
-        .mark_line()
-        .encode(
-            x=alt.X("k:Q", title="frame (10 degrees of heading each)"),
-            y=alt.Y("km:Q", title="error, km", scale=alt.Scale(type="log")),
-            color=alt.Color(
-                "what:N",
-                title=None,
-                scale=alt.Scale(domain=["single fixes", "filter", "smoother"], range=[GREY, RED, BLUE]),
-            ),
-        )
-        .properties(width=560, height=280)
-    )
-    save(chart, folder / "solver_track.svg")
+    axes = new_axes(280, "frame (10 degrees of heading each)", "error, km", log="y")
+    axes.plot(singles, linestyle=":", color=GREY, label="single fixes")
+    for name, points, line, colour in (
+        ("filter", track.points, "--", RED),
+        ("smoother", track.smoothed(), "-", BLUE),
+    ):
+        errors = [geodesic_km(*truth[k], point.lat_deg, point.lon_deg) for k, point in enumerate(points)]
+        axes.plot(errors, linestyle=line, color=colour, label=name)
+    save(axes, folder / "solver_track.svg", "Error of single fixes, filter and smoother, frame by frame")
 
 
+@house_style()
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("docs/images"), help="folder to write")

@@ -6,11 +6,9 @@ import io
 from collections.abc import Callable
 from pathlib import Path
 
-import altair as alt
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
-import vl_convert
 from numpy.typing import NDArray
 
 from generator import __version__
@@ -80,27 +78,11 @@ def _samples(shards: list[Shard], frames: pd.DataFrame, reach: Callable[[str], P
 
 def histograms(frames: pd.DataFrame) -> str:
     """SVG of the distributions of a dataset's main conditions; columns without spread are left out."""
-    charts = []
-    for column, title in _HISTOGRAMS:
-        values = frames[column].dropna()
-        if values.nunique() < 2:
-            continue
-        counts, edges = np.histogram(values, bins=min(30, max(5, values.nunique())))
-        data = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "frames": counts})
-        charts.append(
-            alt.Chart(data, width=260, height=130)
-            .mark_bar(color="#3b6ea5")
-            .encode(
-                x=alt.X("low:Q", title=title, scale=alt.Scale(zero=False, nice=False)),
-                x2="high:Q",
-                y=alt.Y("frames:Q", title="frames"),
-            )
-        )
-    if not charts:
-        charts = [
-            alt.Chart(pd.DataFrame({"text": ["every frame has the same conditions"]})).mark_text().encode(text="text:N")
-        ]
-    return str(vl_convert.vegalite_to_svg(alt.concat(*charts, columns=3).to_json()))
+    # Matplotlib is loaded only where something is drawn.
+    from generator.drawing.histograms import draw_histograms
+
+    varying = [(title, frames[column].dropna()) for column, title in _HISTOGRAMS if frames[column].nunique() > 1]
+    return draw_histograms([(title, values.to_numpy(np.float64)) for title, values in varying], "frames")
 
 
 def card_text(

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
-from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,7 +26,7 @@ HOUSE = {
     "axes.labelcolor": INK.light,
     "axes.labelsize": FONT_PX,
     "axes.linewidth": LIGHT_PX,
-    "axes.prop_cycle": cycler(color=[one.light for one in SERIES]),
+    "axes.prop_cycle": mpl.cycler(color=[one.light for one in SERIES]),
     "axes.spines.left": False,
     "axes.spines.right": False,
     "axes.spines.top": False,
