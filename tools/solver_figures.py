@@ -65,10 +65,10 @@ def detection(folder: Path) -> None:
         for name, config in configs.items():
             seen = cKDTree(celnav.detect(image, config=config).uv).query(field.uv)[0] < 1.5
             found[name] += np.histogram(v_mag[alone & seen], edges)[0]
-    axes = new_axes(260, "V", "share of single stars found")
+    axes = new_axes(260, "V, mag", "share of single stars found")
     for (name, counts), colour, marker in zip(found.items(), (BLUE, GREY), "os", strict=True):
         axes.plot((edges[:-1] + edges[1:]) / 2, counts / total, marker=marker, color=colour, label=name)
-    save(axes, folder / "solver_detection.svg", "Share of single stars detected against magnitude")
+    save(axes, folder / "solver_detection.svg", "Share of single stars found against magnitude")
 
 
 def hypotheses(folder: Path, field) -> None:
@@ -135,7 +135,7 @@ def depth(folder: Path) -> None:
     found = np.isin(stars.star_id, fix.matches[:, 1])
     edges = np.arange(2.0, 6.61, 0.2)
     parts = [found[(stars.v_mag >= a) & (stars.v_mag < a + 0.2)].mean() for a in edges[:-1]]
-    axes = new_axes(260, "V", "share of the catalogue's stars detected")
+    axes = new_axes(260, "V, mag", "share of the catalogue's stars detected")
     axes.bar(edges[:-1] + 0.1, parts, 0.16, color=BLUE)
     axes.axvline(fix.limiting_mag, color=RED, label="limiting magnitude found")
     save(axes, folder / "solver_depth.svg", "Share of the catalogue's stars detected against magnitude")
