@@ -96,7 +96,7 @@ def bake(
 def gallery(
     out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("docs/gallery"),
 ) -> None:
-    """Make the gallery: all-sky views in true colour, and plots beside published numbers (needs the extra `dev`)."""
+    """Make the gallery: all-sky views in true colour, and plots beside published numbers."""
     from generator.gallery.make_gallery import make_gallery
 
     for path in make_gallery(out):

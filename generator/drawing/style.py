@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 
 from generator.drawing.palette import INK, LINE, PAPER, SERIES, SOFT
 
@@ -26,7 +27,7 @@ HOUSE = {
     "axes.labelcolor": INK.light,
     "axes.labelsize": FONT_PX,
     "axes.linewidth": LIGHT_PX,
-    "axes.prop_cycle": mpl.cycler(color=[one.light for one in SERIES]),
+    "axes.prop_cycle": cycler(color=[one.light for one in SERIES]),
     "axes.spines.left": False,
     "axes.spines.right": False,
     "axes.spines.top": False,

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
@@ -34,9 +35,10 @@ KS91_VECTORS = [
 """Distance from the Moon, its zenith angle, the line of sight's, phase angle, deg; k; nL of Krisciunas & Schaefer 1991."""
 
 
-def artificial_and_moon(plt: Any) -> Any:
+def artificial_and_moon() -> Figure:
     """City light and moonlight: a figure."""
-    figure, axes = plt.subplots(3, 3, figsize=(13, 11))
+    figure = Figure(figsize=(13, 11))
+    axes = figure.subplots(3, 3)
     _gradient(axes[0, 0])
     _walker(axes[0, 1])
     _garstang(axes[0, 2])

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
+from matplotlib.figure import Figure
 
 from generator.gallery.fisheye import View, all_sky, plan_of
 from generator.gallery.light_plots import artificial_and_moon
 from generator.gallery.natural_plots import natural_sky
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt  # the backend is chosen first, so that no display is needed
 
 AUTUMN_NIGHT = "2020-09-15T20:30:00Z"
 JPEG = {"quality": 88}
@@ -22,9 +18,8 @@ JPEG = {"quality": 88}
 def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: str) -> Path:
     """A sheet of all-sky views, each with its exposure."""
     rows = -(-len(views) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(3.1 * columns, 3.6 * rows + 0.5), facecolor="#1f1f1f", squeeze=False
-    )
+    figure = Figure(figsize=(3.1 * columns, 3.6 * rows + 0.5), facecolor="#1f1f1f")
+    axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.axis("off")
     for axis, (name, view) in zip(axes.flat, views, strict=False):
@@ -34,11 +29,10 @@ def sheet(views: Sequence[tuple[str, View]], columns: int, path: Path, title: st
     return save(figure, path)
 
 
-def save(figure: Any, path: Path) -> Path:
-    """Write a figure as JPEG and close it."""
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as JPEG."""
     figure.tight_layout(h_pad=2.0)
     figure.savefig(path, dpi=100, pil_kwargs=JPEG)
-    plt.close(figure)
     return path
 
 
@@ -61,8 +55,8 @@ def make_gallery(folder: Path) -> list[Path]:
         white = clear[f"{name.split(',')[0]}, clear"].white_cd_m2
         views.append((name, all_sky(plan_of(sky, AUTUMN_NIGHT), white_cd_m2=white)))
     pictures.append(sheet(views, 2, folder / "clouds.jpg", "The same thin cloud over a city and over a desert"))
-    pictures.append(save(natural_sky(plt), folder / "natural_sky.jpg"))
-    pictures.append(save(artificial_and_moon(plt), folder / "city_and_moon.jpg"))
+    pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
+    pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
     return pictures
 
 

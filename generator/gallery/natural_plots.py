@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
@@ -58,9 +59,10 @@ PATAT = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89
 CRUMEY = {1: 6.25, 2: 6.17, 3: 6.05, 4: 5.87, 5: 5.63, 6: 5.33, 7: 5.04, 8: 4.83, 9: 4.78}
 
 
-def natural_sky(plt: Any) -> Any:
+def natural_sky() -> Figure:
     """Airglow, zodiacal light, Milky Way, twilight and naked-eye limit: a figure."""
-    figure, axes = plt.subplots(3, 3, figsize=(13, 11))
+    figure = Figure(figsize=(13, 11))
+    axes = figure.subplots(3, 3)
     _airglow_spectrum(axes[0, 0])
     _lines(axes[0, 1])
     _van_rhijn(axes[0, 2])

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from generator.drawing.histograms import draw_histograms
 from generator.drawing.palette import INK, PALETTE, PAPER, SERIES, palette_sheet
 from generator.drawing.style import axes_at, house_style, new_figure
 from generator.drawing.svg import inline_svg, standalone_svg, svg_marks
@@ -149,3 +150,18 @@ def test_threads_that_draw_do_not_disturb_each_other():
 def test_neither_the_command_line_nor_celnav_waits_for_matplotlib():
     code = "import sys, benchmark.cli.app, celnav; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_histograms_hold_every_value_and_say_when_nothing_varies():
+    rng = np.random.default_rng(np.random.SeedSequence(1))
+    values = rng.integers(0, 4, 50).astype(np.float64)
+    text = draw_histograms([("exposure, s", values), ("a < b", rng.normal(size=30))], "frames")
+    words = [node.text for node in ET.fromstring(text).iter(f"{SVG}text")]
+    assert words.count("frames") == 2
+    assert {"exposure, s", "a < b"} <= set(words)
+    bars = re.findall(rf'<path fill="{SERIES[0].light}" d="([^"]+)"', text)[0]
+    counts = np.histogram(values, 5)[0]
+    tops = np.array([float(one) for one in re.findall(r"V([\d.]+)", bars)])
+    heights = (tops.max() - tops) / (tops.max() - tops.min()) * counts.max()
+    assert heights == pytest.approx([*counts, 0.0], abs=0.05)
+    assert "All frames have the same conditions." in draw_histograms([], "frames")
