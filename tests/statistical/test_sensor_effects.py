@@ -179,10 +179,10 @@ def test_an_efficiency_curve_may_come_from_a_file(tmp_path) -> None:
     assert [file.path for file in scenario.files] == ["qe.csv"]
     for text, fragment in {
         "nm,qe\n400,0.5\n": "expected wavelength_nm, quantum_efficiency",
-        "wavelength_nm,quantum_efficiency\n400,x\n600,1\n": "not a number",
+        "wavelength_nm,quantum_efficiency\n400,x\n600,1\n": "line 2, column quantum_efficiency: found 'x', expected a finite",
         "wavelength_nm,quantum_efficiency\n400,0.5\n600,1.5\n": "<= 1",
         "wavelength_nm,quantum_efficiency\n600,0.5\n400,0.5\n": "wavelengths must increase",
-        "wavelength_nm,quantum_efficiency\n600,0.5\n": "at least 2",
+        "wavelength_nm,quantum_efficiency\n600,0.5\n": "found 1 rows of numbers, expected 2 to",
     }.items():
         with pytest.raises(ScenarioError, match=fragment) as caught:
             scenario_with_curve(tmp_path, text)
