@@ -14,6 +14,7 @@
     const rendered = (frame) => frame.split("-").slice(0, 2).join("-");
     const happened = (row) => row[2] === WRONG ? `fix off by ${row[3].toLocaleString("en")} km`
       : `${data.kinds[row[2]]}: ${data.reasons[row[3]]}`;
+    const named = (row) => row[5] ? `${row[4]} of ${row[5]} stars named right` : "no star named";
     let found = data.rows, start = 0;
 
     const choose = (row) => {
@@ -26,8 +27,7 @@
       image.alt = frame;
       over.hidden = overlay === undefined;
       if (overlay !== undefined) over.src = overlay;
-      const words = `${data.solvers[row[0]]} on ${frame}: ${happened(row)}; ${row[4]} of ${row[5]} stars named right, ` +
-        `${row[6]} detections.`;
+      const words = `${data.solvers[row[0]]} on ${frame}: ${happened(row)}; ${named(row)}, ${row[6]} detections.`;
       const lacking = picture === undefined ? ` ${data.without}`
         : overlay === undefined ? " Its detections were not kept." : "";
       shown.querySelector("figcaption").textContent = words + lacking;
@@ -55,7 +55,7 @@
       head.append(button);
       made.append(head, cell(data.solvers[row[0]], true));
       if (data.condition) made.append(cell(data.conditions[row[1]] ?? "—"));
-      made.append(cell(happened(row), true), cell(`${row[4]} of ${row[5]}`), cell(row[6]));
+      made.append(cell(happened(row), true), cell(row[5] ? `${row[4]} of ${row[5]}` : "—"), cell(row[6]));
       return made;
     };
 
@@ -89,8 +89,8 @@
       else conditions.append(...values.map((value) => new Option(String(value), String(value))));
     }
     // A link may name the solver whose failures are meant.
-    const named = data.solvers.indexOf(decodeURIComponent(location.hash.slice(1)));
-    if (named >= 0) form.elements.solver.value = String(named);
+    const linked = data.solvers.indexOf(decodeURIComponent(location.hash.slice(1)));
+    if (linked >= 0) form.elements.solver.value = String(linked);
     form.hidden = table.hidden = false;
     form.addEventListener("submit", (event) => event.preventDefault());
     form.addEventListener("input", apply);
