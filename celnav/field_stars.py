@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.adjustment import Adjusted, predict
-from celnav.astrometry import DIURNAL_ABERRATION, terrestrial_stars
 from celnav.camera import Camera
-from celnav.catalog import StarCatalog, load_catalog
-from celnav.earth_rotation import EarthOrientation
 from celnav.horizon import horizontal_frame
 from celnav.identification.identify import Question
 from celnav.identification.pairing import candidate_pairs
 from celnav.identification.verification import Alignment, field_cone
-from celnav.planets import ACCURACY_RAD, planet_directions, planet_ids
 from celnav.problem import Problem
+from celnav.sky.astrometry import DIURNAL_ABERRATION, terrestrial_stars
+from celnav.sky.catalog import StarCatalog, load_catalog
+from celnav.sky.earth_rotation import EarthOrientation
+from celnav.sky.planets import ACCURACY_RAD, planet_directions, planet_ids
 
 F8 = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.astrometry import enu_rotation
 from celnav.attitude import Attitude
-from celnav.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
+from celnav.sky.astrometry import enu_rotation
+from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 

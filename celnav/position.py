@@ -15,17 +15,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.astrometry import TerrestrialStars, terrestrial_stars
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
-from celnav.catalog import load_catalog
 from celnav.detection import as_positions
-from celnav.earth_rotation import earth_orientation
 from celnav.errors import AttitudeError, ConfigError, DetectionError
 from celnav.fix import Fix, Reason
-from celnav.refraction import unrefract
-from celnav.utc import Utc, parse_utc
-from celnav.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
+from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars
+from celnav.sky.catalog import load_catalog
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.refraction import unrefract
+from celnav.sky.utc import Utc, parse_utc
+from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 

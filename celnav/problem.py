@@ -15,7 +15,7 @@ from celnav.fix import Fix
 from celnav.history import History
 from celnav.matching.protocol import Observation
 from celnav.position import Weather
-from celnav.utc import Utc
+from celnav.sky.utc import Utc
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, predict, without_focal
-from celnav.astrometry import celestial_to_terrestrial
 from celnav.camera import Camera
-from celnav.catalog import StarCatalog
-from celnav.earth_rotation import EarthOrientation, earth_orientation
 from celnav.errors import ConfigError
 from celnav.field_stars import Prepared, pairing_radius, seen_planets, visible_stars
 from celnav.fix import Calibration, Estimate, Fix, Reason
@@ -28,8 +25,11 @@ from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import load_sky_index
 from celnav.identification.verification import Alignment
 from celnav.problem import Problem, Stopwatch, check_time_limit
-from celnav.refraction import unrefract_rays
-from celnav.wgs84 import MEAN_RADIUS_KM
+from celnav.sky.astrometry import celestial_to_terrestrial
+from celnav.sky.catalog import StarCatalog
+from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
+from celnav.sky.refraction import unrefract_rays
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
 

@@ -30,8 +30,8 @@ from celnav.matching import (
 )
 from celnav.position import PositionConfig, Weather, fix_position
 from celnav.problem import LastKnown, Problem, Solver, Stopwatch, check_time_limit
+from celnav.sky.utc import Utc, parse_utc
 from celnav.skybench_solver import SkybenchSolver
-from celnav.utc import Utc, parse_utc
 
 # Centroid noise may push a star over the edge, but not by this part of the frame's width.
 OUTSIDE_FRAME_PART = 0.05

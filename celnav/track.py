@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.horizon import radii_km
-from celnav.utc import Utc, parse_utc
-from celnav.wgs84 import MEAN_RADIUS_KM
+from celnav.sky.utc import Utc, parse_utc
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 import celnav
-from celnav.astrometry import apparent_enu
-from celnav.catalog import load_catalog
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog
 
 LAT_DEG, LON_DEG = 52.0, 4.4
 START = datetime(2024, 3, 1, 22, 0, tzinfo=UTC)

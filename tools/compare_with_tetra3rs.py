@@ -15,10 +15,10 @@ import tetra3rs
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
-from celnav.astrometry import celestial_to_terrestrial
-from celnav.earth_rotation import earth_orientation
 from celnav.images import read_image
-from celnav.utc import parse_utc
+from celnav.sky.astrometry import celestial_to_terrestrial
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import parse_utc
 
 
 def peer_error_km(database, image, record, camera) -> float:

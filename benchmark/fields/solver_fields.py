@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from celnav.catalog import StarCatalog, load_catalog
-from celnav.earth_rotation import EarthOrientation, earth_orientation
-from celnav.utc import parse_utc
+from celnav.sky.catalog import StarCatalog, load_catalog
+from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
+from celnav.sky.utc import parse_utc
 
 F8 = NDArray[np.float64]
 

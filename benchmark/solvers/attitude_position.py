@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from celnav.astrometry import AU_PER_DAY_IN_C, aberrate, celestial_to_terrestrial
-from celnav.earth_rotation import earth_orientation
-from celnav.utc import parse_utc
+from celnav.sky.astrometry import AU_PER_DAY_IN_C, aberrate, celestial_to_terrestrial
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import parse_utc
 
 ROTATION_TOLERANCE = 1e-4
 

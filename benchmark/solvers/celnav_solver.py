@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import celnav
 from benchmark.protocol import Answer, Detections, Observation
 from benchmark.provenance import distribution_version
-from celnav.planets import FIRST_PLANET_ID, planet_ids
+from celnav.sky.planets import FIRST_PLANET_ID, planet_ids
 
 
 @dataclass(frozen=True)

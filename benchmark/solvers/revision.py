@@ -29,7 +29,7 @@ ADAPTER_MODULES = {
     "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",
 }
 _SHARED_MODULES = ("benchmark.solvers.serve", "celnav.solver")
-_CATALOGUE_MODULE = "celnav.catalog"
+_CATALOGUE_MODULE = "celnav.sky.catalog"
 _ROOT = Path(__file__).parents[2]
 
 

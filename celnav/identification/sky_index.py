@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.cache import cached, digest
-from celnav.catalog import load_catalog, propagate
+from celnav.sky.catalog import load_catalog, propagate
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

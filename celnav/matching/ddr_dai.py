@@ -29,13 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.cache import cached, digest
-from celnav.catalog import load_catalog
 from celnav.errors import ConfigError
 from celnav.fix import Reason
 from celnav.history import History
 from celnav.matching.confirmation import keep_mutually_nearest, log10_chance
 from celnav.matching.patterns import PatternConfig, Patterns, bearings, load_patterns, pattern_stars, separations
 from celnav.matching.protocol import Identification, Observation
+from celnav.sky.catalog import load_catalog
 
 F8 = NDArray[np.float64]
 _TURN = 2 * math.pi

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.cache import cached, digest
-from celnav.catalog import StarCatalog, load_catalog
 from celnav.errors import ConfigError
+from celnav.sky.catalog import StarCatalog, load_catalog
 
 F8 = NDArray[np.float64]
 F4 = NDArray[np.float32]

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from celnav.cli import main
-from celnav.earth_rotation import earth_orientation
-from celnav.utc import parse_utc
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import parse_utc
 
 ROOT = Path(__file__).parents[2]
 SITE = ("2021-08-05T22:40:00Z", 46.5, 7.9)

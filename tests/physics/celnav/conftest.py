@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from celnav.earth_rotation import earth_orientation
-from celnav.utc import parse_utc
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import parse_utc
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import cv2
 import erfa
 import numpy as np
 
-from celnav.catalog import load_catalog
+from celnav.sky.catalog import load_catalog
 
 ZENITH_NORTH_UP = np.diag([-1.0, -1.0, 1.0])
 WIDTH, HEIGHT = 1080, 720

@@ -7,9 +7,9 @@ import pytest
 import skyfield_data
 from skyfield.api import Loader, Star, wgs84
 
-from celnav.astrometry import apparent_enu
-from celnav.catalog import load_catalog
-from celnav.earth_rotation import EarthOrientation
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog
+from celnav.sky.earth_rotation import EarthOrientation
 
 TOLERANCE_ARCSEC = 0.1
 N_STARS = 60

@@ -29,8 +29,8 @@ def test_true_identities_give_the_position_within_50_m(sky, frames, weights):
 
 
 def test_a_tilted_camera_gives_the_same_position(sky, frames):
-    from celnav.earth_rotation import earth_orientation
-    from celnav.utc import parse_utc
+    from celnav.sky.earth_rotation import earth_orientation
+    from celnav.sky.utc import parse_utc
 
     tilt = np.radians(20)
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from celnav.refraction import bennett_arcmin, refract, unrefract
+from celnav.sky.refraction import bennett_arcmin, refract, unrefract
 
 # 1010 hPa, 10 deg C; the formula of Bennett 1982, evaluated elsewhere.
 TABLE_ARCMIN = {

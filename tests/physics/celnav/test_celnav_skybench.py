@@ -14,12 +14,12 @@ import celnav
 from benchmark.fields.solver_bars import attitude_of, camera_of
 from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from celnav.adjustment import CameraPriors
-from celnav.astrometry import apparent_enu, celestial_to_terrestrial, enu_rotation
-from celnav.catalog import load_catalog
-from celnav.earth_rotation import earth_orientation
-from celnav.planets import planet_directions, planet_ids, planet_name
-from celnav.refraction import bennett_arcmin, refract, refraction_rad, unrefract_rays
-from celnav.utc import parse_utc
+from celnav.sky.astrometry import apparent_enu, celestial_to_terrestrial, enu_rotation
+from celnav.sky.catalog import load_catalog
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.planets import planet_directions, planet_ids, planet_name
+from celnav.sky.refraction import bennett_arcmin, refract, refraction_rad, unrefract_rays
+from celnav.sky.utc import parse_utc
 
 CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
 UP = celnav.Attitude.up([0, 0, 1])
@@ -77,7 +77,7 @@ def test_lost_in_space_gives_the_inertial_attitude_and_asks_for_the_vertical(sky
 def test_inertial_attitude_takes_apparent_places_to_pixels(sky, frames):
     frame = frames[2]
     fix = solve(frame, UP)
-    catalog = celnav.catalog.load_catalog()
+    catalog = celnav.sky.catalog.load_catalog()
     stars = catalog.take(catalog.rows_of(fix.matches[:, 1]))
     uv = CAMERA.project(stars.vectors @ fix.R_icrs_to_camera.T)
     # Aberration (20 arcsec), proper motion and refraction are not in the catalogue's places: a pixel is plenty.
@@ -327,7 +327,7 @@ def test_a_planet_is_named_and_leaves_the_fix_alone(sky, frames):
 @pytest.mark.parametrize("condition", [Condition("p", v_max=4.5), Condition("f", 180, 4.5, equidistant=True)])
 def test_fields_of_the_benchmark_are_those_of_the_independent_model(sky, condition):
     """The benchmark's projection against OpenCV's, its apparent places against the other chain."""
-    from celnav.earth_rotation import earth_orientation
+    from celnav.sky.earth_rotation import earth_orientation
 
     field = make_field(condition, 1, 0)
     if not condition.equidistant:

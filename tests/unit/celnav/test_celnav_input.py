@@ -9,9 +9,9 @@ from PIL import Image
 
 import celnav
 from celnav import errors
-from celnav.earth_rotation import default_table, earth_orientation
 from celnav.images import read_image
-from celnav.utc import parse_utc
+from celnav.sky.earth_rotation import default_table, earth_orientation
+from celnav.sky.utc import parse_utc
 
 CAMERA = celnav.Camera.pinhole(width=1080, height=720, hfov_deg=120)
 R_CAM = np.diag([-1.0, -1.0, 1.0])

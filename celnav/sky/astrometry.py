@@ -16,11 +16,11 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.catalog import StarCatalog, propagate
-from celnav.earth_rotation import EarthOrientation, earth_orientation
-from celnav.refraction import refract
-from celnav.utc import Utc, parse_utc
-from celnav.wgs84 import SEMI_MAJOR_AXIS_KM
+from celnav.sky.catalog import StarCatalog, propagate
+from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
+from celnav.sky.refraction import refract
+from celnav.sky.utc import Utc, parse_utc
+from celnav.sky.wgs84 import SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 

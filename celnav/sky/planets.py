@@ -10,8 +10,8 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.astrometry import AU_PER_DAY_IN_C, aberrate, earth_at
-from celnav.utc import Utc
+from celnav.sky.astrometry import AU_PER_DAY_IN_C, aberrate, earth_at
+from celnav.sky.utc import Utc
 
 F8 = NDArray[np.float64]
 
