@@ -2,12 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small docs test test-slow lint format install lock clean
+.PHONY: help demo demo-small boards boards-plan check-results docs test test-slow lint format install lock clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
 	@echo "make test        run the tests"
 	@echo "make test-slow   run the tests that take longer"
+	@echo "make boards      run the rows of the leaderboard that are not of today's code (boards-plan: only print them)"
+	@echo "make check-results  check that measured numbers are of the revision printed beside them"
 	@echo "make docs        build the documentation, out/docs/index.html"
 	@echo "make lint        ruff and mypy"
 	@echo "make format      format the code"
@@ -28,6 +30,19 @@ test: install
 
 test-slow: install
 	@$(BIN)/python -m pytest -m slow
+
+# Frames to solve at the same time.
+JOBS ?= 2
+BOARDS := bench boards --out results/leaderboard --figure docs/images/leaderboard.svg --jobs $(JOBS)
+
+boards: install
+	@$(BIN)/skybench $(BOARDS)
+
+boards-plan: install
+	@$(BIN)/skybench $(BOARDS) --plan
+
+check-results: install
+	@$(BIN)/skybench bench stale
 
 # The variable silences an advertisement of the theme.
 docs: install

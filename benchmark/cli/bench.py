@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from benchmark.cli import boards as boards_cli
 from benchmark.cli import submissions as submission_cli
 from benchmark.cli.errors import fail
 from benchmark.cli.progress import progress_bars
@@ -15,6 +16,7 @@ from benchmark.errors import BenchmarkError, ResultsError
 
 app = typer.Typer(help="Run solvers over frames and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
+boards_cli.add_to(app)
 
 
 class DetectionsChoice(StrEnum):
@@ -149,7 +151,7 @@ def report(
             boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
         Console().print(result_table(boards))
         if figure is not None:
-            write_atomically(figure, render_figure(boards).encode())
+            write_atomically(figure, render_figure(boards, Places(out, data or DEFAULT_DATA), figure).encode())
         with Console(stderr=True).status("writing the pages"):
             path = write_site(
                 boards, Places(out, data or DEFAULT_DATA), MOST_PICTURES if pictures is None else pictures

@@ -5,24 +5,28 @@ A mark is a comment on a line of its own, and the line after it prints what the 
     <!-- measured {"by": "skybench speed --solver", "of": {"skybench": "979a1c351cf6"}} -->
     *Measured with revision 979a1c351cf6 of skybench.*
 
-``by`` is the command that measures again. ``of`` names all that the numbers are of (`benchmark.report.stale` says what
-may be named), each with its revision then, null where that was not recorded. ``from`` holds the files that the numbers
-were taken from, each with the start of its SHA-256. The syntax is that of comments in Markdown, HTML and SVG alike.
+``by`` is the command that measures again. ``of`` names what the numbers are of (`benchmark.report.stale` says what may be
+named), each with its revision then, null where that was not recorded. ``rows`` are patterns of rows of the leaderboard,
+which state their revisions themselves, and ``older`` a digest of those that are said not to be of today's code. ``from``
+holds the files that the numbers were taken from, each with the start of its SHA-256. The syntax is that of comments in
+Markdown, HTML and SVG alike.
 """
 
 from __future__ import annotations
 
+import hashlib
+import html
 import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from benchmark.run.freshness import State
 
 SOURCE_DIGITS = 12
 _MARK = re.compile(r"^[ \t]*<!-- measured (?P<json>\{.*\}) -->[ \t]*$", re.MULTILINE)
-_SENTENCE = re.compile(r"Measured (?:with|before) [^<*]*\.")
-_FEW = 3
+_SENTENCE = re.compile(r"Measured (?:with|before) .*?\.(?=[\s<*]|$)")
 
 
 @dataclass(frozen=True)
@@ -37,22 +41,28 @@ class Mark:
         Revision of each thing that the numbers are of; None where it was not recorded.
     sources : mapping of str to str
         Files that the numbers were taken from, by their paths from the root, and the start of each one's SHA-256.
-    older : tuple of str
-        Of long lists: which are said not to be of today's code.
+    rows : tuple of str
+        Patterns (`fnmatch`) of rows of the leaderboard.
+    older : str
+        See `older_digest`; empty without rows.
     """
 
     by: str
-    of: Mapping[str, str | None]
+    of: Mapping[str, str | None] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
-    older: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ()
+    older: str = ""
 
     def line(self) -> str:
         """Write it as a comment."""
-        tree: dict[str, object] = {"by": self.by, "of": dict(self.of)}
-        if self.sources:
-            tree["from"] = dict(self.sources)
-        if self.older:
-            tree["older"] = list(self.older)
+        tree: dict[str, object] = {
+            "by": self.by,
+            "of": dict(self.of),
+            "from": dict(self.sources),
+            "rows": list(self.rows),
+            "older": self.older,
+        }
+        tree = {name: value for name, value in tree.items() if value}
         text = json.dumps(tree, ensure_ascii=False, sort_keys=True)
         # Two hyphens would end the comment.
         return "<!-- measured " + text.replace("--", "-\\u002d") + " -->"
@@ -83,9 +93,9 @@ def sentence_of(mark: Mark, states: Mapping[str, State]) -> str:
     ----------
     mark : Mark
     states : mapping of str to State
-        Of each name in ``mark.of``.
+        Of each name in ``mark.of``, or of each row that its patterns match.
     """
-    if len(mark.of) > _FEW:
+    if mark.rows:
         return _counted(states)
     known = [(name, revision) for name, revision in mark.of.items() if revision is not None]
     unknown = " and ".join(name for name, revision in mark.of.items() if revision is None)
@@ -102,12 +112,29 @@ def sentence_of(mark: Mark, states: Mapping[str, State]) -> str:
 
 def _counted(states: Mapping[str, State]) -> str:
     count = {state: sum(found is state for found in states.values()) for state in State}
-    parts = [f"{count[State.TODAY]} of {len(states)} rows are of today's code"]
+    parts = [f"{count[State.TODAY]} of today's code"]
     if count[State.OLDER]:
         parts.append(f"{count[State.OLDER]} of older revisions")
     if count[State.UNRECORDED]:
         parts.append(f"{count[State.UNRECORDED]} of revisions that were not recorded")
-    return f"Measured with revisions of which each row states its own: {', '.join(parts)}."
+    return f"Measured with {len(states)} results: {', '.join(parts)}."
+
+
+def older_digest(states: Mapping[str, State]) -> str:
+    """Start of the SHA-256 of the names that are of an older revision."""
+    older = sorted(name for name, state in states.items() if state is State.OLDER)
+    return hashlib.sha256("\n".join(older).encode()).hexdigest()[:SOURCE_DIGITS]
+
+
+def stated_path(path: Path) -> str:
+    """A file's path from the working folder; outside it the bare name, since a path says where somebody works."""
+    here, place = Path.cwd(), path.resolve()
+    return place.relative_to(here).as_posix() if place.is_relative_to(here) else path.name
+
+
+def source_digest(path: Path) -> str:
+    """Start of a file's SHA-256."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:SOURCE_DIGITS]
 
 
 def find_marks(text: str) -> list[Printed]:
@@ -123,7 +150,7 @@ def find_marks(text: str) -> list[Printed]:
         number = text.count("\n", 0, match.start()) + 1
         following = text[match.end() + 1 :].split("\n", 1)[0]
         sentence = _SENTENCE.search(following)
-        found.append(Printed(_read(match["json"], number), number, sentence.group() if sentence else ""))
+        found.append(Printed(_read(match["json"], number), number, html.unescape(sentence.group()) if sentence else ""))
     return found
 
 
@@ -147,12 +174,13 @@ def restamp(text: str, printed: Printed, mark: Mark, sentence: str) -> str:
 def _read(text: str, number: int) -> Mark:
     try:
         tree = json.loads(text)
-        of = {str(name): None if value is None else str(value) for name, value in tree["of"].items()}
+        of = {str(name): None if value is None else str(value) for name, value in tree.get("of", {}).items()}
         sources = {str(name): str(value) for name, value in tree.get("from", {}).items()}
-        mark = Mark(str(tree["by"]), of, sources, tuple(str(name) for name in tree.get("older", [])))
-        unknown = set(tree) - {"by", "of", "from", "older"}
+        rows = tuple(str(pattern) for pattern in tree.get("rows", []))
+        mark = Mark(str(tree["by"]), of, sources, rows, str(tree.get("older", "")))
+        unknown = set(tree) - {"by", "of", "from", "rows", "older"}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"line {number}: not a readable mark ({error!r})") from error
-    if unknown or not mark.of:
-        raise ValueError(f"line {number}: a mark has the keys by, of, from and older, and names something in of")
+    if unknown or bool(mark.of) == bool(mark.rows):
+        raise ValueError(f"line {number}: a mark has the keys by, of or rows, from and older")
     return mark

@@ -5,19 +5,29 @@ an older revision may stay where the mark's sentence says so. What marks may nam
 
 * a solver that comes with skybench, or ``the shared detector``;
 * ``rendering``, ``the gallery``, ``the study thesis``, ``the study calibration``: the modules that these import;
-* ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER``: a row of the leaderboard.
+
+Patterns in ``rows`` match names of rows of the leaderboard, ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER``.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 
 from benchmark.errors import ResultsError, UnknownSolverError
-from benchmark.report.marks import SOURCE_DIGITS, Mark, Printed, find_marks, restamp, sentence_of
+from benchmark.report.marks import (
+    Mark,
+    Printed,
+    find_marks,
+    older_digest,
+    restamp,
+    sentence_of,
+    source_digest,
+    stated_path,
+)
 from benchmark.run.freshness import State
 from benchmark.solvers.behaviour import Entry, behaviour_of
 from benchmark.solvers.registry import solver_folder
@@ -48,7 +58,7 @@ _MEASURED = (
 _SEARCHED = ("*.md", "docs/**/*.md", "docs/**/*.svg", "results/**/*.md", "results/**/*.html")
 """Files whose marks are checked."""
 
-Rows = Mapping[str, tuple[str | None, State]]
+Rows = Mapping[str, State]
 
 
 @dataclass(frozen=True)
@@ -70,8 +80,8 @@ def check_marks(root: Path, rows: Rows) -> list[Problem]:
     ----------
     root : Path
         Of the repository.
-    rows : mapping of str to (str or None, State)
-        Revision and state of each row of the leaderboard, by the name that marks give it.
+    rows : mapping of str to State
+        How each row of the leaderboard stands to today's code.
     """
     problems = []
     for pattern in _MEASURED:
@@ -87,7 +97,7 @@ def check_marks(root: Path, rows: Rows) -> list[Problem]:
     return problems
 
 
-def stamp(root: Path, path: Path, rows: Rows, measured: bool) -> int:
+def stamp_file(root: Path, path: Path, rows: Rows, measured: bool) -> int:
     """Bring marks of a file to what holds today.
 
     Parameters
@@ -140,16 +150,8 @@ def mark_of_today(by: str, name: str, source: Path) -> tuple[Mark, str]:
     tuple of (Mark, str)
         The mark and the sentence to print beside it.
     """
-    # Outside the working folder a path says where somebody works, and nothing that others could check.
-    here, place = Path.cwd(), source.resolve()
-    stated = place.relative_to(here).as_posix() if place.is_relative_to(here) else source.name
-    mark = Mark(by, {name: revision_today(name)}, {stated: source_digest(source)})
+    mark = Mark(by, {name: revision_today(name)}, {stated_path(source): source_digest(source)})
     return mark, sentence_of(mark, {name: State.TODAY})
-
-
-def source_digest(path: Path) -> str:
-    """Start of a file's SHA-256, as marks state it."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:SOURCE_DIGITS]
 
 
 @cache
@@ -170,9 +172,7 @@ def revision_today(name: str) -> str:
         return solver_folder(name).revision
     except UnknownSolverError as error:
         known = ", ".join((DETECTOR, *_SUBJECTS))
-        raise ResultsError(
-            f"a mark names {name!r}: neither a solver, nor a row of the leaderboard, nor {known}"
-        ) from error
+        raise ResultsError(f"a mark names {name!r}: neither a solver, nor {known}") from error
 
 
 def _check_file(root: Path, path: Path, rows: Rows) -> list[Problem]:
@@ -190,19 +190,13 @@ def _check_mark(root: Path, name: str, printed: Printed, rows: Rows) -> list[Pro
     for source, digest in mark.sources.items():
         if not (root / source).is_file() or source_digest(root / source) != digest:
             problems.append(Problem(name, f"{where}: was not made from {source} as it is", _again(mark)))
-    for row, revision in mark.of.items():
-        if "/" in row and (row not in rows or rows[row][0] != revision):
-            held = f"holds revision {rows[row][0]}" if row in rows else "has no such row"
-            what = f"{where}: states revision {revision} of {row}, but results/leaderboard {held}"
-            problems.append(Problem(name, what, _again(mark)))
     if problems:
         return problems
     states = _states(mark, rows)
     wanted = sentence_of(mark, states)
-    older = tuple(sorted(row for row, state in states.items() if state is State.OLDER))
-    if printed.sentence == wanted and (not mark.older or mark.older == older):
+    if printed.sentence == wanted and (not mark.rows or mark.older == older_digest(states)):
         return []
-    if any("/" in row for row in mark.of):
+    if mark.rows:
         remedy = _again(mark)
     else:
         remedy = f"{_again(mark)} and `{CHECK_COMMAND} --measured {name}`, or let it say so: `{CHECK_COMMAND} --stamp {name}`"
@@ -214,11 +208,13 @@ def _again(mark: Mark) -> str:
 
 
 def _states(mark: Mark, rows: Rows) -> dict[str, State]:
+    if mark.rows:
+        found = {name: state for name, state in rows.items() if any(fnmatchcase(name, each) for each in mark.rows)}
+        if not found:
+            raise ResultsError(f"no row of results/leaderboard matches {', '.join(mark.rows)}")
+        return found
+
     def state(name: str, revision: str | None) -> State:
-        if "/" in name:
-            if name not in rows:
-                raise ResultsError(f"a mark names the row {name}, which results/leaderboard does not have")
-            return rows[name][1]
         if revision is None:
             return State.UNRECORDED
         return State.TODAY if revision_today(name) == revision else State.OLDER
@@ -229,8 +225,9 @@ def _states(mark: Mark, rows: Rows) -> dict[str, State]:
 def _as_measured(root: Path, mark: Mark, rows: Rows) -> Mark:
     return replace(
         mark,
-        of={name: rows[name][0] if name in rows else revision_today(name) for name in mark.of},
+        of={name: revision_today(name) for name in mark.of},
         sources={source: source_digest(root / source) for source in mark.sources},
+        older=older_digest(_states(mark, rows)) if mark.rows else "",
     )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cache
+from pathlib import Path
 
+from benchmark.run.provenance import RunProvenance
 from benchmark.run.shared_detections import shared_detector
+from benchmark.solvers.definition import SPEC_NAME
 from benchmark.solvers.registry import known_solvers, solver_folder
-from benchmark.tasks.definition import SPLITS, load_task, task_names
+from benchmark.tasks.definition import SPLITS, TASK_SUFFIX, load_task, load_task_file, task_names
 
 
 class State(StrEnum):
@@ -27,12 +29,13 @@ class Origin:
     Attributes
     ----------
     solver : str
+        Its name or folder; empty where no command runs it.
     revision : str or None
         None where it was not recorded.
     detector : str or None
         Name of the shared detector; None where the solver detected by itself.
     task, split : str
-        Label, ``bortle@1``, and split.
+        What `skybench bench run` is given to get the frames, ``bortle@1`` or the path of a task's file; and split.
     task_sha256, scenario_sha256 : str
     """
 
@@ -52,12 +55,11 @@ class Today:
     Attributes
     ----------
     revisions : mapping of str to str
-        Of the solvers that come with skybench, by name.
+        Of the solvers that are at hand, by name or folder.
     detector : str
         Name of the shared detector.
     tasks : mapping of (str, str) to (str, str)
-        By label and split, the hashes of the task and of the split's scenario. A label of an earlier revision of a task
-        has those of today's.
+        By task and split, the hashes of the task and of the split's scenario; an earlier revision of a task has today's.
     """
 
     revisions: Mapping[str, str]
@@ -85,32 +87,50 @@ class Age:
     @property
     def words(self) -> str:
         """In a sentence without its stop."""
-        head = f"revision {self.revision}" if self.revision else "made before revisions were recorded"
-        return f"{head}; not of today's code: {', '.join(self.reasons)}" if self.reasons else head
+        head = f"revision {self.revision}" if self.revision else "revision not recorded"
+        return "; ".join((head, *self.reasons))
 
 
 def today(origins: Iterable[Origin]) -> Today:
-    """Look at the code as it is installed, as far as some results are concerned."""
+    """Look at the code as it is now, as far as some results are concerned."""
     wanted = list(origins)
-    solvers = {origin.solver for origin in wanted} & set(known_solvers())
-    splits = {(origin.task, origin.split) for origin in wanted}
-    frames = {(label, split): found for label, split in sorted(splits) if (found := _frames(label, split))}
-    return Today({name: _revision(name) for name in sorted(solvers)}, shared_detector(), frames)
+    solvers = sorted({origin.solver for origin in wanted})
+    splits = sorted({(origin.task, origin.split) for origin in wanted})
+    revisions = {solver: found for solver in solvers if (found := _revision(solver))}
+    frames = {(task, split): hashes for task, split in splits if (hashes := _frames(task, split))}
+    return Today(revisions, shared_detector(), frames)
 
 
-@cache
-def _revision(solver: str) -> str:
-    return solver_folder(solver).revision
+def _revision(solver: str) -> str | None:
+    """Revision of a solver by its name or folder; None where it is not at hand."""
+    at_hand = solver in known_solvers() or (solver and (Path(solver) / SPEC_NAME).is_file())
+    return solver_folder(solver).revision if at_hand else None
 
 
-@cache
-def _frames(label: str, split: str) -> tuple[str, str] | None:
-    """Hashes of a task and of a split's scenario; None for frames that are not of a task of skybench."""
-    name = label.partition("@")[0]
-    if name not in task_names() or split not in SPLITS:
+def _frames(target: str, split: str) -> tuple[str, str] | None:
+    """Hashes of a task and of a split's scenario; None for frames of no task that is at hand."""
+    if split not in SPLITS:
         return None
-    task = load_task(name)
-    return task.sha256, task.scenario_of(split).sha256
+    if target.endswith(TASK_SUFFIX):
+        task = load_task_file(Path(target)) if Path(target).is_file() else None
+    else:
+        name = target.partition("@")[0]
+        task = load_task(name) if name in task_names() else None
+    return (task.sha256, task.scenario_of(split).sha256) if task else None
+
+
+def origin_of(source: RunProvenance) -> Origin:
+    """What a result's provenance states."""
+    frames = source.frames
+    return Origin(
+        solver=source.solver.target or "",
+        revision=source.solver.revision,
+        detector=source.solver.detector if source.detections == "shared" else None,
+        task=frames.target,
+        split=frames.split,
+        task_sha256=frames.definition_sha256 or "",
+        scenario_sha256=frames.scenario_sha256,
+    )
 
 
 def age_of(origin: Origin, now: Today) -> Age | None:
@@ -119,7 +139,7 @@ def age_of(origin: Origin, now: Today) -> Age | None:
     Returns
     -------
     Age or None
-        None where today's code is not at hand: a solver or frames of the user's own.
+        None where today's code is not at hand: a Python object, a submission, frames that are not of a task.
     """
     revision = now.revisions.get(origin.solver)
     frames = now.tasks.get((origin.task, origin.split))
@@ -127,11 +147,11 @@ def age_of(origin: Origin, now: Today) -> Age | None:
         return None
     reasons = []
     if origin.revision is not None and origin.revision != revision:
-        reasons.append(f"the solver's revision is {revision}")
+        reasons.append(f"today's is {revision}")
     if origin.detector is not None and origin.detector != now.detector and origin.revision is not None:
-        reasons.append(f"the shared detector is {now.detector}, then {origin.detector}")
+        reasons.append(f"detections by {origin.detector}, today's is {now.detector}")
     if frames != (origin.task_sha256, origin.scenario_sha256):
-        reasons.append("the task's frames have changed")
+        reasons.append("the task's frames have changed since")
     if origin.revision is None:
         return Age(State.UNRECORDED, None, tuple(reasons))
     return Age(State.OLDER if reasons else State.TODAY, origin.revision, tuple(reasons))

@@ -4,8 +4,8 @@
 each solver, in the order of the rows of ``PART.json``; null where a solver was not given that frame. ``PART.json`` holds
 a provenance for each row and the SHA-256 of the table that it belongs to, so that neither changes alone.
 
-Errors, covariances, times and memory are kept in single precision, which is more than any page prints. Positions, the
-solver's own account of its stages and its detections are not kept: a run makes them again.
+Covariances, times, memory and the components of errors are kept in single precision, which is more than any page prints.
+Positions, the solver's own account of its stages and its detections are not kept: a run makes them again.
 """
 
 from __future__ import annotations
@@ -22,10 +22,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from benchmark.errors import ResultsError
-from benchmark.stats.frame_metrics import SUCCESS_LEVELS_KM
 
 PACK_FORMAT = "skybench-packed/1"
 ANSWERS = "answers"
@@ -53,7 +51,7 @@ _FRAME_COLUMNS = (
 _ANSWER_COLUMNS = {
     "status": pa.string(),
     "reason": pa.string(),
-    "error_km": pa.float32(),
+    "error_km": pa.float64(),  # solvers with the same stars differ in its last digits, and who is closer counts
     "error_east_km": pa.float32(),
     "error_north_km": pa.float32(),
     "cov_ee_km2": pa.float32(),
@@ -82,6 +80,8 @@ class PackedRow:
         As JSON.
     frames : DataFrame
         As read from its ``frames.parquet``.
+    established : str
+        How the solver's revision was found where the run did not record it; empty where it did, or where nobody knows.
     """
 
     solver: str
@@ -89,6 +89,7 @@ class PackedRow:
     key: str
     provenance: Mapping[str, Any]
     frames: pd.DataFrame
+    established: str = ""
 
 
 def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
@@ -125,16 +126,18 @@ def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
     table = table.append_column(ANSWERS, pa.ListArray.from_arrays(offsets, structs))
     content = _parquet(table)
     listed = [
-        {"solver": row.solver, "detections": row.detections, "key": row.key, "provenance": dict(row.provenance)}
+        {
+            "solver": row.solver,
+            "detections": row.detections,
+            "key": row.key,
+            "revision_established": row.established,
+            "provenance": dict(row.provenance),
+        }
         for row in rows
     ]
-    text = json.dumps(
-        {"format": PACK_FORMAT, "table_sha256": hashlib.sha256(content).hexdigest(), "rows": listed},
-        indent=1,
-        ensure_ascii=False,
-        allow_nan=False,
-    )
-    return content, text.encode() + b"\n"
+    head = {"format": PACK_FORMAT, "table_sha256": hashlib.sha256(content).hexdigest()}
+    lines = ",\n".join(json.dumps(row, ensure_ascii=False, allow_nan=False, separators=(",", ":")) for row in listed)
+    return content, f'{json.dumps(head)[:-1]}, "rows": [\n{lines}\n]}}\n'.encode()
 
 
 def read_packed(listing: Path) -> list[PackedRow]:
@@ -158,7 +161,14 @@ def read_packed(listing: Path) -> list[PackedRow]:
             )
         table = pq.read_table(io.BytesIO(content))
         listed = [
-            (str(row["solver"]), str(row["detections"]), str(row["key"]), row["provenance"]) for row in tree["rows"]
+            (
+                str(row["solver"]),
+                str(row["detections"]),
+                str(row["key"]),
+                row["provenance"],
+                row["revision_established"],
+            )
+            for row in tree["rows"]
         ]
         answers = table[ANSWERS].combine_chunks()
         if (np.diff(answers.offsets.to_numpy()) != len(listed)).any():
@@ -166,12 +176,12 @@ def read_packed(listing: Path) -> list[PackedRow]:
         frames = table.drop_columns([ANSWERS]).to_pandas()
         given = answers.values
         found = []
-        for place, (solver, detections, key, provenance) in enumerate(listed):
+        for place, (solver, detections, key, provenance, established) in enumerate(listed):
             mine = given.take(pa.array(np.arange(place, len(given), len(listed))))
             columns = {name: mine.field(name).to_pandas() for name in _ANSWER_COLUMNS}
             whole = pd.concat([frames, pd.DataFrame(columns)], axis=1)
             kept = whole[mine.is_valid().to_numpy(zero_copy_only=False)].reset_index(drop=True)
-            found.append(PackedRow(solver, detections, key, provenance, kept))
+            found.append(PackedRow(solver, detections, key, provenance, kept, established))
     except (ValueError, KeyError, TypeError, AttributeError, OSError, pa.ArrowException) as error:
         raise ResultsError(f"{listing}: not readable packed results ({error!r}); restore it and {path.name}") from error
     return found
@@ -195,17 +205,7 @@ def _spread(frames: pd.DataFrame, ids: pd.Index) -> dict[str, pd.Series]:
     """One solver's columns over all frames."""
     spread = frames.set_index("frame_id").reindex(ids)
     columns = {name: spread[name] for name in _ANSWER_COLUMNS}
-    columns["error_km"] = pd.Series(_single(columns["error_km"].to_numpy(dtype=np.float64)), index=ids)
     return columns | {"absent": pd.Series(~ids.isin(frames["frame_id"]), index=ids)}
-
-
-def _single(errors: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Errors in single precision; none comes to a limit of success that it is below."""
-    rounded = errors.astype(np.float32)
-    for limit in SUCCESS_LEVELS_KM:
-        raised = (errors < limit) & (rounded >= np.float32(limit))
-        rounded[raised] = np.nextafter(np.float32(limit), np.float32(0.0))
-    return rounded
 
 
 def _interleaved(columns: Sequence[pd.Series], kind: pa.DataType) -> pa.Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.frames.task_frames import DEFAULT_DATA
+from benchmark.report.marks import stated_path
 from benchmark.report.site.boards import Board, Entry
 
 
@@ -31,6 +32,12 @@ class Places:
         """For the command line."""
         chosen = ["--out", str(self.out)]
         return chosen if self.data == DEFAULT_DATA else [*chosen, "--data", str(self.data)]
+
+
+def report_command(places: Places, figure: Path | None = None) -> str:
+    """Command that writes the report, and the leaderboard as a picture."""
+    more = [] if figure is None else ["--figure", stated_path(figure)]
+    return shlex.join(["skybench", "bench", "report", "--out", stated_path(places.out), *more])
 
 
 def commands_of(runs: Sequence[tuple[Board, Sequence[Entry]]], places: Places) -> tuple[str, ...]:

@@ -6,25 +6,34 @@ import math
 import textwrap
 from collections.abc import Sequence
 
+from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.report.formatting import percent
 from benchmark.report.site.panels import colour_of
+from benchmark.report.site.revisions import PageMark, not_of_today
 from benchmark.report.site.site_view import MatrixRow, SiteView
 from generator.drawing.palette import INK, SOFT
 from generator.drawing.style import DPI, axes_at, house_style, new_figure
 from generator.drawing.svg import standalone_svg
 
 _LEAST_WIDTH_PX = 660
-_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 30, 90, 54, 18
+_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 30, 90, 72, 18
 _LINE_LETTERS = 18
 _TICKS = ((0.0, "0"), (0.5, ""), (1.0, "100 %"))
 
 
 @house_style()
-def leaderboard_svg(view: SiteView) -> str:
-    """Draw the matrix of successes in the first mode of detections; the picture follows the reader from light to dark."""
+def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
+    """Draw the matrix of successes in the first mode of detections; the picture follows the reader from light to dark.
+
+    Parameters
+    ----------
+    view : SiteView
+    mark : PageMark
+        Of the results that are drawn.
+    """
     matrix = next(matrix for matrix in view.matrices if matrix.key == "success")
     rows = [row for row in matrix.rows if row.detections == view.modes[0]]
     width = max(_EDGE_PX * 2 + _NAME_PX + len(view.tasks) * (_CELL_PX + _GAP_PX), _LEAST_WIDTH_PX)
@@ -32,6 +41,8 @@ def leaderboard_svg(view: SiteView) -> str:
     figure = new_figure(width, height)
     for n, row in enumerate(rows):
         _words(figure, _EDGE_PX, _HEAD_PX + _ROW_PX * (n + 0.5), _short(row.label), bold=True)
+        if not_of_today(entry for _, entry in row.cells if entry is not None):
+            _words(figure, _EDGE_PX + _NAME_PX - 14, _HEAD_PX + _ROW_PX * (n + 0.5), "°", soft=True)
     for column, task in enumerate(view.tasks):
         left = _EDGE_PX + _NAME_PX + column * (_CELL_PX + _GAP_PX)
         _words(figure, left, 24, task.name, bold=True)
@@ -40,8 +51,10 @@ def leaderboard_svg(view: SiteView) -> str:
             _words(figure, left, 41 + 15 * number, line, soft=True)
         _draw_task(axes_at(figure, left, _HEAD_PX, _CELL_PX, _ROW_PX * len(rows)), rows, column)
     note = f"Share of frames solved to within 10 km, with 95 % intervals; {view.modes[0]} detections."
-    _words(figure, _EDGE_PX, height - 18, note, soft=True)
-    return standalone_svg(figure, f"Success of {len(rows)} solvers on {len(view.tasks)} tasks", note)
+    _words(figure, _EDGE_PX, height - 36, note, soft=True)
+    _words(figure, _EDGE_PX, height - 18, f"{mark.sentence} ° not of today's code.", soft=True)
+    drawing = standalone_svg(figure, f"Success of {len(rows)} solvers on {len(view.tasks)} tasks", note)
+    return drawing.replace("</svg>", f"{mark.line}\n<desc>{escape(mark.sentence)}</desc>\n</svg>")
 
 
 def _draw_task(axes: Axes, rows: Sequence[MatrixRow], column: int) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,11 +19,20 @@ from benchmark.report.formatting import interval, number, percent
 from benchmark.report.site import charts, columns
 from benchmark.report.site.boards import Board, Entry, make_board
 from benchmark.report.site.charts import Mark, Style
-from benchmark.report.site.commands import Places, commands_of
+from benchmark.report.site.commands import Places, commands_of, report_command
 from benchmark.report.site.failures import KINDS, Failure, counts_by_kind, failures_of, listed
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.leaderboard_figure import leaderboard_svg
 from benchmark.report.site.pictures import MOST_PICTURES, Pictures, remove_others, worst_cards, write_pictures
+from benchmark.report.site.revisions import (
+    board_pattern,
+    entries_of,
+    is_older,
+    not_of_today,
+    page_mark,
+    revision_words,
+    solver_mark,
+)
 from benchmark.report.site.site_view import (
     board_provenance,
     board_verdict,
@@ -119,7 +130,8 @@ def render_site(
     styles = make_styles(boards)
     view = make_view(boards, styles, places)
     template = _templates(styles)
-    pages = {"index.html": template("index.html").render(site=view)}
+    by = report_command(places)
+    pages = {"index.html": template("index.html").render(site=view, mark=page_mark(entries_of(boards), ["*"], by))}
     anchors = {}
     for board, failures, shown in zip(boards, failed, pictures, strict=True):
         cards = worst_cards(board, shown)
@@ -136,6 +148,7 @@ def render_site(
             n_failures=len(failures),
             provenance=board_provenance(board),
             commands=commands,
+            mark=page_mark(board.entries, [board_pattern(board)], by),
         )
         pages[board.failures_file_name] = _failures_page(template, board, failures, shown, places)
     for solver in view.solvers:
@@ -146,7 +159,11 @@ def render_site(
         ]
         commands = commands_of([(board, [entry]) for board, entry in solver.entries], places)
         pages[solver.file_name] = template("solver.html").render(
-            solver=solver, curves=curves, anchors=anchors, commands=commands
+            solver=solver,
+            curves=curves,
+            anchors=anchors,
+            commands=commands,
+            mark=solver_mark([entry for _, entry in solver.entries], by),
         )
     return pages
 
@@ -173,18 +190,26 @@ def _failures_page(
         counts=counts_by_kind(board, failures),
         kinds=KINDS,
         n_failures=len(failures),
+        mark=page_mark(board.entries, [board_pattern(board)], report_command(places)),
         n_pictures=len(pictures.frames),
-        content=content,
+        packed=pack_data(content),
         script=Markup(script),
         script_hash=_hash(script),
         commands=commands if not pictures.at_hand else (*commands[:-1], more),
     )
 
 
-def render_figure(boards: Sequence[Board]) -> str:
-    """The leaderboard as one picture, SVG."""
-    view = make_view(boards, make_styles(boards), Places(Path()))
-    return leaderboard_svg(view)
+def pack_data(content: Mapping[str, Any]) -> str:
+    """Data for a page's script: JSON, compressed by gzip, in base64. The same data give the same text."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode("ascii")
+
+
+def render_figure(boards: Sequence[Board], places: Places, figure: Path) -> str:
+    """The leaderboard as one picture, SVG, for a file of that name."""
+    view = make_view(boards, make_styles(boards), places)
+    shown = [board for board in boards if board.detections == view.modes[0]]
+    return leaderboard_svg(view, page_mark(entries_of(shown), [f"*/{view.modes[0]}/*"], report_command(places, figure)))
 
 
 def style_sheet() -> str:
@@ -209,6 +234,9 @@ def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
         break_interval=columns.break_interval,
         signed=columns.signed,
         p_value=columns.p_value,
+        revision_words=revision_words,
+        is_older=is_older,
+        not_of_today=not_of_today,
         number=number,
         percent=percent,
         interval=interval,

@@ -11,6 +11,7 @@ from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.charts import SHAPES, Style
 from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.commands import Places, commands_of
+from benchmark.report.site.revisions import revision_words
 from benchmark.report.site.tree import TaskFacts
 
 COLOURS = 8
@@ -238,9 +239,11 @@ def run_words(entry: Entry) -> str:
         f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
     )
     versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
+    found = f" ({entry.stored.established})" if entry.stored.established else ""
     return (
-        f"key {entry.stored.key}, version {run.solver.version}, detector {run.solver.detector}, run {run.date_utc} with "
-        f"{run.jobs} process{'es' if run.jobs != 1 else ''} on {machine}; {versions}"
+        f"{revision_words(entry)}{found}; key {entry.stored.key}, version {run.solver.version}, "
+        f"detector {run.solver.detector}, run {run.date_utc} with {run.jobs} process{'es' if run.jobs != 1 else ''} "
+        f"on {machine}; {versions}"
     )
 
 

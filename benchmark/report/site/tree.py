@@ -1,4 +1,8 @@
-"""Reading a tree of results, ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/`` (docs/benchmark.md)."""
+"""Reading a tree of results (docs/benchmark.md), raw and packed.
+
+Raw results lie in ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/``, packed ones in ``RESULTS/LABEL/PART.json`` and
+``PART.parquet``. A raw result takes the place of the packed ones of the same solver on the same frames.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,9 @@ import pyarrow.parquet as pq
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameFacts
 from benchmark.judge.outcome import DetectionRow
-from benchmark.run.provenance import RunProvenance
+from benchmark.run.freshness import Age, age_of, origin_of, today
+from benchmark.run.packed import read_packed
+from benchmark.run.provenance import RunProvenance, read_provenance
 from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.frame_metrics import SUCCESS_LEVELS_KM, read_frames
@@ -23,6 +29,7 @@ from benchmark.stats.metrics import ERROR, FIX
 
 SUCCESS_METRICS = tuple(f"success_{limit:g}km" for limit in SUCCESS_LEVELS_KM)
 _PATTERN = f"*@*/*/*/*/{SUMMARY_NAME}"
+_PACKED_PATTERN = "*@*/*.json"
 GRADED = "condition"
 """Column of the value that a task grades."""
 
@@ -77,7 +84,25 @@ class TaskFacts:
 
 @dataclass(frozen=True, eq=False)
 class StoredResult:
-    """One solver's result, as read; `label` tells it from the others of its board."""
+    """One solver's result, as read.
+
+    Attributes
+    ----------
+    folder : Path
+        Of its raw result, whether it is there or packed.
+    solver, family, title, split, detections, key : str
+    label : str
+        Tells it from the others of its board.
+    task : TaskFacts
+    provenance : RunProvenance
+    frames : DataFrame
+    source : Path
+        File that says where it comes from.
+    established : str
+        How the solver's revision was found, where the run did not record it.
+    age : Age or None
+        How it stands to today's code; None where that is not at hand.
+    """
 
     folder: Path
     solver: str
@@ -90,6 +115,9 @@ class StoredResult:
     key: str
     provenance: RunProvenance
     frames: pd.DataFrame
+    source: Path
+    established: str = ""
+    age: Age | None = None
 
     def detections_in(self, frame_ids: Collection[str]) -> dict[str, list[DetectionRow]]:
         """Detections by frame; of no frame where the table of detections is not at hand.
@@ -127,9 +155,16 @@ def read_tree(root: Path) -> list[list[StoredResult]]:
     ResultsError
         There is none, or a file is damaged.
     """
+    raw = [_read(summary) for summary in sorted(root.glob(_PATTERN))]
+    replaced = {(result.folder.parent, result.solver) for result in raw}
+    packed = [result for listing in sorted(root.glob(_PACKED_PATTERN)) for result in _unpacked(listing)]
+    kept = [result for result in packed if (result.folder.parent, result.solver) not in replaced]
+    found = sorted((*raw, *kept), key=lambda result: result.folder)
+    now = today(origin_of(result.provenance) for result in found)
     groups: defaultdict[Path, list[StoredResult]] = defaultdict(list)
-    for summary in sorted(root.glob(_PATTERN)):
-        groups[summary.parents[1]].append(_read(summary))
+    for result in found:
+        age = age_of(origin_of(result.provenance), now)
+        groups[result.folder.parent].append(dataclasses.replace(result, age=age))
     if not groups:
         raise ResultsError(
             f"{root}: no results in it; make some with `skybench bench run TASK|DIR --solver NAME --out {root}`"
@@ -139,18 +174,38 @@ def read_tree(root: Path) -> list[list[StoredResult]]:
 
 def _read(path: Path) -> StoredResult:
     summary = read_summary(path)
-    folder, source = path.parent, summary.provenance
+    folder = path.parent
     frames = read_frames(folder / FRAMES_NAME)
     counts = len(frames), int((frames["status"] == FIX).sum()), int((frames["status"] == ERROR).sum())
     if counts != (summary.n_frames, summary.n_fixes, summary.n_errors):
         raise ResultsError(f"{folder / FRAMES_NAME}: does not belong to {SUMMARY_NAME}; {RUN_AGAIN}")
+    return _stored(path, folder, summary.solver, summary.provenance, frames)
+
+
+def _unpacked(listing: Path) -> list[StoredResult]:
+    found = []
+    for row in read_packed(listing):
+        try:
+            source = read_provenance(row.provenance)
+        except ResultsError as error:
+            raise ResultsError(f"{listing}: {row.solver}: {error}; restore it") from error
+        if (source.frames.place, source.detections) != (Path(listing.parent.name) / listing.stem, row.detections):
+            raise ResultsError(f"{listing}: {row.solver}: holds a result of {source.frames.place}; restore it")
+        folder = listing.with_suffix("") / row.detections / f"{row.solver}-{row.key}"
+        found.append(_stored(listing, folder, row.solver, source, row.frames, row.established))
+    return found
+
+
+def _stored(
+    path: Path, folder: Path, solver: str, source: RunProvenance, frames: pd.DataFrame, established: str = ""
+) -> StoredResult:
     if source.frames.metric not in SUCCESS_METRICS:
         raise ResultsError(f"{path}: metric {source.frames.metric!r} is not one of {', '.join(SUCCESS_METRICS)}")
     return StoredResult(
         folder=folder,
-        solver=summary.solver,
-        label=summary.solver,
-        family=family_of(summary.solver),
+        solver=solver,
+        label=solver,
+        family=family_of(solver),
         title=source.solver.title,
         task=_task_facts(source.frames),
         split=source.frames.part,
@@ -158,6 +213,8 @@ def _read(path: Path) -> StoredResult:
         key=source.key,
         provenance=source,
         frames=frames,
+        source=path,
+        established=established,
     )
 
 

@@ -173,15 +173,18 @@ def _check_pairs(first: Rows, second: Rows) -> None:
 def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS) -> None:
     """Write rows, data classes of one kind, as one Parquet file; units are in the fields' metadata.
 
-    Numbers that are not finite are null.
+    Numbers that are not finite are null; times are in single precision.
     """
     kinds = {"str": pa.string(), "float": pa.float64(), "int": pa.int32()}
+    # A clock's last digits are noise, and noise cannot be compressed.
+    times = {field.name: pa.float32() for field in dataclasses.fields(rows[0]) if field.name.endswith("_ms")}
     fields, columns = [], []
     for field in dataclasses.fields(rows[0]):
         values = [getattr(row, field.name) for row in rows]
         if field.type == "float":
             values = [value if math.isfinite(value) else None for value in values]
-        fields.append(pa.field(field.name, kinds[str(field.type)], metadata={"unit": units.get(field.name, "")}))
+        kind = times.get(field.name, kinds[str(field.type)])
+        fields.append(pa.field(field.name, kind, metadata={"unit": units.get(field.name, "")}))
         columns.append(pa.array(values, type=fields[-1].type))
     write_table(path, pa.Table.from_arrays(columns, schema=pa.schema(fields)))
 
@@ -189,5 +192,5 @@ def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS
 def write_table(path: Path, table: pa.Table) -> None:
     """Write a table as one Parquet file, whole or not at all."""
     sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, compression="zstd")
+    pq.write_table(table, sink, compression="zstd", compression_level=15)
     write_atomically(path, sink.getvalue().to_pybytes())

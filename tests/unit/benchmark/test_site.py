@@ -10,6 +10,7 @@ import re
 import shutil
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
@@ -338,7 +339,7 @@ def test_sixteen_boards_of_twelve_solvers_stay_below_five_megabytes(boards, tmp_
 
 
 def test_the_leaderboard_as_a_picture_stands_alone(boards):
-    drawing = render_figure(boards)
+    drawing = render_figure(boards, Places(Path("results")), Path("board.svg"))
     root = ET.fromstring(drawing)
     words = [one.text for one in root.iter("{http://www.w3.org/2000/svg}text")]
     assert {"skybench", "never", "bortle", "motion", "thesis-mag"} <= set(words)

@@ -8,13 +8,12 @@ import pytest
 
 from benchmark.errors import ResultsError
 from benchmark.report import stale
-from benchmark.report.marks import Mark, find_marks, sentence_of
-from benchmark.report.stale import check_marks, mark_of, revision_today, source_digest, stamp
+from benchmark.report.marks import Mark, find_marks, older_digest, sentence_of
+from benchmark.report.stale import check_marks, mark_of, revision_today, source_digest, stamp_file
 from benchmark.run.freshness import Age, Origin, State, Today, age_of, today
 from benchmark.solvers.registry import solver_folder
 
 COMMAND = "skybench speed --solver --fields 1000"
-ROW = "bortle@1/dev/own/skybench"
 OLDER = "0123456789ab"
 
 
@@ -99,44 +98,38 @@ def test_a_damaged_mark_fails(root: Path, text: str) -> None:
 def test_something_unknown_fails(root: Path) -> None:
     write(root, Mark(COMMAND, {"the moon": OLDER}), f"Measured with revision {OLDER} of the moon.")
     (problem,) = check_marks(root, {})
-    assert "'the moon': neither a solver, nor a row" in str(problem)
+    assert "'the moon': neither a solver, nor" in str(problem)
 
 
 def test_rows_of_the_leaderboard(root: Path) -> None:
-    write(root, Mark("skybench bench report", {ROW: OLDER}), f"Measured with revision {OLDER} of {ROW}.")
-    assert check_marks(root, {ROW: (OLDER, State.TODAY)}) == []
-    (problem,) = check_marks(root, {ROW: (OLDER, State.OLDER)})
-    assert problem.remedy == "make it again: `skybench bench report`"
-    (problem,) = check_marks(root, {ROW: ("ffffffffffff", State.TODAY)})
-    assert f"states revision {OLDER} of {ROW}, but results/leaderboard holds revision ffffffffffff" in str(problem)
-    (problem,) = check_marks(root, {})
-    assert "has no such row" in str(problem)
-
-
-def test_a_list_of_older_rows_must_be_the_true_one(root: Path) -> None:
-    rows = {f"bortle@1/dev/own/{n}": (OLDER, State.OLDER if n < 2 else State.TODAY) for n in range(5)}
-    names = sorted(rows)
-    mark = Mark("skybench bench report", dict.fromkeys(names, OLDER), older=tuple(names[:2]))
-    sentence = sentence_of(mark, {name: state for name, (_, state) in rows.items()})
-    assert sentence.endswith("3 of 5 rows are of today's code, 2 of older revisions.")
+    rows = {f"bortle@1/dev/own/{n}": State.OLDER if n < 2 else State.TODAY for n in range(5)}
+    others = {"bortle@1/dev/shared/0": State.TODAY}
+    mark = Mark("skybench bench report", rows=("bortle@1/dev/own/*",), older=older_digest(rows))
+    sentence = sentence_of(mark, rows)
+    assert sentence == "Measured with 5 results: 3 of today's code, 2 of older revisions."
     write(root, mark, sentence)
-    assert check_marks(root, rows) == []
-    swapped = rows | {names[0]: (OLDER, State.TODAY), names[4]: (OLDER, State.OLDER)}
-    assert len(check_marks(root, swapped)) == 1
+    assert check_marks(root, rows | others) == []
+    # A row that grows old, and another one instead of it.
+    one_more = {"bortle@1/dev/own/4": State.OLDER}
+    for change in (one_more, one_more | {"bortle@1/dev/own/0": State.TODAY}):
+        (problem,) = check_marks(root, rows | change)
+        assert problem.remedy == "make it again: `skybench bench report`"
+    (problem,) = check_marks(root, others)
+    assert "no row of results/leaderboard matches bortle@1/dev/own/*" in str(problem)
 
 
 def test_stamping_lets_older_numbers_say_so(root: Path) -> None:
     path = marked(root, OLDER, f"Measured with revision {OLDER} of skybench.")
-    assert stamp(root, path, {}, measured=False) == 1
+    assert stamp_file(root, path, {}, measured=False) == 1
     assert check_marks(root, {}) == []
     assert f"*Measured with revision {OLDER} of skybench, which is not today's.*\n" in path.read_text()
-    assert stamp(root, path, {}, measured=False) == 0
+    assert stamp_file(root, path, {}, measured=False) == 0
 
 
 def test_stamping_after_a_measurement_states_todays_revision_and_sources(root: Path) -> None:
     path = marked(root, None, "Measured before revisions of skybench were recorded.")
     (root / "results" / "study.json").write_text('{"solved": 0.97}')
-    assert stamp(root, path, {}, measured=True) == 1
+    assert stamp_file(root, path, {}, measured=True) == 1
     assert check_marks(root, {}) == []
     (printed,) = find_marks(path.read_text())
     assert printed.mark.of == {"skybench": solver_folder("skybench").revision}
@@ -148,7 +141,7 @@ def test_stamping_needs_a_sentence_to_replace(root: Path) -> None:
     path = root / "docs" / "solver.md"
     path.write_text(Mark(COMMAND, {"skybench": None}).line() + "\n| solved |\n")
     with pytest.raises(ResultsError, match="line 2 must hold the words"):
-        stamp(root, path, {}, measured=False)
+        stamp_file(root, path, {}, measured=False)
 
 
 def test_a_mark_is_a_comment_of_xml() -> None:
@@ -179,7 +172,7 @@ def test_a_result_of_todays_code_and_frames() -> None:
 def test_a_result_is_older_where_solver_detector_or_frames_have_changed() -> None:
     found = age_of(origin(revision="f" * 12), NOW)
     assert found is not None
-    assert found.words == f"revision {'f' * 12}; not of today's code: the solver's revision is {OLDER}"
+    assert found.words == f"revision {'f' * 12}; today's is {OLDER}"
     for change in ({"detector": "celnav-2"}, {"task_sha256": "u"}, {"scenario_sha256": "u"}):
         changed = age_of(origin(**change), NOW)
         assert changed is not None
@@ -189,15 +182,15 @@ def test_a_result_is_older_where_solver_detector_or_frames_have_changed() -> Non
 def test_an_unrecorded_revision_is_said_to_be_one() -> None:
     found = age_of(origin(revision=None), NOW)
     assert found == Age(State.UNRECORDED, None)
-    assert found.words == "made before revisions were recorded"
+    assert found.words == "revision not recorded"
 
 
-def test_solvers_and_frames_of_the_users_own_have_no_age() -> None:
+def test_solvers_and_frames_that_are_not_at_hand_have_no_age() -> None:
     assert age_of(origin(solver="mine"), NOW) is None
     assert age_of(origin(task="my-frames@3"), NOW) is None
 
 
 def test_today_is_what_is_installed() -> None:
-    found = today([origin(), origin(solver="mine", task="mine@1")])
+    found = today([origin(), origin(solver="./nowhere", task="nowhere.task.yaml"), origin(solver="", task="out/mine")])
     assert found.revisions == {"skybench": solver_folder("skybench").revision}
     assert set(found.tasks) == {("bortle@1", "dev")}

@@ -1,0 +1,204 @@
+"""Commands that keep results of today's code: `skybench bench boards`, `pack-results`, `stale` and `revisions`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import TaskID
+from rich.table import Table
+
+from benchmark.cli.errors import fail
+from benchmark.cli.progress import progress_bars
+from benchmark.errors import BenchmarkError
+
+if TYPE_CHECKING:
+    from benchmark.report.refresh import BoardsRequest
+    from benchmark.report.refresh_plan import Plan
+    from benchmark.report.stale import Rows
+
+EXIT_PROBLEMS = 1
+_LEADERBOARD = Path("results/leaderboard")
+_Out = Annotated[Path, typer.Option("--out", help="Results folder.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command(
+        "boards", epilog="Example: skybench bench boards --plan. Exit status: 0 all made, 1 some rows cannot run here."
+    )(boards)
+    app.command("pack-results", epilog="Example: skybench bench pack-results --out results/leaderboard")(pack_results)
+    app.command("stale", epilog="Example: skybench bench stale. Exit status: 0 all is as it says, 1 not.")(stale)
+    app.command("revisions", epilog="Example: skybench bench revisions --tree ../checkout")(revisions)
+
+
+def boards(
+    tasks: Annotated[
+        list[str] | None, typer.Argument(metavar="[TASK|TASKFILE]…", help="Default: all tasks of skybench.")
+    ] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option("--solver", help="Name or folder; repeat for several. Default: all that come with skybench."),
+    ] = None,
+    out: _Out = _LEADERBOARD,
+    plan: Annotated[bool, typer.Option("--plan", help="Print what would be run and an estimate, and end.")] = False,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,
+    frames: Annotated[
+        int | None, typer.Option("--frames", min=1, help="Frames at each condition; default: the task's number.")
+    ] = None,
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder for the tasks' frames; missing ones are rendered.")
+    ] = Path("out/tasks"),
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
+    ] = None,
+) -> None:
+    """Run the rows that are missing or not of today's code, pack all results and write the pages."""
+    from benchmark.report.refresh import BoardsRequest, plan_boards, run_plan  # loads the solvers
+    from benchmark.run.packing import pack_tree
+    from benchmark.solvers.registry import known_solvers
+    from benchmark.tasks.definition import task_names
+
+    request = BoardsRequest(tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames)
+    try:
+        found = plan_boards(request)
+        _print_plan(found, request)
+        if plan or not found.jobs:
+            return
+        pack_tree(out)
+        with progress_bars() as bar:
+            lines: dict[str, TaskID] = {}
+
+            def advance(name: str, count: int) -> None:
+                if name not in lines:
+                    lines[name] = bar.add_task(name, total=None)
+                bar.advance(lines[name], count)
+
+            left = run_plan(found, request, advance)
+        pack_tree(out)
+        _report(out, data, figure)
+    except BenchmarkError as error:
+        fail(error)
+    for obstacle in left:
+        typer.echo(f"not made: {obstacle}", err=True)
+    if left:
+        raise typer.Exit(EXIT_PROBLEMS)
+
+
+def _print_plan(found: Plan, request: BoardsRequest) -> None:
+    from benchmark.report.formatting import duration
+    from benchmark.report.refresh import missing_frames
+
+    table = Table(title="Rows to be made", title_justify="left")
+    for heading in ("task", "detections", "solver", "why", "frames", "estimate"):
+        table.add_column(heading, overflow="fold")
+    for job in found.jobs:
+        place = job.place
+        table.add_row(
+            place.task, place.detections, place.solver, job.why, str(job.n_frames), duration(job.seconds / request.jobs)
+        )
+    console = Console()
+    if found.jobs:
+        console.print(table)
+    unrendered = missing_frames(found, request)
+    whole = duration(found.seconds(request.jobs, unrendered))
+    typer.echo(
+        f"{len(found.jobs)} rows to be made, {len(found.fresh)} of today's code; {unrendered} frames to be rendered; "
+        f"about {whole} with {request.jobs} process{'es' if request.jobs != 1 else ''}"
+    )
+
+
+def _report(out: Path, data: Path, figure: Path | None) -> None:
+    from benchmark.report.site.commands import Places
+    from benchmark.report.site.pages import make_boards, render_figure, write_site
+    from benchmark.run.results import write_atomically
+
+    with progress_bars("boards") as bar:
+        line = bar.add_task("comparing", total=None)
+        made = make_boards(out, lambda done, of: bar.update(line, completed=done, total=of))
+    if figure is not None:
+        write_atomically(figure, render_figure(made, Places(out, data), figure).encode())
+    typer.echo(str(write_site(made, Places(out, data))))
+
+
+def pack_results(out: _Out = _LEADERBOARD) -> None:
+    """Put raw results into one table to a task; a raw result takes the place of a packed one of the same solver.
+
+    Positions, detections and the solvers' own account of their times are not kept: `bench run` makes them again.
+    """
+    from benchmark.run.packing import pack_tree
+
+    try:
+        packed = pack_tree(out)
+    except BenchmarkError as error:
+        fail(error)
+    for table in packed:
+        typer.echo(f"{table.listing}: {table.n_new} of {table.n_rows} rows new, {table.size_bytes / 1000:.0f} kB")
+    if not packed:
+        typer.echo(f"{out}: no raw results in it")
+
+
+def stale(
+    root: Annotated[Path, typer.Option("--root", help="Folder of the repository.")] = Path(),
+    stamp: Annotated[
+        list[Path] | None,
+        typer.Option("--stamp", help="Let a file say which of its numbers are not of today's code."),
+    ] = None,
+    measured: Annotated[
+        list[Path] | None,
+        typer.Option("--measured", help="The numbers in a file have just been measured: state today's revision."),
+    ] = None,
+) -> None:
+    """Check that all measured numbers are of the revision that is printed beside them.
+
+    Results, pages, figures and tables of documents carry a mark; numbers of an older revision may stay where it says so.
+    """
+    from benchmark.report.stale import check_marks, stamp_file
+
+    try:
+        place = root.resolve()
+        rows = _rows(place / _LEADERBOARD)
+        for paths, new in ((stamp or [], False), (measured or [], True)):
+            for path in paths:
+                typer.echo(f"{path}: {stamp_file(place, path.resolve(), rows, new)} marks changed")
+        problems = check_marks(place, rows)
+    except BenchmarkError as error:
+        fail(error)
+    for problem in problems:
+        typer.echo(f"skybench: {problem}", err=True)
+    if problems:
+        raise typer.Exit(EXIT_PROBLEMS)
+    typer.echo("all measured numbers are of the revision that is printed beside them")
+
+
+def _rows(leaderboard: Path) -> Rows:
+    from benchmark.report.site.revisions import row_name, state_of
+    from benchmark.report.site.tree import read_tree
+
+    if not leaderboard.is_dir():
+        return {}
+    found = [stored for group in read_tree(leaderboard) for stored in group]
+    return {row_name(stored): state_of(stored) for stored in found}
+
+
+def revisions(
+    tree: Annotated[
+        Path | None,
+        typer.Option("--tree", help="Folder that holds the packages, such as a checkout; default: as installed."),
+    ] = None,
+) -> None:
+    """Print the revision of every solver, and of the shared detector."""
+    from benchmark.solvers.definition import FOLDER, solver_folders
+    from benchmark.solvers.revision import PackageTree, installed_packages
+
+    packages = installed_packages() if tree is None else PackageTree(tree)
+    folder = FOLDER if tree is None else tree / "benchmark" / "solvers"
+    try:
+        found = {name: solver.revision_among(packages) for name, solver in solver_folders(folder).items()}
+        found["the shared detector"] = packages.detector_revision
+    except (BenchmarkError, OSError, KeyError, SyntaxError) as error:
+        fail(error)
+    for name, revision in found.items():
+        typer.echo(f"{revision}  {name}")

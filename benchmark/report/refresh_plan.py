@@ -1,0 +1,117 @@
+"""What has to be run so that a leaderboard is of today's code: rows that are missing or older, and how long it takes."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from benchmark.run.freshness import Age, State
+from benchmark.run.provenance import DetectionsMode
+
+RENDER_S = 0.1
+"""Time that one process takes to render a frame of a task (docs/performance.md)."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A row of a leaderboard."""
+
+    task: str
+    detections: DetectionsMode
+    solver: str
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is known of a row that is there.
+
+    Attributes
+    ----------
+    age : Age or None
+        None where today's code is not at hand.
+    n_frames : int
+    frame_s : float
+        Mean time of a frame.
+    """
+
+    age: Age | None
+    n_frames: int
+    frame_s: float
+
+
+@dataclass(frozen=True)
+class Job:
+    """A row to be made.
+
+    Attributes
+    ----------
+    place : Place
+    why : str
+    n_frames : int
+    seconds : float
+        Estimate of one process' time, from the row as it was, or from the other rows.
+    """
+
+    place: Place
+    why: str
+    n_frames: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Rows to be made, and those that are of today's code."""
+
+    jobs: tuple[Job, ...]
+    fresh: tuple[Place, ...]
+
+    def seconds(self, processes: int, missing_frames: int) -> float:
+        """Estimate of the whole, with so many frames still to be rendered."""
+        return (sum(job.seconds for job in self.jobs) + RENDER_S * missing_frames) / processes
+
+
+def make_plan(
+    standing: Mapping[Place, Standing],
+    tasks: Mapping[str, int],
+    solvers: Sequence[str],
+    modes: Sequence[DetectionsMode],
+) -> Plan:
+    """Find what is missing or not of today's code.
+
+    Parameters
+    ----------
+    standing : mapping of Place to Standing
+        The rows that are there.
+    tasks : mapping of str to int
+        Labels and the number of frames that each is to be run on.
+    solvers : sequence of str
+        Each has a row to each task in each of the `modes`.
+    modes : sequence of str
+        Rows in another mode of detections that are there are kept up to date too.
+    """
+    wanted = [Place(task, mode, solver) for task in tasks for mode in modes for solver in solvers]
+    others = [place for place in standing if place.task in tasks and place.solver in solvers]
+    usual_s = statistics.median([row.frame_s for row in standing.values()] or [RENDER_S])
+    jobs, fresh = [], []
+    for place in dict.fromkeys(
+        (*wanted, *sorted(others, key=lambda place: (place.task, place.detections, place.solver)))
+    ):
+        row, n = standing.get(place), tasks[place.task]
+        why = _why(row, n)
+        if why:
+            jobs.append(Job(place, why, n, n * (usual_s if row is None else row.frame_s)))
+        else:
+            fresh.append(place)
+    return Plan(tuple(jobs), tuple(fresh))
+
+
+def _why(row: Standing | None, n_frames: int) -> str:
+    """Why a row is to be made; empty where it is not."""
+    if row is None:
+        return "missing"
+    if row.n_frames < n_frames:
+        return f"has {row.n_frames} frames"
+    if row.age is None or row.age.state is State.TODAY:
+        return ""
+    return row.age.words

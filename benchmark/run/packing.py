@@ -1,0 +1,93 @@
+"""Packing a tree of results: raw ones go into the tables of `benchmark.run.packed`, and their folders go."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmark.errors import ResultsError
+from benchmark.run.packed import PackedRow, pack, read_packed
+from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary, write_atomically
+from benchmark.stats.frame_metrics import read_frames
+
+
+@dataclass(frozen=True)
+class PackedTable:
+    """A table that was written: its listing, the rows that came anew, and its size."""
+
+    listing: Path
+    n_new: int
+    n_rows: int
+    size_bytes: int
+
+
+def pack_tree(root: Path) -> list[PackedTable]:
+    """Pack all raw results of a tree; each takes the place of a packed one of the same solver and mode of detections.
+
+    The folders of raw results are removed once the table holds what they held.
+
+    Parameters
+    ----------
+    root : Path
+
+    Returns
+    -------
+    list of PackedTable
+        Of the tables that changed.
+
+    Raises
+    ------
+    ResultsError
+        A result is damaged, results disagree about their frames, or a solver has two raw results for one table.
+    """
+    found: defaultdict[Path, list[tuple[Path, PackedRow]]] = defaultdict(list)
+    for summary in sorted(root.glob(f"*@*/*/*/*/{SUMMARY_NAME}")):
+        found[summary.parents[2]].append((summary.parent, _raw_row(summary)))
+    return [_pack_part(part, raw) for part, raw in sorted(found.items())]
+
+
+def _raw_row(summary: Path) -> PackedRow:
+    stored = read_summary(summary)
+    return PackedRow(
+        solver=stored.solver,
+        detections=stored.provenance.detections,
+        key=stored.provenance.key,
+        provenance=dataclasses.asdict(stored.provenance),
+        frames=read_frames(summary.parent / FRAMES_NAME),
+    )
+
+
+def _pack_part(part: Path, raw: list[tuple[Path, PackedRow]]) -> PackedTable:
+    listing = part.parent / f"{part.name}.json"
+    new = {(row.detections, row.solver): row for _, row in raw}
+    if len(new) < len(raw):
+        twice = sorted({row.solver for _, row in raw if new[row.detections, row.solver] is not row})
+        raise ResultsError(f"{part}: two results of {', '.join(twice)}; delete the folder of the older one")
+    kept = read_packed(listing) if listing.is_file() else []
+    rows = {(row.detections, row.solver): row for row in kept} | new
+    ordered = [rows[place] for place in sorted(rows)]
+    table, text = pack(ordered)
+    write_atomically(listing.with_suffix(".parquet"), table)
+    write_atomically(listing, text)
+    _check(listing, ordered)
+    for folder, _ in raw:
+        shutil.rmtree(folder)
+    for mode in sorted({folder.parent for folder, _ in raw}):
+        if not any(mode.iterdir()):
+            mode.rmdir()
+    if not any(part.iterdir()):
+        part.rmdir()
+    return PackedTable(listing, len(new), len(ordered), len(table) + len(text))
+
+
+def _check(listing: Path, rows: list[PackedRow]) -> None:
+    """Refuse to go on, and so to remove anything, unless the table holds what it was given."""
+    for row, back in zip(rows, read_packed(listing), strict=True):
+        same = (row.solver, row.detections, row.key) == (back.solver, back.detections, back.key)
+        if not same or row.frames["status"].tolist() != back.frames["status"].tolist():
+            raise ResultsError(
+                f"{listing}: does not hold the answers of {row.solver} that were packed; nothing was removed"
+            )

@@ -1,0 +1,185 @@
+"""A leaderboard brought to today's code: only what is missing or older is run, and pages state revisions."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+from unit.benchmark.fake_results import FakeSolver, FakeTask, write_results
+from unit.benchmark.test_tasks import PROGRAM, TINY, TINY_SCENARIO
+
+from benchmark.cli.bench import app
+from benchmark.errors import ResultsError
+from benchmark.report.marks import find_marks, source_digest
+from benchmark.report.refresh_plan import Job, Place, Standing, make_plan
+from benchmark.report.site.boards import make_board
+from benchmark.report.site.columns import CALIBRATION, FULL
+from benchmark.report.site.tree import read_tree
+from benchmark.run.freshness import Age, State
+from benchmark.run.packing import pack_tree
+from benchmark.solvers.definition import read_solver_folder
+
+TODAY, OLDER = Age(State.TODAY, "a" * 12), Age(State.OLDER, "b" * 12, ("today's is " + "a" * 12,))
+UNRECORDED = Age(State.UNRECORDED, None)
+
+
+def test_a_plan_has_what_is_missing_older_unrecorded_or_too_small() -> None:
+    standing = {
+        Place("one@1", "own", "fresh"): Standing(TODAY, 20, 0.5),
+        Place("one@1", "own", "older"): Standing(OLDER, 20, 0.2),
+        Place("one@1", "own", "unrecorded"): Standing(UNRECORDED, 20, 0.1),
+        Place("one@1", "own", "few"): Standing(TODAY, 10, 0.1),
+        Place("one@1", "shared", "older"): Standing(OLDER, 20, 0.3),
+        Place("one@1", "shared", "fresh"): Standing(TODAY, 30, 0.3),
+        Place("other@1", "own", "older"): Standing(OLDER, 20, 0.3),
+        Place("one@1", "own", "gone"): Standing(OLDER, 20, 0.3),
+    }
+    plan = make_plan(standing, {"one@1": 20}, ["fresh", "older", "unrecorded", "few", "absent"], ["own"])
+    assert plan.jobs == (
+        Job(Place("one@1", "own", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 4.0),
+        Job(Place("one@1", "own", "unrecorded"), "revision not recorded", 20, 2.0),
+        Job(Place("one@1", "own", "few"), "has 10 frames", 20, 2.0),
+        Job(Place("one@1", "own", "absent"), "missing", 20, pytest.approx(6.0)),
+        Job(Place("one@1", "shared", "older"), f"revision {'b' * 12}; today's is {'a' * 12}", 20, 6.0),
+    )
+    assert plan.fresh == (Place("one@1", "own", "fresh"), Place("one@1", "shared", "fresh"))
+    assert plan.seconds(2, 40) == pytest.approx((20.0 + 4.0) / 2)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny task and two programs that answer it."""
+    root = tmp_path_factory.mktemp("refresh")
+    (root / "tiny.task.yaml").write_text(TINY)
+    (root / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
+    for name in ("one", "two"):
+        (root / name).mkdir()
+        (root / name / "program.py").write_bytes(PROGRAM.read_bytes())
+        (root / name / "solver.yaml").write_text(
+            f'name: {name}\ntitle: Says Munich\nlicence: MIT\nversion: "1"\ncommand: [python, program.py, well]\n'
+        )
+    return root
+
+
+def boards(folder: Path, *arguments: str) -> str:
+    solvers = ["--solver", str(folder / "one"), "--solver", str(folder / "two")]
+    places = ["--out", str(folder / "results"), "--data", str(folder / "data"), "--frames", "1"]
+    command = ["boards", str(folder / "tiny.task.yaml"), *solvers, *places, *arguments]
+    outcome = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert outcome.exit_code == 0, outcome.output
+    return outcome.output
+
+
+def listed(folder: Path) -> dict[str, Any]:
+    rows = json.loads((folder / "results" / "tiny@1" / "dev.json").read_text())["rows"]
+    return {row["solver"]: row for row in rows}
+
+
+def test_only_stale_rows_are_run(folder: Path) -> None:
+    assert "2 rows to be made, 0 of today's code; 3 frames to be rendered" in boards(folder, "--plan")
+    assert not (folder / "results").exists()
+    boards(folder)
+    first = listed(folder)
+    assert set(first) == {"one", "two"}
+    # Packed, so that no raw result is left, and shown.
+    assert sorted(path.name for path in (folder / "results" / "tiny@1").iterdir()) == ["dev.json", "dev.parquet"]
+    page = folder / "results" / "site" / "tiny@1-dev-own.html"
+    (printed,) = find_marks(page.read_text(encoding="utf-8"))
+    assert printed.sentence == "Measured with 2 results: 2 of today's code."
+    assert printed.mark.sources == {"dev.json": source_digest(folder / "results" / "tiny@1" / "dev.json")}
+    assert f"revision {first['two']['provenance']['solver']['revision']}" in page.read_text(encoding="utf-8")
+
+    # Nothing to do; nor after a comment.
+    assert "0 rows to be made, 2 of today's code" in boards(folder)
+    program = folder / "one" / "program.py"
+    program.write_text("# What a remark!\n" + program.read_text())
+    assert "0 rows to be made, 2 of today's code" in boards(folder)
+    assert listed(folder) == first
+
+    # A change of one solver marks its row, and only it is run again.
+    program.write_text(program.read_text() + "\nANOTHER = 1\n")
+    old, new = first["one"]["provenance"]["solver"]["revision"], read_solver_folder(folder / "one").revision
+    assert old != new
+    outcome = CliRunner().invoke(app, ["report", "--out", str(folder / "results")], catch_exceptions=False)
+    assert outcome.exit_code == 0
+    text = page.read_text(encoding="utf-8")
+    assert f"revision {old}; today&#39;s is {new}" in text
+    (printed,) = find_marks(text)
+    assert printed.sentence == "Measured with 2 results: 1 of today's code, 1 of older revisions."
+    assert "1 rows to be made, 1 of today's code" in boards(folder, "--plan")
+    boards(folder)
+    second = listed(folder)
+    assert second["two"] == first["two"]
+    assert second["one"]["provenance"]["solver"]["revision"] == new
+    assert "0 rows to be made, 2 of today's code" in boards(folder)
+
+
+def test_a_solver_that_cannot_run_is_named_and_the_others_are_made(folder: Path, tmp_path: Path) -> None:
+    for name in ("tiny.task.yaml", "tiny.scenario.yaml"):
+        shutil.copy(folder / name, tmp_path / name)
+    shutil.copytree(folder / "two", tmp_path / "two")
+    shutil.copytree(folder / "one", tmp_path / "one")
+    spec = tmp_path / "one" / "solver.yaml"
+    spec.write_text(spec.read_text() + "environment: not-made\n")
+    command = ["boards", str(tmp_path / "tiny.task.yaml"), "--solver", str(tmp_path / "one")]
+    command += ["--solver", str(tmp_path / "two"), "--frames", "1"]
+    command += ["--out", str(tmp_path / "results"), "--data", str(folder / "data")]
+    outcome = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert outcome.exit_code == 1, outcome.output
+    assert "not made: one: its environment" in outcome.output
+    assert set(listed(tmp_path)) == {"two"}
+
+
+TASKS = (FakeTask("bortle", "From a dark site to a city", "Bortle class", "", (1.0, 5.0, 9.0)),)
+SOLVERS = (FakeSolver("skybench", 2.2, 45.0, 0.02), FakeSolver("brightest-n", -1.0, 12.0, 0.4))
+
+
+def numbers(root: Path) -> list[object]:
+    """All numbers of the tables of all boards as they are printed."""
+    found: list[object] = []
+    for group in read_tree(root):
+        for entry in make_board(group).entries:
+            printed = [(one.value(entry), one.interval(entry)) for one in (*FULL, *CALIBRATION)]
+            found.append((entry.stored.detections, entry.label, entry.rank, printed, entry.worst, entry.reasons))
+    return found
+
+
+def test_packing_changes_no_printed_number(tmp_path: Path) -> None:
+    root = write_results(tmp_path / "results", TASKS, SOLVERS, frames_per_level=30)
+    before = numbers(root)
+    assert len(before) == 4
+    (table,) = pack_tree(root)
+    assert (table.n_new, table.n_rows) == (4, 4)
+    assert sorted(path.name for path in root.rglob("*") if path.is_file()) == ["dev.json", "dev.parquet"]
+    assert numbers(root) == before
+    assert pack_tree(root) == []
+
+
+def test_a_raw_result_takes_the_place_of_the_packed_one(tmp_path: Path) -> None:
+    root = write_results(tmp_path / "results", TASKS, SOLVERS, frames_per_level=30)
+    pack_tree(root)
+    stronger = FakeSolver("brightest-n", 1.9, 12.0, 0.1)
+    write_results(root, TASKS, (SOLVERS[1],), frames_per_level=30, modes=("own",))
+    assert len(list(root.rglob("summary.json"))) == 1
+    raw = write_results(tmp_path / "other", TASKS, (SOLVERS[0], stronger), frames_per_level=30, modes=("own",))
+    shutil.rmtree(root / "bortle@1" / "dev")
+    shutil.copytree(raw / "bortle@1" / "dev", root / "bortle@1" / "dev")
+    mixed = numbers(root)
+    assert len(mixed) == 4
+    (table,) = pack_tree(root)
+    assert (table.n_new, table.n_rows) == (2, 4)
+    assert numbers(root) == mixed
+
+
+def test_two_raw_results_of_one_solver_are_not_packed(tmp_path: Path) -> None:
+    root = write_results(tmp_path / "results", TASKS, SOLVERS, frames_per_level=30, modes=("own",))
+    (folder,) = root.glob("bortle@1/dev/own/skybench-*")
+    other = shutil.copytree(folder, folder.with_name("skybench-000000000000")) / "summary.json"
+    other.write_text(other.read_text().replace(folder.name.removeprefix("skybench-"), "000000000000"))
+    with pytest.raises(ResultsError, match="two results of skybench; delete the folder of the older one"):
+        pack_tree(root)
+    assert folder.is_dir()
