@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -29,7 +30,7 @@ ADAPTER_MODULES = {
     "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",
 }
 _SHARED_MODULES = ("benchmark.solvers.serve", "celnav.solver")
-_CATALOGUE_MODULE = "celnav.sky.catalog"
+_CATALOGUE_MODULE = re.compile(r"celnav\.(.*\.)?catalog")
 _ROOT = Path(__file__).parents[2]
 
 
@@ -76,7 +77,7 @@ def revision_of(
     }
     if behaviour is not None:
         content["modules"] = behaviour.digest
-        if _CATALOGUE_MODULE in behaviour.modules:
+        if any(_CATALOGUE_MODULE.fullmatch(module) for module in behaviour.modules):
             content["catalogues"] = catalogues
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:REVISION_DIGITS]
 
