@@ -2,11 +2,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small boards boards-plan check-results docs test test-slow lint format install lock clean
+.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow lint format install lock clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
 	@echo "make test        run the tests"
+	@echo "make test-journeys  follow the commands of pages, recipes and the tutorial from end to end"
 	@echo "make test-slow   run the tests that take longer"
 	@echo "make boards      run the rows of the leaderboard that are not of today's code (boards-plan: only print them)"
 	@echo "make check-results  check that measured numbers are of the revision printed beside them"
@@ -26,7 +27,10 @@ demo-small: install
 	@$(BIN)/skybench demo --scenario scenes/demo_small.yaml --frames out/demo-small --out results/demo-small
 
 test: install
-	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -m "not slow and not journey" -n 2 --dist loadfile
+
+test-journeys: install
+	@$(BIN)/python -m pytest -m "journey and not slow" -n 2 --dist load
 
 test-slow: install
 	@$(BIN)/python -m pytest -m slow

@@ -153,6 +153,7 @@ def test_answers_that_are_all_errors_are_cried_out_and_not_taken_for_finished(pl
 COMMANDS = re.compile(r'<pre class="commands">(.*?)</pre>', re.DOTALL)
 
 
+@pytest.mark.journey
 def test_each_pages_commands_make_it_again_when_pasted(place, tmp_path):
     """Run every page's commands in a shell, in a fresh folder that has the frames and solvers, and compare the tables."""
     for arguments in (

@@ -122,6 +122,7 @@ def test_targets_of_make_that_documents_name_exist() -> None:
     assert targets - {"help", "install", "demo-small"} == shown
 
 
+@pytest.mark.journey
 def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
     """Each row once, in an order in which each finds what it needs, on two small frames."""
     monkeypatch.chdir(tmp_path)

@@ -73,6 +73,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path / "copy"
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
 def test_every_step_of_the_recipe_works(path: Path, copy: Path) -> None:
     programs = f"{copy.parent / 'bin'}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

@@ -108,7 +108,11 @@ def digests(path: Path) -> str:
     return " ".join(hashlib.sha256(part).hexdigest() for part in parts)
 
 
-@pytest.mark.parametrize("name", ["optics", "horizon", "motion", "clutter"])
+# Every day the scenes with most of the camera and of its motion; each takes two processes that start Mitsuba.
+@pytest.mark.parametrize(
+    "name",
+    ["optics", "motion", *(pytest.param(name, marks=pytest.mark.slow) for name in ("horizon", "clutter"))],
+)
 def test_scene_has_the_same_bytes_on_any_number_of_threads(name) -> None:
     """On one thread, on two, and in this process."""
     path = ROOT / f"scenes/{name}.yaml"

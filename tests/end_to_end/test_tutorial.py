@@ -47,6 +47,7 @@ def test_every_command_of_the_tutorial_is_run_unless_it_says_otherwise(tool) -> 
     }
 
 
+@pytest.mark.journey
 def test_the_tutorial_leads_to_a_row_on_the_leaderboard(tool, tmp_path, monkeypatch) -> None:
     shim = tmp_path / "bin" / "skybench"
     shim.parent.mkdir()
