@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import subprocess
 import sys
@@ -44,6 +45,12 @@ def digests(sources: Sources) -> dict[str, str]:
     return found | {DETECTOR: detector_behaviour(sources).digest}
 
 
+@functools.cache
+def digests_as_installed() -> dict[str, str]:
+    """Digests of the code that is installed."""
+    return digests(installed_packages().sources)
+
+
 def changed(**edits: tuple[str, str]) -> set[str]:
     """Whose digests differ after edits of modules, each an old text and a new one; dots are underscores twice."""
     modules = dict(installed_packages().sources.modules)
@@ -51,10 +58,7 @@ def changed(**edits: tuple[str, str]) -> set[str]:
         module = name.replace("__", ".")
         assert old in modules[module], f"{module} has no {old!r}: this test needs another place to change"
         modules[module] = modules[module].replace(old, new, 1)
-    before, after = (
-        digests(installed_packages().sources),
-        digests(Sources(modules, installed_packages().sources.packages)),
-    )
+    before, after = digests_as_installed(), digests(Sources(modules, installed_packages().sources.packages))
     return {name for name in before if before[name] != after[name]}
 
 
