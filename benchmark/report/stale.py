@@ -55,8 +55,14 @@ _MEASURED = (
     "results/leaderboard/site/*.html",
 )
 """Files that must have a mark."""
-_SEARCHED = ("*.md", "docs/**/*.md", "docs/**/*.svg", "results/**/*.md", "results/**/*.html")
-"""Files whose marks are checked."""
+_SEARCHED = (
+    "*.md",
+    "docs/**/*.md",
+    "docs/**/*.svg",
+    "results/*.md",
+    *(f"results/{folder}/**/*.{kind}" for folder in ("leaderboard", "studies") for kind in ("md", "html")),
+)
+"""Files whose marks are checked: other folders of results are a user's own, whose rows are not of the leaderboard."""
 
 Rows = Mapping[str, State]
 

@@ -77,6 +77,19 @@ def test_another_revision_in_the_sentence_than_in_the_mark_fails(root: Path) -> 
     assert len(check_marks(root, {})) == 1
 
 
+def test_results_of_a_user_beside_the_committed_ones_are_not_checked(root: Path) -> None:
+    """`make demo` writes its site into results/demo, whose rows are not of the leaderboard."""
+    revision = solver_folder("skybench").revision
+    page = marked(root, revision, f"Measured with revision {revision} of skybench.").read_text()
+    text = page.replace("Measured with revision", "Measured with another revision")
+    for folder in ("demo", "leaderboard"):
+        site = root / "results" / folder / "site"
+        site.mkdir(parents=True)
+        (site / "index.html").write_text(text)
+    (problem,) = check_marks(root, {})
+    assert problem.path == "results/leaderboard/site/index.html"
+
+
 def test_measured_numbers_without_a_mark_fail(root: Path) -> None:
     (root / "docs" / "solver.md").write_text("| solved |\n|-|\n| 87 % |\n")
     (problem,) = check_marks(root, {})
