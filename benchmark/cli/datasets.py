@@ -79,7 +79,7 @@ def plan(
 
 def _first_frame(expected: Forecast) -> list[tuple[str, str]]:
     """Rows of the table about the first frame."""
-    from generator.frame.outlook import VISIBLE_SNR
+    from generator.frame.record import VISIBLE_SNR
 
     first = expected.first
     signal_e = first.sky_e + first.dark_e

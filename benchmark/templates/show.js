@@ -107,7 +107,8 @@ const skybench = (() => {
     picture.loading = "lazy";
     const words = [frame.id];
     if (frame.values.bortle) words.push(`Bortle ${frame.values.bortle}`);
-    words.push(`${shown(frame.values.n_in_field, 0)} stars`);
+    if (frame.values.n_visible != null) words.push(`${shown(frame.values.n_visible, 0)} stars with SNR ≥ 5`);
+    else words.push(`${shown(frame.values.n_in_field, 0)} catalogue rows`);
     make("span", words.join(", "), card);
     card.addEventListener("click", () => open(number));
     return card;
@@ -253,9 +254,9 @@ const skybench = (() => {
       if (label) labels.push({ text: label, x: x + radius + 3, z: z + 4, colour: pen.strokeStyle });
     };
     for (const object of frame.objects) {
-      if (object.u === null) continue;
+      if (object.u === null || (object.snr !== null && object.snr < Number(at("least-snr").value))) continue;
       pen.strokeStyle = pen.fillStyle = object.occluded ? "#ff8a80" : "#7fe08a";
-      mark(object.u, object.y, object.u0, object.y0, object.u1, object.y1, 12, labelled ? object.kind : "");
+      mark(object.u, object.y, object.u0, object.y0, object.u1, object.y1, 12, labelled ? object.kind.replace("_", " ") : "");
     }
     visibleStars().forEach((k, order) => {
       const colour = stars.occluded[k] ? "#ff8a80" : stars.planet[k] ? "#ffd54a" : "#56b4e9";
@@ -312,8 +313,8 @@ const skybench = (() => {
     at("objects-block").hidden = frame.objects.length === 0;
     for (const object of frame.objects) {
       const row = make("tr", undefined, others);
-      make("td", object.kind, row);
-      for (const [column, decimals] of [["v", 1], ["electrons", 0], ["u", 1], ["y", 1]])
+      make("td", object.kind.replace("_", " "), row);
+      for (const [column, decimals] of [["v", 1], ["snr", 1], ["electrons", 0], ["u", 1], ["y", 1]])
         make("td", shown(object[column], decimals), row);
       make("td", object.occluded ? "occluded" : "", row);
     }

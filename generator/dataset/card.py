@@ -17,6 +17,7 @@ from generator.dataset.images import decode
 from generator.dataset.layout import CARD, FIGURES, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
 from generator.frame.pictures import contact_sheet
+from generator.frame.record import VISIBLE_SNR
 from generator.scenario.file import Scenario
 
 SHEET = f"{FIGURES}/contact-sheet.png"
@@ -29,7 +30,8 @@ _HISTOGRAMS = (
     ("exposure_s", "exposure, s"),
     ("zenith_mag_arcsec2", "zenith, V mag/arcsec²"),
     ("limiting_magnitude", "faintest star drawn, V"),
-    ("n_in_field", "stars in the field"),
+    ("n_visible", "stars with SNR ≥ 5"),
+    ("n_in_field", "catalogue rows"),
 )
 
 
@@ -94,7 +96,8 @@ def card_text(
         for column, title in _HISTOGRAMS
         if frames[column].notna().any()
     )
-    objects = "" if not counts["objects"] else f", {counts['objects']} of satellites, aircraft, meteors and the Moon"
+    flying = "satellites, aircraft, meteors, the Moon and cosmic rays"
+    objects = f", {counts['objects']} of {flying}" if counts["objects"] else ""
     # `datasets` refuses a table without any row.
     listed_objects = (
         ""
@@ -122,7 +125,8 @@ configs:
 
 {scenario.description or "Synthetic night-sky frames."}
 
-{stop - first} frames with {counts["stars"]} rows of truth of stars and planets{objects}, rendered by skybench {__version__}.
+{stop - first} frames with {frames["n_visible"].sum()} stars and planets of SNR ≥ {VISIBLE_SNR:g}, among
+{counts["stars"]} rows of the catalogue{objects}, rendered by skybench {__version__}.
 
 ![Frames spread over the dataset]({SHEET})
 
@@ -147,7 +151,7 @@ gives the same bytes (scenario SHA-256 `{scenario.sha256}`, seed {scenario.seed}
 | `data/{spec.split}/shard-*.tar` | WebDataset: `frame-NNNNN.{spec.codec}` (16-bit DN), `.json` (frame record){electrons} |
 | `frames/{spec.split}/*.parquet` | one row per frame |
 | `stars/{spec.split}/*.parquet` | one row per frame and star or planet |
-| `objects/{spec.split}/*.parquet` | one row per frame and satellite, aircraft, meteor or Moon |
+| `objects/{spec.split}/*.parquet` | one row per frame and satellite, aircraft, meteor, Moon or cosmic ray |
 | `manifest.json` | every file with its size and SHA-256 |
 | `croissant.json` | Croissant 1.1 |
 | `{SCENARIO_COPY}` | the recipe |

@@ -119,7 +119,7 @@ def _cost(scenario: Scenario, index: int) -> _Cost:
 
 def _store(frame: RenderedFrame, folder: Path) -> int:
     """Store a frame's image, record and tables; returns bytes."""
-    members = [encode(frame.dn, "png"), record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows))]
+    members = [encode(frame.dn, "png"), record_bytes(frame_record(frame.plan, frame.expected, frame.stars))]
     tables = {"stars": frame.stars, "objects": frame.objects}
     for name, table in tables.items():
         write_table(folder / name, table)

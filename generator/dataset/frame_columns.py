@@ -45,7 +45,10 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("moon_phase_angle_deg", "sky.moon_phase_angle_deg", pa.float64()),
     ("limiting_magnitude", "stars.limiting_magnitude", pa.float64()),
     ("n_in_field", "stars.n_in_field", pa.int32()),
+    ("n_visible", "stars.n_visible", pa.int32()),
 )
+_LATER = {"n_visible"}
+"""Columns that frame records of early development versions lack."""
 
 
 def unit_of(column: str) -> str:
@@ -72,7 +75,7 @@ def frame_row(record: dict[str, Any], split: str, shard: str, image: str, image_
     for column, place, _ in _COLUMNS:
         value: Any = record
         for key in place.split("."):
-            value = value[key]
+            value = value.get(key) if column in _LATER else value[key]
         row[column] = [number for line in value for number in line] if column == "R_cam" else value
     digest = hashlib.sha256(image_bytes).hexdigest()
     return row | {"split": split, "shard": shard, "image": image, "image_sha256": digest}

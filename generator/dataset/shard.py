@@ -177,7 +177,7 @@ def _write_frames(
             if isinstance(frame, FailedFrame):
                 failures.append(frame)
                 continue
-            record = frame_record(frame.plan, frame.expected, frame.stars.num_rows)
+            record = frame_record(frame.plan, frame.expected, frame.stars)
             stem = frame.plan.frame_id
             image = encode(frame.dn, spec.codec)
             _add(archive, f"{stem}.{spec.codec}", image)

@@ -1,4 +1,4 @@
-"""The table of flying objects and the Moon: the format of objects.parquet in docs/dataset_format.md."""
+"""The table of flying objects, the Moon and cosmic rays: the format of objects.parquet in docs/dataset_format.md."""
 
 from __future__ import annotations
 
@@ -6,13 +6,22 @@ from dataclasses import fields
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
 from generator.frame.star_truth import StarTruth
+from generator.optics.psf import equivalent_sigma_px
+from generator.seeds import random_stream
+from generator.sensor.charge import ParticleTracks
+from generator.sensor.detector import cosmic_rays, matched_filter_snr, streak_area_px
+from generator.sensor.effect import Exposure
 from generator.sky.moonlight import MOON_BV_MAG
 
 MOON_OBJECT = -1
+COSMIC_RAY_OBJECT = -2
+MOST_COSMIC_RAYS = 1000
+"""Rows of a frame; of more tracks those with the most electrons. The hardest frames of the task `clutter` have 120 000."""
 
 OBJECT_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -27,8 +36,13 @@ OBJECT_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("start_v_px", pa.float64(), "px"),
     ("end_u_px", pa.float64(), "px"),
     ("end_v_px", pa.float64(), "px"),
+    ("low_u_px", pa.float64(), "px"),
+    ("low_v_px", pa.float64(), "px"),
+    ("high_u_px", pa.float64(), "px"),
+    ("high_v_px", pa.float64(), "px"),
     ("electrons_e", pa.float32(), "e"),
     ("fraction_in_frame", pa.float32(), "1"),
+    ("snr", pa.float32(), "1"),
     ("occluded", pa.bool_(), ""),
 )
 OBJECT_SCHEMA = pa.schema(
@@ -36,12 +50,20 @@ OBJECT_SCHEMA = pa.schema(
     metadata={"format": "skybench-objects/1"},
 )
 
+Floats = NDArray[np.float64]
+
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects and of the Moon: those in the frame, occluded ones included.
+    """Return the truth of a frame's flying objects, Moon and cosmic rays: those in the frame, occluded ones included.
 
-    The Moon's row comes last, with the object number MOON_OBJECT and V above the atmosphere.
+    The Moon's row follows the flying objects, with the object number MOON_OBJECT and V above the atmosphere; then come the
+    cosmic rays, with the number COSMIC_RAY_OBJECT and without magnitudes (NaN).
     """
+    return pa.concat_tables([_lights(plan, expected), _particles(plan, expected)])
+
+
+def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
+    """Rows of flying objects and the Moon."""
     objects, moon = plan.objects, expected.moon
     number = np.concatenate([objects.number, np.full(len(moon.electrons), MOON_OBJECT)])
     kind = [*objects.kind, *["moon"] * len(moon.electrons)]
@@ -55,22 +77,104 @@ def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     )
     rows = np.flatnonzero((truth.fraction_in_frame > 0) | truth.occluded)
     centroid = np.where(np.isfinite(truth.centroid_px), truth.centroid_px, 0.5 * (truth.start_px + truth.end_px))
-    columns = {
-        "index": np.full(len(rows), plan.index),
-        "frame_id": [plan.frame_id] * len(rows),
-        "object": number[rows],
-        "kind": [kind[row] for row in rows],
-        "v_mag": v_mag[rows],
-        "bv_mag": bv_mag[rows],
-        "centroid_u_px": centroid[rows, 0],
-        "centroid_v_px": centroid[rows, 1],
-        "start_u_px": truth.start_px[rows, 0],
-        "start_v_px": truth.start_px[rows, 1],
-        "end_u_px": truth.end_px[rows, 0],
-        "end_v_px": truth.end_px[rows, 1],
-        "electrons_e": truth.electrons[rows],
-        "fraction_in_frame": truth.fraction_in_frame[rows],
-        "occluded": truth.occluded[rows],
-    }
-    arrays = [pa.array(columns[field.name], type=field.type) for field in OBJECT_SCHEMA]
+    camera = plan.spec.camera
+    sigma = equivalent_sigma_px(camera)
+    across = truth.high_px - truth.low_px
+    area = streak_area_px(np.nan_to_num(np.hypot(*across.T)), sigma)
+    # The Moon is a disk: as much as its box takes of a square.
+    disk = np.pi / 4 * np.nan_to_num(across.prod(axis=1))
+    area = np.where(number == MOON_OBJECT, np.maximum(area, disk), area)
+    electrons = truth.electrons
+    return _table(
+        plan, len(rows),
+        {
+            "object": number[rows],
+            "kind": [kind[row] for row in rows],
+            "v_mag": v_mag[rows],
+            "bv_mag": bv_mag[rows],
+            "electrons_e": electrons[rows],
+            "fraction_in_frame": truth.fraction_in_frame[rows],
+            "snr": _snr(plan, expected, camera.direct_share * electrons[rows], centroid[rows], area[rows]),
+            "occluded": truth.occluded[rows],
+        },
+        {
+            "centroid": centroid[rows],
+            "start": truth.start_px[rows],
+            "end": truth.end_px[rows],
+            "low": truth.low_px[rows],
+            "high": truth.high_px[rows],
+        },
+    )  # fmt: skip
+
+
+def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
+    """Rows of cosmic rays; the tracks follow from the same random stream as those in the image."""
+    rays = cosmic_rays(plan.spec.sensor)
+    if rays is None:
+        return OBJECT_SCHEMA.empty_table()
+    camera, seed = plan.spec.camera, plan.scenario.seed
+    exposure = Exposure(
+        plan.spec.time.exposure_s,
+        lambda name: random_stream(seed, name, plan.index),
+        lambda name: random_stream(seed, f"unit.{name}", 0),
+    )
+    tracks = rays.tracks(camera.width, camera.height, exposure)
+    inside, centroid, low, high = _within(tracks, camera.width, camera.height)
+    electrons = tracks.electrons_e
+    rows = np.flatnonzero(inside > 0)
+    brightest = np.argsort(-electrons[rows], kind="stable")[:MOST_COSMIC_RAYS]
+    rows = np.sort(rows[brightest])
+    area = streak_area_px(tracks.length_px[rows], 0.0)
+    count = len(rows)
+    return _table(
+        plan, count,
+        {
+            "object": np.full(count, COSMIC_RAY_OBJECT),
+            "kind": ["cosmic_ray"] * count,
+            "v_mag": np.full(count, np.nan),
+            "bv_mag": np.full(count, np.nan),
+            "electrons_e": electrons[rows],
+            "fraction_in_frame": inside[rows],
+            "snr": _snr(plan, expected, electrons[rows], centroid[rows], area),
+            "occluded": np.zeros(count, bool),
+        },
+        {
+            "centroid": centroid[rows],
+            "start": tracks.start_px[rows],
+            "end": tracks.end_px[rows],
+            "low": low[rows],
+            "high": high[rows],
+        },
+    )  # fmt: skip
+
+
+def _within(tracks: ParticleTracks, width: int, height: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Share of each straight track on the sensor, the middle of that part, and its least and greatest u and v."""
+    start, way = tracks.start_px, tracks.end_px - tracks.start_px
+    edges = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
+    # A track begins on the sensor, so it leaves it once at most.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        leaves = np.where(way > 0, (edges[1] - start) / way, np.where(way < 0, (edges[0] - start) / way, np.inf))
+    share = np.clip(leaves.min(axis=1), 0, 1)
+    last = start + share[:, None] * way
+    return share, 0.5 * (start + last), np.minimum(start, last), np.maximum(start, last)
+
+
+def _snr(plan: FramePlan, expected: ExpectedFrame, electrons: Floats, place_px: Floats, area_px: Floats) -> Floats:
+    """Signal-to-noise ratio of sources, by the sky where their middles are."""
+    camera = plan.spec.camera
+    place = np.nan_to_num(place_px)
+    column = np.clip(np.rint(place[:, 0]), 0, camera.width - 1).astype(np.intp)
+    row = np.clip(np.rint(place[:, 1]), 0, camera.height - 1).astype(np.intp)
+    sky = expected.sky_electrons[row, column].astype(np.float64)
+    sigma, exposure_s = equivalent_sigma_px(camera), plan.spec.time.exposure_s
+    return matched_filter_snr(electrons, sky, sigma, exposure_s, plan.spec.sensor, area_px)
+
+
+def _table(plan: FramePlan, count: int, columns: dict[str, object], places: dict[str, Floats]) -> pa.Table:
+    """Rows of OBJECT_SCHEMA; `places` are (n, 2) arrays."""
+    columns = columns | {"index": np.full(count, plan.index), "frame_id": [plan.frame_id] * count}
+    columns |= {f"{name}_u_px": place[:, 0] for name, place in places.items()}
+    columns |= {f"{name}_v_px": place[:, 1] for name, place in places.items()}
+    arrays = [pa.array(columns[field.name], type=field.type, from_pandas=False) for field in OBJECT_SCHEMA]
     return pa.Table.from_arrays(arrays, schema=OBJECT_SCHEMA)

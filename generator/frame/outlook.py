@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.compute as pc
 from sgp4.api import Satrec
 
+from generator.frame.record import VISIBLE_SNR, visible_stars
 from generator.frame.render import RenderedFrame
 from generator.light.atmosphere import standard_pressure_hpa
 from generator.places.times import Instant
@@ -18,8 +19,6 @@ from generator.scenario.foreground_spec import TleSpec
 from generator.scenario.model import FrameSpec
 from generator.scenario.sensor_spec import SensorSpec
 
-VISIBLE_SNR = 5.0
-"""A star this far above its noise is found by any detector."""
 STALE_ELEMENTS_DAYS = 14.0
 """SGP4 from two-line elements strays by 1 to 3 km a day. Source: Vallado et al. 2006, AIAA 2006-6753, section VI."""
 LEAST_F_NUMBER = 1.0
@@ -111,7 +110,7 @@ def outlook(frame: RenderedFrame) -> Outlook:
         dark_e=dark_e,
         full_well_e=sensor.full_well_e,
         range_e=range_e,
-        visible_stars=int(pc.sum(pc.greater_equal(stars["snr"], VISIBLE_SNR)).as_py() or 0),
+        visible_stars=visible_stars(frame.stars),
         saturated_stars=int(pc.sum(stars["saturated"]).as_py() or 0),
         saturated_share=float(np.mean(full)),
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from generator import __version__
@@ -22,6 +23,8 @@ from generator.scenario.camera_spec import CameraSpec
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
 FORMAT = "skybench-frame/1"
+VISIBLE_SNR = 5.0
+"""A star this far above its noise is found by any detector."""
 
 STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("index", pa.int32(), ""),
@@ -59,7 +62,13 @@ STAR_SCHEMA = pa.schema(
 )
 
 
-def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) -> dict[str, Any]:
+def visible_stars(stars: pa.Table) -> int:
+    """Rows of a table of stars (STAR_SCHEMA) that can be seen: SNR of VISIBLE_SNR or more, the greater part in the frame."""
+    bright = pc.greater_equal(stars["snr"], VISIBLE_SNR)
+    return pc.sum(pc.and_(bright, pc.greater_equal(stars["fraction_in_frame"], 0.5))).as_py() or 0
+
+
+def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> dict[str, Any]:
     """Return the frame record as JSON-ready data; nothing in it depends on the machine or the clock."""
     spec = plan.spec
     camera, sensor, air = spec.camera, spec.sensor, spec.atmosphere
@@ -111,7 +120,8 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars_in_field: int) 
             "moon_phase_angle_deg": plan.sky.moon.phase_angle_deg,
         },
         "stars": {
-            "n_in_field": stars_in_field,
+            "n_in_field": stars.num_rows,
+            "n_visible": visible_stars(stars),
             "limiting_magnitude": spec.stars.limiting_magnitude,
             "catalogue": spec.stars.catalogue,
         },

@@ -45,7 +45,7 @@ class RenderedFrame:
     stars : pyarrow.Table
         Truth (schema: STAR_SCHEMA).
     objects : pyarrow.Table
-        Truth of flying objects (schema: OBJECT_SCHEMA).
+        Truth of flying objects, the Moon and cosmic rays (schema: OBJECT_SCHEMA).
     hud : (height, width) bool array or None
         Pixels that the head-up display covers.
     developed : (height, width[, 3]) uint8 array or None
@@ -142,7 +142,7 @@ def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> None:
         write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
     if frame.hud is not None:
         write_bytes(folder / f"{stem}-hud.png", png_bytes(hud_picture(frame.hud)))
-    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars.num_rows)))
+    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars)))
 
 
 def render_dataset(

@@ -313,10 +313,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         for name, part in tables.items():
             alone = mi.load_dict(scene_dict(plan, metameric([part], response), camera))
             parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
-    nothing, pairs = np.zeros(0), np.zeros((0, 2))
-    truths = dict.fromkeys(
-        ("stars", "objects"), StarTruth(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool))
-    )
+    truths = dict.fromkeys(("stars", "objects"), StarTruth.empty())
     for emitter in scene.emitters():
         if emitter.id() not in truths or not emitter.count:
             continue

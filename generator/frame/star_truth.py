@@ -21,7 +21,13 @@ WHOLE_SIGMAS = 9.0
 
 @dataclass(frozen=True)
 class StarTruth:
-    """Truth of n stars; the attributes are those of :class:`generator.frame.scene.ExpectedFrame`."""
+    """Truth of n stars; other attributes are those of :class:`generator.frame.scene.ExpectedFrame`.
+
+    Attributes
+    ----------
+    low_px, high_px : (n, 2) arrays
+        Least and greatest u and v from which light arrives, without the point spread function; NaN where none does.
+    """
 
     u_px: Floats
     v_px: Floats
@@ -31,6 +37,8 @@ class StarTruth:
     electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
+    low_px: Floats
+    high_px: Floats
 
     def first(self, count: int) -> StarTruth:
         """Truth of the first `count` stars."""
@@ -59,7 +67,15 @@ class StarTruth:
             np.array([electrons.sum()]),
             mean(self.fraction_in_frame[rows]),
             np.array([self.occluded[rows].mean() > 0.5]),
+            np.fmin.reduce(self.low_px[rows])[None],
+            np.fmax.reduce(self.high_px[rows])[None],
         )
+
+    @classmethod
+    def empty(cls) -> StarTruth:
+        """Truth of no stars."""
+        nothing, pairs = np.zeros(0), np.zeros((0, 2))
+        return cls(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), pairs, pairs)
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
@@ -91,7 +107,20 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         on_axis_e.sum(axis=1) * tracks.light,
         fraction,
         tracks.visible_share < 0.5,
+        *_corners(tracks, count),
     )
+
+
+def _corners(tracks: Any, count: int) -> tuple[Floats, Floats]:
+    """Least and greatest u and v, px, from which each source's light arrives, (n, 2) arrays; NaN where none does."""
+    low, high = np.full((2, count, 2), np.nan)
+    # The moments are in the order of their sources.
+    lit, first = np.unique(tracks.star, return_index=True)
+    for axis, position in enumerate((tracks.u, tracks.v)):
+        if len(lit):
+            low[lit, axis] = np.minimum.reduceat(position, first)
+            high[lit, axis] = np.maximum.reduceat(position, first)
+    return low, high
 
 
 def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from generator.sensor.draws import poisson, standard_normal
 from generator.sensor.effect import Exposure, Floats
@@ -67,6 +68,44 @@ class DarkCurrent:
 
 
 @dataclass(frozen=True)
+class ParticleTracks:
+    """Straight tracks of n charged particles.
+
+    Attributes
+    ----------
+    corner_u_px, corner_v_px : (n,) arrays
+        Where they begin, px from the corner of the first pixel (half a pixel more than from its centre).
+    angle_rad : (n,) array
+        Direction, from u towards v.
+    length_px : (n,) array
+    charge_e_px : (n,) array
+        Electrons per pixel of track; a track shorter than a pixel leaves those of one pixel.
+    """
+
+    corner_u_px: NDArray[np.float64]
+    corner_v_px: NDArray[np.float64]
+    angle_rad: NDArray[np.float64]
+    length_px: NDArray[np.float64]
+    charge_e_px: NDArray[np.float64]
+
+    @property
+    def start_px(self) -> NDArray[np.float64]:
+        """First end, pixel centres at integers, (n, 2) array."""
+        return np.stack([self.corner_u_px, self.corner_v_px], axis=1) - 0.5
+
+    @property
+    def end_px(self) -> NDArray[np.float64]:
+        """Other end, (n, 2) array."""
+        way = np.stack([np.cos(self.angle_rad), np.sin(self.angle_rad)], axis=1)
+        return self.start_px + self.length_px[:, None] * way
+
+    @property
+    def electrons_e(self) -> NDArray[np.float64]:
+        """All electrons of each track, (n,) array."""
+        return self.charge_e_px * np.maximum(self.length_px, 1)
+
+
+@dataclass(frozen=True)
 class CosmicRays:
     """Straight tracks at random places and angles, with exponential lengths and charges per pixel.
 
@@ -78,20 +117,26 @@ class CosmicRays:
     charge_e_px: float
     length_px: float
 
-    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
-        """Add the tracks' charge."""
+    def tracks(self, width: int, height: int, exposure: Exposure) -> ParticleTracks:
+        """The tracks of an exposure on a sensor of `width` x `height` pixels."""
         random = exposure.frame("cosmic_rays")
-        height, width = signal.shape[-2:]
         count = random.poisson(self.rate_s * exposure.exposure_s)
         u, v = random.uniform(0, width, count), random.uniform(0, height, count)
         angle = random.uniform(0, 2 * np.pi, count)
         length, charge = random.exponential(self.length_px, count), random.exponential(self.charge_e_px, count)
+        return ParticleTracks(u, v, angle, length, charge)
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add the tracks' charge."""
+        height, width = signal.shape[-2:]
+        tracks = self.tracks(width, height, exposure)
+        length, angle, charge = tracks.length_px, tracks.angle_rad, tracks.charge_e_px
         steps = np.maximum(1, np.ceil(4 * length)).astype(np.intp)
-        track = np.repeat(np.arange(count), steps)
+        track = np.repeat(np.arange(len(length)), steps)
         step = np.arange(len(track)) - np.repeat(np.cumsum(steps) - steps, steps)
         along = (step + 0.5) / steps[track] * length[track]
-        column = np.floor(u[track] + along * np.cos(angle[track])).astype(np.intp)
-        row = np.floor(v[track] + along * np.sin(angle[track])).astype(np.intp)
+        column = np.floor(tracks.corner_u_px[track] + along * np.cos(angle[track])).astype(np.intp)
+        row = np.floor(tracks.corner_v_px[track] + along * np.sin(angle[track])).astype(np.intp)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         left = charge[track] * np.maximum(length, 1)[track] / steps[track]
         # Several steps may fall into one pixel, where they add up.

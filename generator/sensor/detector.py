@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
@@ -24,9 +25,9 @@ def effects(sensor: SensorSpec) -> list[Effect]:
     hot = sensor.hot_pixel_fraction if on else 0.0
     if sensor.mean_dark_e_s or hot:
         chain.append(DarkCurrent(sensor.mean_dark_e_s, hot, sensor.hot_pixel_e_s * sensor.dark_factor, on))
-    if on and sensor.cosmic_rays is not None:
-        rays = sensor.cosmic_rays
-        chain.append(CosmicRays(rays.rate_s, rays.charge_e_px, rays.length_px))
+    rays = cosmic_rays(sensor)
+    if rays is not None:
+        chain.append(rays)
     chain.append(FullWell(sensor.full_well_e, sensor.blooming))
     if on and sensor.dsnu_e:
         chain.append(FixedOffset(sensor.dsnu_e))
@@ -38,6 +39,14 @@ def effects(sensor: SensorSpec) -> list[Effect]:
         chain.append(LineNoise(sensor.row_noise_e, sensor.column_noise_e))
     chain.append(Converter(sensor.gain_e_per_dn, sensor.black_level_dn, sensor.bits))
     return chain
+
+
+def cosmic_rays(sensor: SensorSpec) -> CosmicRays | None:
+    """The sensor's cosmic rays, or None where it has none."""
+    rays = sensor.cosmic_rays
+    if not sensor.noise or rays is None:
+        return None
+    return CosmicRays(rays.rate_s, rays.charge_e_px, rays.length_px)
 
 
 def expose(
@@ -83,6 +92,7 @@ def matched_filter_snr(
     psf_sigma_px: float,
     exposure_s: float,
     sensor: SensorSpec,
+    area_px: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Signal-to-noise ratio of stars under a matched filter to a Gaussian point spread function.
 
@@ -96,13 +106,28 @@ def matched_filter_snr(
         Expected electrons of the sky in a pixel at each star.
     psf_sigma_px, exposure_s : float
     sensor : SensorSpec
+    area_px : (n,) array, optional
+        Noise-equivalent areas of sources that are no points (:func:`streak_area_px`).
 
     Returns
     -------
     (n,) array
     """
-    area_px = 4 * np.pi * (psf_sigma_px**2 + 1 / 12)
+    area = 4 * np.pi * (psf_sigma_px**2 + 1 / 12) if area_px is None else area_px
     lines = sensor.row_noise_e**2 + sensor.column_noise_e**2
     readout = sensor.read_noise_e**2 + lines + sensor.dsnu_e**2 + sensor.gain_e_per_dn**2 / 12
     per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + readout
-    return star_e / np.sqrt(star_e + area_px * per_pixel)
+    return star_e / np.sqrt(star_e + area * per_pixel)
+
+
+def streak_area_px(length_px: NDArray[np.float64], psf_sigma_px: float) -> NDArray[np.float64]:
+    """Noise-equivalent area, px, of evenly lit straight streaks under a Gaussian point spread function.
+
+    One over the integral of the squared profile, as King's (1983); 4 pi sigma^2 for a point, and towards
+    2 sqrt(pi) sigma L for a streak much longer than it is wide. sigma includes the pixel's own width.
+    """
+    sigma = np.sqrt(psf_sigma_px**2 + 1 / 12)
+    length = np.maximum(length_px, 1e-3 * sigma)
+    along = erf(length / (2 * sigma)) / length
+    along -= 2 * sigma / (np.sqrt(np.pi) * length**2) * -np.expm1(-(length**2) / (4 * sigma**2))
+    return 2 * np.sqrt(np.pi) * sigma / along

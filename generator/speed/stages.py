@@ -70,7 +70,7 @@ def time_stages(frames: int, size: FrameSize, codec: str) -> tuple[dict[str, flo
                 dn = _noisy(plan, expected.electrons)
             with watch.time("truth"):
                 stars = star_table(plan, expected)
-                record_bytes(frame_record(plan, expected, stars.num_rows))
+                record_bytes(frame_record(plan, expected, stars))
             with watch.time("image"):
                 encode(dn, codec)
             with watch.time("parquet"):

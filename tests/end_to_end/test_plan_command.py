@@ -82,7 +82,7 @@ def test_numbers_of_the_first_frame_are_those_of_its_files(path) -> None:
     frame = render_frame(load_scenario(path), 0)
     stars = frame.stars.to_pandas()
     stars = stars[stars["fraction_in_frame"] > 0]
-    assert first["visible_stars"] == int((stars["snr"] >= 5).sum()) > 0
+    assert first["visible_stars"] == int(((stars["snr"] >= 5) & (stars["fraction_in_frame"] >= 0.5)).sum()) > 0
     assert first["saturated_stars"] == int(stars["saturated"].sum())
     assert first["sky_e"] == pytest.approx(float(np.median(frame.expected.sky_electrons)))
     assert first["sun_altitude_deg"] == pytest.approx(frame.plan.sky.sun_altitude_deg)

@@ -14,7 +14,7 @@ from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
 from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
 from generator.sensor.colour import filter_array
-from generator.sensor.detector import expose
+from generator.sensor.detector import expose, streak_area_px
 from generator.sensor.effect import Exposure
 from generator.sensor.readout import FixedOffset, LineNoise, ReadNoise, TelegraphNoise
 
@@ -111,6 +111,33 @@ def test_blooming_moves_charge_along_the_column_and_loses_none() -> None:
     assert np.delete(spilled, 2, axis=1).max() == 0
     assert np.flatnonzero(spilled[:, 2]).tolist() == list(range(45, 56))
     assert FullWell(1000.0, False).apply(signal, exposure()).sum() == 1000.0
+
+
+def test_the_tracks_told_of_cosmic_rays_are_those_in_the_image() -> None:
+    """Each pixel of charge lies within a pixel of a track, and the charge of tracks wholly inside is all there."""
+    rays = CosmicRays(30.0, 200.0, 5.0)
+    tracks = rays.tracks(SHAPE[1], SHAPE[0], exposure(3))
+    image = rays.apply(np.zeros(SHAPE), exposure(3))
+    assert len(tracks.length_px) > 10
+    reached = np.zeros(SHAPE, bool)
+    for start, end in zip(tracks.start_px, tracks.end_px, strict=True):
+        for u, v in start + np.linspace(0, 1, 400)[:, None] * (end - start):
+            if -0.5 <= u < SHAPE[1] - 0.5 and -0.5 <= v < SHAPE[0] - 0.5:
+                reached[int(np.rint(v)), int(np.rint(u))] = True
+    assert not (image > 0)[~reached].any()
+    ends = np.stack([tracks.start_px, tracks.end_px])
+    inside = ((ends >= -0.5) & (ends <= np.array(SHAPE[::-1]) - 0.5)).all(axis=(0, 2))
+    assert tracks.electrons_e[inside].sum() <= image.sum() <= tracks.electrons_e.sum()
+
+
+def test_noise_area_of_a_streak_by_sums_over_pixels() -> None:
+    """1 / sum p^2 of a blurred segment, sampled finely; a point's is 4 pi sigma^2."""
+    v, u = np.mgrid[-20:21:0.25, -20:41:0.25]
+    for length, psf in ((0.0, 1.2), (7.0, 1.2), (20.0, 2.0)):
+        variance = psf**2 + 1 / 12
+        along = (np.arange(200) + 0.5)[:, None, None] / 200 * length
+        profile = np.exp(-((u - along) ** 2 + v**2) / (2 * variance)).mean(axis=0) / (2 * np.pi * variance)
+        assert streak_area_px(np.array([length]), psf)[0] == pytest.approx(16 / (profile**2).sum(), rel=2e-3)
 
 
 def test_cosmic_rays_come_at_their_rate_with_their_charge() -> None:

@@ -56,7 +56,8 @@ NUMBERS = (
     Condition("aerosol_tau_550", "aerosol optical depth", "", 3),
     Condition("sun_altitude_deg", "Sun's altitude", "deg"),
     Condition("moon_altitude_deg", "Moon's altitude", "deg"),
-    Condition("n_in_field", "stars in the field", "", 0),
+    Condition("n_visible", "stars with SNR ≥ 5", "", 0),
+    Condition("n_in_field", "catalogue rows", "", 0),
 )
 CHOICES = (
     Condition("bortle", "Bortle class"),
@@ -196,7 +197,11 @@ def _object_rows(objects: pd.DataFrame) -> list[dict[str, Any]]:
     places = {"u": "centroid_u_px", "y": "centroid_v_px", "u0": "start_u_px", "y0": "start_v_px", "u1": "end_u_px",
               "y1": "end_v_px"}  # fmt: skip
     columns = {name: _numbers(objects, column, 1) for name, column in places.items()}
-    columns |= {"v": _numbers(objects, "v_mag", 2), "electrons": _numbers(objects, "electrons_e", 0)}
+    columns |= {
+        "v": _numbers(objects, "v_mag", 2),
+        "electrons": _numbers(objects, "electrons_e", 0),
+        "snr": _numbers(objects, "snr", 1),
+    }
     return [
         {"kind": str(kind), "occluded": bool(hidden)} | {name: values[row] for name, values in columns.items()}
         for row, (kind, hidden) in enumerate(zip(objects["kind"], objects["occluded"], strict=True))
