@@ -11,6 +11,8 @@ Examples
 from celnav import errors
 from celnav.attitude import Attitude
 from celnav.camera import Camera
+from celnav.command.camera_file import CameraFile, read_camera_file
+from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
@@ -30,6 +32,7 @@ __all__ = [
     "Attitude",
     "Calibration",
     "Camera",
+    "CameraFile",
     "CelnavError",
     "DdrConfig",
     "DetectionConfig",
@@ -39,6 +42,7 @@ __all__ = [
     "FloodFillConfig",
     "History",
     "LastKnown",
+    "Pointing",
     "PositionConfig",
     "Reason",
     "SkybenchConfig",
@@ -51,6 +55,7 @@ __all__ = [
     "detect",
     "errors",
     "fix_position",
+    "read_camera_file",
     "solve",
     "solvers",
 ]

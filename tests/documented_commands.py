@@ -13,7 +13,7 @@ from typing import Any
 import click
 from typer.main import get_command
 
-from celnav.cli import _parser as celnav_parser
+from celnav.command.arguments import parser as celnav_parser
 
 ROOT = Path(__file__).parents[1]
 PROGRAMS = ("skybench", "celnav")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from celnav.cli import main
 from celnav.sky.earth_rotation import earth_orientation
@@ -16,6 +17,8 @@ from celnav.sky.utc import parse_utc
 
 ROOT = Path(__file__).parents[2]
 SITE = ("2021-08-05T22:40:00Z", 46.5, 7.9)
+# The same instant on a camera's clock, an exposure of 8 s, and the lens of 1080x720 pixels at 120 deg: 10.4 mm.
+PHOTO = {0x9003: "2021:08:06 00:39:56", 0x829A: IFDRational(8), 0x920A: IFDRational(104, 10), 0xA405: 10}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +38,12 @@ def files(sky, tmp_path_factory):
     electrons = np.random.default_rng(1).poisson(sky.render(frame))
     deep = np.clip(electrons // 2 + 100, 0, 4095).astype(np.uint16)
     Image.fromarray(deep).save(folder / "deep.png")
-    Image.fromarray(np.clip((deep - 100) / 2, 0, 255).astype(np.uint8)).save(folder / "sky.jpg", quality=98)
+    eight_bits = Image.fromarray(np.clip((deep - 100) / 2, 0, 255).astype(np.uint8))
+    eight_bits.save(folder / "sky.jpg", quality=98)
+    exif = Image.Exif()
+    exif[0x0110] = "Sky 1"
+    exif.get_ifd(0x8769).update(PHOTO)
+    eight_bits.save(folder / "photo.jpg", quality=98, exif=exif.tobytes())
     Image.fromarray(np.full_like(deep, 200)).save(folder / "blank.png")
     (folder / "cut.png").write_bytes((folder / "deep.png").read_bytes()[:5000])
     camera = {"model": "pinhole", "width": 1080, "height": 720, "f_px": sky.F_PX}
@@ -58,7 +66,7 @@ def test_fix(sky, files, capsys, image, solver):
     fix = json.loads(capsys.readouterr().out)
     assert fix["ok"]
     assert fix["solver"] == solver
-    assert len(fix["matches"]) > 20
+    assert fix["n_matches"] > 20
     assert sky.distance_km(SITE[1], SITE[2], fix["lat_deg"], fix["lon_deg"]) < 2.0
 
 
@@ -103,6 +111,12 @@ def test_a_time_limit_ends_the_search(files, capsys):
         ("deep.png", {"camera": "small.json"}, "640 x 720"),
         ("deep.png", {"camera": "none.json"}, "cannot read camera"),
         ("deep.png", {"attitude": "camera.json"}, "R_cam"),
+        ("deep.png", {"attitude": "altitude=91"}, "between -90 and 90"),
+        ("deep.png", {"plot": "found.jpg"}, ".png"),
+        ("deep.png", {"plot": "nowhere/found.png"}, "folder does not exist"),
+        ("deep.png", {"focal-length-mm": 8}, "--camera"),
+        ("deep.png", {"solver": "ddr-dai", "calibrate": "full"}, "--calibrate"),
+        ("raw.dng", {}, "16-bit TIFF"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(files, capsys, monkeypatch, image, changes, text):
@@ -112,6 +126,101 @@ def test_bad_input_is_one_line_and_status_2(files, capsys, monkeypatch, image, c
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert text in captured.err
+
+
+def found_of(capsys, *words):
+    """Status and parsed output of the command with ``--json``."""
+    status = main(["solve", *map(str, words), "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def test_a_photograph_says_time_and_lens_itself(sky, files, capsys):
+    photo = files / "photo.jpg"
+    status, found = found_of(capsys, photo, "--time-zone", "Europe/Zurich", "--attitude", "azimuth=180,altitude=90")
+    assert status == 0
+    assert found["utc"] == SITE[0]
+    # The tags round the lens to 10 mm, and the solver finds the 4 % that it is off.
+    assert found["camera"]["f_px"] == pytest.approx(10 / np.hypot(36, 24) * np.hypot(1080, 720))
+    assert found["camera"]["f_px"] * np.exp(found["calibration"]["log_f"]["value"]) == pytest.approx(sky.F_PX, rel=1e-3)
+    assert sky.distance_km(SITE[1], SITE[2], found["lat_deg"], found["lon_deg"]) < 2.0
+    assert "Sky 1" in found["assumed"][0]
+    assert "marks the start of 8 s" in " ".join(found["assumed"])
+    assert "wide" in found["warnings"][0]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["photo.jpg"], "--time-zone"),
+        (["sky.jpg", "--utc", SITE[0]], "--focal-length-mm"),
+        (["sky.jpg", "--camera", "camera.json"], "--utc"),
+    ],
+)
+def test_what_an_image_does_not_say_is_asked_for(files, capsys, monkeypatch, words, text):
+    monkeypatch.chdir(files)
+    assert main(["solve", *words]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_stars_without_a_vertical_are_no_position(files, capsys):
+    assert main(["solve", str(files / "deep.png"), "--camera", str(files / "camera.json"), "--utc", SITE[0]]) == 1
+    text = capsys.readouterr().out
+    assert "vertical_required" in text
+    assert "--attitude" in text
+    assert "right ascension" in text
+
+
+def test_json_is_a_page_and_matches_are_for_the_asking(files, capsys):
+    words = [*arguments(files)[1:], "--matches"]
+    assert main([*arguments(files), "--json"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) < 60
+    status, found = found_of(capsys, *words)
+    assert status == 0
+    assert len(found["matches"]) == found["n_matches"] > 20
+    assert {"u_px", "v_px", "star_id", "name"} <= set(found["matches"][0])
+    assert "Vega" in {match["name"] for match in found["matches"]}
+    assert main(["solve", *words]) == 0
+    assert len(capsys.readouterr().out.splitlines()) > found["n_matches"]
+
+
+def test_pointing_is_said_beside_the_matrix(files, capsys):
+    _, found = found_of(capsys, *arguments(files, attitude="altitude=90,roll=0")[1:])
+    turned = found["pointing"]
+    # The heading that the stars tell; at the zenith only the difference of azimuth and roll has a meaning.
+    assert turned["altitude_deg"] == pytest.approx(90, abs=1e-4)
+    assert (turned["azimuth_deg"] - turned["roll_deg"]) % 360 == pytest.approx(180, abs=0.01)
+    np.testing.assert_allclose(found["R_cam"], np.diag([-1.0, -1.0, 1.0]), atol=2e-4)
+
+
+def test_the_time_is_that_of_the_whole_command(files, capsys):
+    _, found = found_of(capsys, *arguments(files)[1:])
+    stages = [ms for stage, ms in found["time_ms"].items() if stage != "total"]
+    assert set(found["time_ms"]) == {"start", "reading", "detection", "solving", "total"}
+    assert found["time_ms"]["total"] >= 0.999 * sum(stages)
+
+
+def test_a_picture_of_what_was_found(files, tmp_path, capsys):
+    picture = tmp_path / "found.png"
+    assert main([*arguments(files), "--plot", str(picture)]) == 0
+    with Image.open(picture) as drawn:
+        pixels = np.asarray(drawn.convert("RGB")).astype(int)
+    assert pixels.shape[1] > 1000
+    blue = (pixels[..., 2] > 150) & (pixels[..., 0] < 100)
+    orange = (pixels[..., 0] > 150) & (pixels[..., 2] < 100)
+    assert blue.sum() > 5000
+    assert orange.sum() > 1000
+    assert [path.name for path in tmp_path.iterdir()] == ["found.png"]
+    assert main([*arguments(files, "blank.png"), "--plot", str(picture)]) == 1
+    capsys.readouterr()
+
+
+def test_a_field_below_the_solver_s_limit_is_named(files, capsys):
+    narrow = files / "narrow.json"
+    narrow.write_text(json.dumps({"width": 1080, "height": 720, "hfov_deg": 4.0}))
+    assert main(arguments(files, "blank.png", camera=narrow)) == 1
+    assert "narrower than 9 deg" in capsys.readouterr().out
+    assert main(arguments(files, "blank.png", camera=narrow, solver="ddr-dai")) == 1
+    assert "ddr-dai ends" in capsys.readouterr().out
 
 
 def test_as_a_module(files):

@@ -109,7 +109,7 @@ def test_faulty_commands_are_noticed() -> None:
     assert refusal("skybench render --out out/hello") is not None
     assert refusal("skybench bench run bortle --solver skybench --detections nonsense") is not None
     assert refusal("skybench draw") == "there is no such command"
-    assert refusal("celnav solve sky.png --camera c.json") is not None
+    assert refusal("celnav solve --camera c.json") is not None
 
 
 def test_targets_of_make_that_documents_name_exist() -> None:

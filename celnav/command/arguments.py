@@ -1,0 +1,106 @@
+"""The command line of ``celnav``."""
+
+from __future__ import annotations
+
+import argparse
+
+from celnav.solver import solvers
+
+_EXAMPLES = """\
+examples:
+  celnav solve photo.jpg --time-zone Europe/Berlin --attitude altitude=62,roll=-3,tilt_sigma=0.5
+  celnav solve sky.png --camera calibration.yml --utc 2020-01-01T00:00:00Z --attitude azimuth=120,altitude=45,roll=0
+  celnav solve frame-00000.png --camera frame-00000.json --attitude frame-00000.json \\
+      --utc 2020-01-01T00:00:00Z --plot found.png
+
+exit status: 0 a fix, 1 a refusal (the reason is printed), 2 input that cannot be used
+"""
+_DESCRIPTION = """\
+Latitude and longitude from one image of the night sky.
+
+Without --camera and --utc a photograph's EXIF tags say focal length and time; what was assumed is printed. Without
+--attitude the stars are identified, but a position needs the direction of the vertical.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Make the parser of the command."""
+    program = argparse.ArgumentParser(
+        prog="celnav",
+        description="Where was this picture of the night sky taken?",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = program.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    command = commands.add_parser(
+        "solve",
+        help="latitude and longitude from one image",
+        description=_DESCRIPTION,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_argument("image", metavar="IMAGE", help="PNG, JPEG or TIFF, 8 or 16 bits; pixels are used as stored")
+    _time_options(command.add_argument_group("time"))
+    _camera_options(command.add_argument_group("camera"))
+    group = command.add_argument_group("attitude and air")
+    group.add_argument(
+        "--attitude",
+        default="unknown",
+        metavar="ANGLES|NAME|FILE",
+        help="degrees, azimuth=120,altitude=45,roll=0 of the boresight (no azimuth: heading unknown; tilt_sigma=, "
+        "heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; unknown (the default): no position; or "
+        "JSON with R_cam (ENU to camera), or a frame record",
+    )
+    group.add_argument("--pressure-hpa", type=float, default=1010.0, help="for refraction; default: %(default)s")
+    group.add_argument("--temperature-c", type=float, default=10.0, help="for refraction; default: %(default)s")
+    group = command.add_argument_group("solving")
+    group.add_argument("--solver", default="skybench", choices=solvers(), help="default: %(default)s")
+    group.add_argument("--mask", metavar="FILE", help="image that is not black where pixels are NOT to be used")
+    group.add_argument(
+        "--calibrate",
+        choices=("none", "auto", "full"),
+        help="what solver skybench fits of the camera: nothing; its focal length where that is clearly off; also principal "
+        "point and distortion. Default: auto with --camera, else full",
+    )
+    group.add_argument(
+        "--time-limit-s",
+        type=float,
+        metavar="SECONDS",
+        help="give the search for an identification up after so long; default: no limit but that of its work",
+    )
+    group = command.add_argument_group("output")
+    group.add_argument("--json", action="store_true", help="print JSON")
+    group.add_argument("--matches", action="store_true", help="also print every identified star")
+    group.add_argument("--plot", metavar="FILE", help="draw the image and what was found in it; PNG")
+    return program
+
+
+def _time_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--utc", help="middle of the exposure, such as 2020-01-01T00:00:00Z; default: from the image's EXIF tags"
+    )
+    group.add_argument(
+        "--time-zone",
+        metavar="ZONE",
+        help="of the camera's clock, +02:00 or Europe/Berlin, where the tags do not say it",
+    )
+    group.add_argument(
+        "--exif-time-is",
+        choices=("start", "middle", "end"),
+        default="start",
+        help="what of the exposure the tagged time marks; default: %(default)s",
+    )
+    group.add_argument("--dut1-s", type=float, help="UT1-UTC in seconds; default: from the IERS table")
+
+
+def _camera_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--camera",
+        metavar="FILE",
+        help="JSON: a camera (with f_px or hfov_deg) or a frame record; YAML or JSON: a calibration of OpenCV or ROS; "
+        "default: a pinhole from the image's EXIF tags",
+    )
+    group.add_argument("--focal-length-mm", type=float, metavar="MM", help="without --camera: instead of the tags'")
+    group.add_argument(
+        "--sensor-width-mm", type=float, metavar="MM", help="without --camera: length of the image's rows on the sensor"
+    )

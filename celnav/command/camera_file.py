@@ -1,0 +1,270 @@
+"""Camera files: celnav's own JSON, a frame record, and calibrations of OpenCV and ROS in YAML or JSON.
+
+OpenCV puts pixel centres at integers as celnav does (docs/conventions.md), so its principal point is taken as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav import projection
+from celnav.camera import FISHEYE, Camera
+from celnav.errors import CameraError
+
+MAX_BYTES = 16_000_000
+_MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "k", "mtx")
+_DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d", "dist")
+_FISHEYE_NAMES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt")
+_PERSPECTIVE_NAMES = ("", "plumb_bob", "rational_polynomial", "brown_conrady", "none", "pinhole")
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A camera read from a file.
+
+    Attributes
+    ----------
+    camera : Camera
+        The camera.
+    kind : str
+        What the file is, in words.
+    assumed : tuple of str
+        What the file does not say and the reader took for granted, a sentence each.
+    """
+
+    camera: Camera
+    kind: str
+    assumed: tuple[str, ...] = ()
+
+
+def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> CameraFile:
+    """Read a camera from a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON: a camera (with ``f_px`` or ``hfov_deg``) or a frame record; YAML or JSON: a calibration of OpenCV
+        (``FileStorage``, or plain lists under ``camera_matrix``) or a ``camera_info`` of ROS.
+    size : tuple of int, optional
+        Width and height of the image, for files that give none.
+
+    Returns
+    -------
+    CameraFile
+
+    Raises
+    ------
+    CameraError
+        When the file cannot be read, lacks a value, or describes a lens that celnav has no model of.
+    """
+    record = _tree(Path(path))
+    try:
+        if "camera" in record:
+            inner = record["camera"]
+            if not isinstance(inner, Mapping):
+                raise CameraError("camera must be an object with model, width, height and f_px")
+            return CameraFile(_own(inner, size), "camera of a frame record")
+        if any(key in record for key in ("model", "f_px", "hfov_deg")):
+            return CameraFile(_own(record, size), "camera", _size_assumed(record, "width"))
+        if any(key in record for key in _MATRIX_NAMES):
+            return _calibration(record, size)
+    except CameraError as error:
+        raise CameraError(f"camera file {path}: {error}") from None
+    raise CameraError(
+        f"camera file {path} holds no camera: it needs model, width, height and f_px (or hfov_deg), or camera_matrix and "
+        "distortion_coefficients as OpenCV writes them"
+    )
+
+
+def camera_of_field(model: str, width: int, height: int, hfov_deg: float, k: tuple[float, ...] = ()) -> Camera:
+    """Make a camera from its horizontal field of view, edge to edge through the middle.
+
+    Parameters
+    ----------
+    model : str
+        One of `celnav.camera.MODELS`.
+    width, height : int
+        Size of the frame, pixels.
+    hfov_deg : float
+        Field of view, degrees.
+    k : tuple of float
+        Distortion coefficients of `kannala_brandt`.
+
+    Raises
+    ------
+    CameraError
+        When the model cannot show such a field, or is `brown_conrady`, whose focal length the field does not give.
+    """
+    if isinstance(hfov_deg, bool) or not isinstance(hfov_deg, (int, float)) or not 0 < hfov_deg < 360:
+        raise CameraError(f"hfov_deg = {hfov_deg!r} must be a number of degrees between 0 and 360")
+    if model == "pinhole":
+        return Camera.pinhole(width, height, hfov_deg)
+    unit = Camera(model, width, height, 1.0, k=k)
+    if model not in FISHEYE:
+        raise CameraError(f"hfov_deg does not give the focal length of the model {model}: give f_px")
+    half = np.array([math.radians(hfov_deg) / 2])
+    if not half[0] <= projection.largest_angle(unit.model, unit.k):  # type: ignore[arg-type]
+        raise CameraError(f"hfov_deg = {hfov_deg:g} is more than the model {model} can show")
+    radius = float(projection.radius_of(unit.model, half, unit.k)[0])  # type: ignore[arg-type]
+    return Camera(model, width, height, width / 2 / radius, k=k)
+
+
+def _tree(path: Path) -> Mapping[str, Any]:
+    """Read JSON or YAML; YAML may have the first line and the matrices of OpenCV's ``FileStorage``."""
+    try:
+        data = path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
+    except OSError as error:
+        raise CameraError(f"cannot read camera file {path}: {error.strerror}") from None
+    if data is None:
+        raise CameraError(f"camera file {path} is larger than {MAX_BYTES // 1_000_000} MB: is it a calibration?")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise CameraError(f"camera file {path} is not a text file") from None
+    try:
+        record = _json_or_yaml(text, path.suffix.lower() == ".json")
+    except (ValueError, RecursionError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CameraError(f"camera file {path} is neither JSON nor YAML: {first}") from None
+    if not isinstance(record, Mapping):
+        raise CameraError(
+            f"camera file {path} must hold an object with model, width, height and f_px, or a calibration"
+        )
+    return record
+
+
+def _json_or_yaml(text: str, is_json: bool) -> object:
+    if is_json or text.lstrip().startswith("{"):
+        try:
+            return json.loads(text)
+        except ValueError:
+            if is_json:
+                raise
+    return _yaml(text)
+
+
+def _yaml(text: str) -> object:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Safe, and with the one tag that OpenCV writes."""
+
+    def matrix(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+        return loader.construct_mapping(node, deep=True)
+
+    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", matrix)
+    # OpenCV writes "%YAML:1.0", which is no directive of YAML.
+    if text.startswith("%YAML:"):
+        text = text.partition("\n")[2]
+    try:
+        return yaml.load(text, Loader=Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error)
+        raise ValueError(f"{problem}" + (f" in line {mark.line + 1}" if mark else "")) from None
+
+
+def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:
+    """Read celnav's own form, in which ``hfov_deg`` may stand for ``f_px``."""
+    known = dict(record)
+    if size is not None and known.get("width") is None and known.get("height") is None:
+        known["width"], known["height"] = size
+    if known.get("hfov_deg") is None:
+        known.pop("hfov_deg", None)
+        return Camera.from_dict(known)
+    if known.get("f_px") is not None or known.get("fy_px") is not None:
+        raise CameraError("give f_px or hfov_deg, not both")
+    hfov_deg = known.pop("hfov_deg")
+    known.setdefault("model", "pinhole")
+    # The checks of a whole camera come first; its focal length then follows from the field.
+    checked = Camera.from_dict(known | {"f_px": 1.0})
+    found = camera_of_field(checked.model, checked.width, checked.height, hfov_deg, checked.k)
+    return Camera.from_dict(known | {"f_px": found.f_px})
+
+
+def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> CameraFile:
+    """Read a calibration of OpenCV or ROS."""
+    width, height = _size(record, size)
+    key = next(name for name in _MATRIX_NAMES if name in record)
+    matrix = _numbers(record[key], key)
+    if matrix.size != 9:
+        raise CameraError(f"{key} has {matrix.size} numbers; it must be a 3 x 3 matrix")
+    (fx, skew, cx), (zero, fy, cy), last = matrix.reshape(3, 3)
+    if abs(skew) > 1e-9 or zero != 0 or not np.allclose(last, [0, 0, 1]):
+        raise CameraError(f"{key} must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; a skew is not supported")
+    key = next((name for name in _DISTORTION_NAMES if name in record), "")
+    distortion = _numbers(record[key], key) if key else np.empty(0)
+    lens = Camera("pinhole", width, height, float(fx), float(fy), float(cx), float(cy))
+    assumed = list(_size_assumed(record, "image_width", "width"))
+    if _is_fisheye(record):
+        if distortion.size > 4:
+            raise CameraError(f"{key} has {distortion.size} numbers; a fisheye of OpenCV has 4")
+        camera = replace(lens, model="kannala_brandt", k=tuple(distortion.tolist()))
+        return CameraFile(camera, "calibration of an OpenCV fisheye", tuple(assumed))
+    if distortion.size not in (0, 4, 5, 8, 12, 14):
+        raise CameraError(f"{key} has {distortion.size} numbers; OpenCV writes 4, 5, 8, 12 or 14")
+    if distortion[8:].any():
+        raise CameraError(f"{key} has thin-prism or tilt terms (from the ninth on), which celnav has no model of")
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.append(distortion, np.zeros(8))[:8].tolist()
+    if distortion.size == 4 and "distortion_model" not in record and "fisheye_model" not in record:
+        assumed.append(
+            "the four distortion coefficients are k1, k2, p1, p2 of a perspective lens; for a fisheye add "
+            "distortion_model: fisheye"
+        )
+    camera = replace(lens, model="brown_conrady", k=(k1, k2, k3, k4, k5, k6), p=(p1, p2))
+    return CameraFile(camera, "calibration of OpenCV", tuple(assumed))
+
+
+def _is_fisheye(record: Mapping[str, Any]) -> bool:
+    """Tell whether a calibration is of OpenCV's ``fisheye``, which ROS calls equidistant."""
+    if record.get("fisheye_model") not in (None, 0, False):
+        return True
+    model = str(record.get("distortion_model") or "").strip().lower()
+    if model not in (*_FISHEYE_NAMES, *_PERSPECTIVE_NAMES):
+        raise CameraError(
+            f"distortion_model {model[:40]!r} is not known; known: {', '.join(name for name in _PERSPECTIVE_NAMES if name)}, "
+            f"{', '.join(_FISHEYE_NAMES)}"
+        )
+    return model in _FISHEYE_NAMES
+
+
+def _size(record: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[int, int]:
+    for names in (("image_width", "image_height"), ("width", "height")):
+        if all(name in record for name in names):
+            return record[names[0]], record[names[1]]
+    for name in ("image_size", "imageSize"):
+        if name in record:
+            values = _numbers(record[name], name)
+            if values.size != 2 or not (values == values.astype(int)).all():
+                raise CameraError(f"{name} must be width and height")
+            return int(values[0]), int(values[1])
+    if size is None:
+        raise CameraError("the calibration does not say how large its images are: add image_width and image_height")
+    return size
+
+
+def _size_assumed(record: Mapping[str, Any], *names: str) -> tuple[str, ...]:
+    if any(name in record for name in (*names, "image_size", "imageSize")):
+        return ()
+    return ("the camera file gives no size of its images: they are as large as this one",)
+
+
+def _numbers(value: object, key: str) -> NDArray[np.float64]:
+    """Return the numbers of a matrix as OpenCV writes it (``data``), or of nested lists; shape (n,)."""
+    if isinstance(value, Mapping):
+        value = value.get("data")
+    try:
+        numbers = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise CameraError(f"{key} must be a matrix of numbers") from None
+    if not np.isfinite(numbers).all():
+        raise CameraError(f"{key} must hold finite numbers")
+    return numbers

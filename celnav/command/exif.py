@@ -1,0 +1,195 @@
+"""What a photograph says about itself: the EXIF tags for its time and its lens.
+
+Tags are input from outside: numbers are checked, text is cut and stripped of anything that a terminal would act upon.
+The position that a photograph may carry is not read.
+
+Source: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32".
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from celnav.errors import ImageError
+
+_EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
+_LONGEST_TEXT = 60
+# Millimetres of the units of FocalPlaneResolutionUnit; 4 and 5 are in wide use though not in the standard.
+_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_RAW_SUFFIXES = {
+    ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
+    ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PhotoTags:
+    """Tags of a photograph; None, or empty, where it has none.
+
+    Attributes
+    ----------
+    width, height : int
+        Size of the stored picture, pixels.
+    taken : datetime or None
+        Time of the camera's clock, without a zone.
+    whole_seconds : bool
+        Whether that time lacks fractions of a second.
+    offset : timedelta or None
+        Of the camera's clock from UTC.
+    gps_utc : datetime or None
+        Time of the last position fix; UTC.
+    exposure_s : float or None
+        Length of the exposure.
+    focal_length_mm, focal_length_35mm : float or None
+        Of the lens; and of a lens with the same field of view on 35 mm film, by the diagonal.
+    focal_plane_px_mm : float or None
+        Pixels to a millimetre of the sensor.
+    tagged_width_px : int or None
+        Width of the picture that the camera wrote.
+    orientation : int
+        1: stored as it is to be shown; 2 to 8: turned or mirrored.
+    camera, lens : str
+        Names.
+    """
+
+    width: int
+    height: int
+    taken: datetime | None = None
+    whole_seconds: bool = True
+    offset: timedelta | None = None
+    gps_utc: datetime | None = None
+    exposure_s: float | None = None
+    focal_length_mm: float | None = None
+    focal_length_35mm: float | None = None
+    focal_plane_px_mm: float | None = None
+    tagged_width_px: int | None = None
+    orientation: int = 1
+    camera: str = ""
+    lens: str = ""
+
+
+def refuse_raw(path: str | Path) -> None:
+    """Raise `ImageError` for a raw file, which many programs would open as its small preview."""
+    suffix = Path(path).suffix.lower()
+    if suffix in _RAW_SUFFIXES:
+        raise ImageError(
+            f"image {path} is a raw file ({suffix}): develop it to a 16-bit TIFF or PNG first, without corrections of the "
+            "lens and without cropping"
+        )
+
+
+def read_tags(path: str | Path) -> PhotoTags:
+    """Read the tags of a PNG, JPEG or TIFF.
+
+    Raises
+    ------
+    ImageError
+        When the file is no such image, or a TIFF that is to be turned. Tags that are damaged count as absent.
+    """
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as image:
+                size, form = image.size, image.format
+                try:
+                    exif = image.getexif()
+                    base, photo, gps = dict(exif), dict(exif.get_ifd(_EXIF_IFD)), dict(exif.get_ifd(_GPS_IFD))
+                except Exception:  # Pillow raises struct.error, KeyError, OverflowError and others for damaged tags
+                    base, photo, gps = {}, {}, {}
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise ImageError(f"image {path} cannot be read: {error}".replace("\n", " ")) from None
+    tags = _tags(size, base, photo, gps)
+    if form == "TIFF" and tags.orientation != 1:
+        raise ImageError(
+            f"image {path} is a TIFF with the orientation {tags.orientation}, by which programs turn it or do not: save it "
+            "upright, or as PNG"
+        )
+    return tags
+
+
+def _tags(
+    size: tuple[int, int], base: Mapping[int, object], photo: Mapping[int, object], gps: Mapping[int, object]
+) -> PhotoTags:
+    fraction = re.match(r"\d+", _text(photo.get(0x9291)))
+    taken = _time(photo.get(0x9003))
+    if taken is not None and fraction:
+        taken += timedelta(seconds=float(f"0.{fraction[0]}"))
+    per_unit, unit_mm = _positive(photo.get(0xA20E)), _UNIT_MM.get(int(_positive(photo.get(0xA210)) or 2))
+    tagged_width = _positive(photo.get(0xA002))
+    orientation = int(_positive(base.get(0x0112)) or 1)
+    return PhotoTags(
+        width=size[0],
+        height=size[1],
+        taken=taken,
+        whole_seconds=fraction is None,
+        offset=_offset(photo.get(0x9011)),
+        gps_utc=_gps_time(gps.get(29), gps.get(7)),
+        exposure_s=_positive(photo.get(0x829A)),
+        focal_length_mm=_positive(photo.get(0x920A)),
+        focal_length_35mm=_positive(photo.get(0xA405)),
+        focal_plane_px_mm=None if per_unit is None or unit_mm is None else per_unit / unit_mm,
+        tagged_width_px=None if tagged_width is None else round(tagged_width),
+        orientation=orientation if 1 <= orientation <= 8 else 1,
+        camera=_text(base.get(0x0110)),
+        lens=_text(photo.get(0xA434)),
+    )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("ascii", "replace")
+    if not isinstance(value, str):
+        return ""
+    return "".join(letter for letter in value if letter.isprintable()).strip()[:_LONGEST_TEXT]
+
+
+def _positive(value: object) -> float | None:
+    """Return a number above zero and below a thousand million, or None."""
+    if isinstance(value, (tuple, list)) and len(value) == 1:
+        value = value[0]
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+    return number if math.isfinite(number) and 0 < number < 1e9 else None
+
+
+def _time(value: object) -> datetime | None:
+    try:
+        return datetime.strptime(_text(value), "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+
+
+def _offset(value: object) -> timedelta | None:
+    found = re.fullmatch(r"([+-])(\d\d):?(\d\d)|Z", _text(value))
+    if found is None:
+        return None
+    if found[0] == "Z":
+        return timedelta(0)
+    offset = timedelta(hours=int(found[2]), minutes=int(found[3]))
+    if offset > timedelta(hours=14):
+        return None
+    return offset if found[1] == "+" else -offset
+
+
+def _gps_time(day: object, clock: object) -> datetime | None:
+    """Read GPSDateStamp and GPSTimeStamp, which are UTC."""
+    if not isinstance(clock, (tuple, list)) or len(clock) != 3:
+        return None
+    try:
+        hours, minutes, seconds = (float(part) for part in clock)
+        midnight = datetime.strptime(_text(day), "%Y:%m:%d").replace(tzinfo=UTC)
+        if not 0 <= 3600 * hours + 60 * minutes + seconds < 86400:
+            return None
+        return midnight + timedelta(hours=hours, minutes=minutes, seconds=seconds)
+    except (TypeError, ValueError, ArithmeticError):
+        return None

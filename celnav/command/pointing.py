@@ -1,0 +1,86 @@
+"""Pointing: azimuth, altitude and roll of the boresight, the form of an attitude that people read and write."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.errors import AttitudeError
+
+# Sine of the zenith distance below which azimuth and roll turn about the same axis.
+_POLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Pointing:
+    """Where the boresight points, and the turn of the camera about it (docs/conventions.md).
+
+    Attributes
+    ----------
+    azimuth_deg : float
+        From north through east.
+    altitude_deg : float
+        Apparent, -90 to 90.
+    roll_deg : float
+        Clockwise turn of the camera as its holder sees it; at 0 the top of the image is towards the zenith.
+
+    Raises
+    ------
+    AttitudeError
+        When an angle is not finite, or the altitude lies outside -90 to 90 degrees.
+    """
+
+    azimuth_deg: float
+    altitude_deg: float
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("azimuth_deg", "altitude_deg", "roll_deg"):
+            if not math.isfinite(getattr(self, name)):
+                raise AttitudeError(f"{name} = {getattr(self, name)} must be a finite number of degrees")
+        if abs(self.altitude_deg) > 90:
+            raise AttitudeError(f"altitude_deg = {self.altitude_deg} must lie between -90 and 90")
+
+    @property
+    def R_cam(self) -> NDArray[np.float64]:
+        """The rotation from east-north-up to the camera, shape (3, 3)."""
+        azimuth, altitude, roll = np.radians([self.azimuth_deg, self.altitude_deg, self.roll_deg])
+        sin_a, cos_a, sin_h, cos_h = np.sin(azimuth), np.cos(azimuth), np.sin(altitude), np.cos(altitude)
+        right = np.array([cos_a, -sin_a, 0.0])
+        up = np.array([-sin_a * sin_h, -cos_a * sin_h, cos_h])
+        return np.array(
+            [
+                np.cos(roll) * right - np.sin(roll) * up,
+                -np.sin(roll) * right - np.cos(roll) * up,
+                [sin_a * cos_h, cos_a * cos_h, sin_h],
+            ]
+        )
+
+    @classmethod
+    def of(cls, R_cam: ArrayLike) -> Pointing:
+        """Return the pointing of a rotation from east-north-up to the camera, shape (3, 3).
+
+        Azimuth is 0 to 360, roll above -180 to 180. At the zenith and the nadir, where only their sum or difference has a
+        meaning, roll is 0: a camera at the zenith with north up has the azimuth 180.
+        """
+        right, down, boresight = np.asarray(R_cam, dtype=np.float64)
+        horizontal = math.hypot(boresight[0], boresight[1])
+        altitude = math.atan2(boresight[2], horizontal)
+        if horizontal < _POLE:
+            # The top of the image is where the vertical circle through the boresight goes on.
+            sign = math.copysign(1.0, boresight[2])
+            azimuth, roll = math.atan2(sign * down[0], sign * down[1]), 0.0
+        else:
+            azimuth = math.atan2(boresight[0], boresight[1])
+            across = np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
+            up = np.cross(across, boresight)
+            roll = math.atan2(-float(right @ up), float(right @ across))
+        return cls(math.degrees(azimuth) % 360.0 % 360.0, math.degrees(altitude), _half_open(math.degrees(roll)))
+
+
+def _half_open(angle_deg: float) -> float:
+    """Return -180 as 180, so that a half turn has one name."""
+    return 180.0 if angle_deg == -180.0 else angle_deg + 0.0

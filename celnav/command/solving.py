@@ -1,0 +1,166 @@
+"""From the command's arguments to an answer."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from celnav.adjustment import CameraPriors
+from celnav.attitude import Attitude
+from celnav.camera import Camera
+from celnav.command.answer import Answer, attitude_of
+from celnav.command.attitude_option import read_attitude
+from celnav.command.camera_file import read_camera_file
+from celnav.command.exif import PhotoTags, read_tags, refuse_raw
+from celnav.command.exposure_time import exposure_time
+from celnav.command.field_limits import field_limit
+from celnav.command.photo_camera import photo_camera
+from celnav.detection import detect
+from celnav.errors import CameraError, ConfigError
+from celnav.fix import Reason
+from celnav.images import read_image
+from celnav.problem import Solver
+from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
+from celnav.solver import solve
+
+Mode = Literal["none", "auto", "full"]
+# A lens that nobody has calibrated: equivalent focal lengths are rounded to a millimetre, principal points lie within a
+# per cent of the width from the middle, and lenses that are not very wide distort by a few per cent at the corner.
+UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE, UNCALIBRATED_DISTORTION = 0.05, 0.01, 0.05
+
+
+@dataclass
+class _Clock:
+    """Times the stages of the command."""
+
+    time_ms: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        begun = time.perf_counter()
+        yield
+        self.time_ms[name] = 1000 * (time.perf_counter() - begun)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """The camera, how it is known, and whether anybody measured it."""
+
+    camera: Camera
+    calibrated: bool
+    assumed: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
+    """Solve the image that the arguments name.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Of `celnav.command.arguments.parser`.
+    started_s : float
+        Value of `time.perf_counter` when the command began.
+
+    Raises
+    ------
+    CelnavError
+        For input that cannot be used.
+    """
+    clock = _Clock({"start": 1000 * (time.perf_counter() - started_s)})
+    refuse_raw(arguments.image)
+    if arguments.plot is not None:
+        from celnav.command.plot import check_plot_path
+
+        check_plot_path(arguments.plot)
+    with clock.stage("reading"):
+        image = read_image(arguments.image)
+        tags = read_tags(arguments.image)
+        attitude = read_attitude(arguments.attitude)
+        lens = _lens(arguments, tags)
+        moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
+        mask = None
+        if arguments.mask is not None:
+            values = read_image(arguments.mask)
+            mask = values.astype(bool) if values.ndim == 2 else values.any(axis=2)
+    with clock.stage("detection"):
+        detections = detect(image, mask)
+    with clock.stage("solving"):
+        fix = solve(
+            detections,
+            lens.camera,
+            moment.utc,
+            attitude,
+            _solver(arguments, lens),
+            pressure_hpa=arguments.pressure_hpa,
+            temperature_c=arguments.temperature_c,
+            dut1_s=arguments.dut1_s,
+            time_limit_s=arguments.time_limit_s,
+        )
+    if fix.reason is Reason.VERTICAL_REQUIRED:
+        fix = replace(
+            fix,
+            message="the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0",
+        )
+    limit = field_limit(lens.camera, arguments.solver)
+    found = Answer(
+        fix=replace(fix, solver=arguments.solver),
+        detections=detections,
+        camera=lens.camera,
+        utc=moment.utc,
+        attitude=attitude,
+        R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
+        assumed=(*lens.assumed, *moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
+        warnings=(*lens.warnings, *((limit,) if limit else ())),
+        time_ms=clock.time_ms,
+    )
+    if arguments.plot is not None:
+        from celnav.command.plot import draw
+
+        with clock.stage("drawing"):
+            draw(found, image, arguments.plot)
+    clock.time_ms["total"] = 1000 * (time.perf_counter() - started_s)
+    return found
+
+
+def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
+    """Take the camera from its file, or from the image's tags and the options."""
+    if arguments.camera is None:
+        photo = photo_camera(tags, arguments.focal_length_mm, arguments.sensor_width_mm)
+        return _Lens(photo.camera, False, photo.assumed, photo.warnings)
+    if arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None:
+        raise CameraError("--focal-length-mm and --sensor-width-mm go without --camera, which says both")
+    file = read_camera_file(arguments.camera, (tags.width, tags.height))
+    return _Lens(file.camera, True, file.assumed)
+
+
+def _solver(arguments: argparse.Namespace, lens: _Lens) -> str | Solver:
+    """Return the solver, with as much of the camera left free as is unknown."""
+    if arguments.solver != "skybench":
+        if arguments.calibrate is not None:
+            raise ConfigError(f"--calibrate: solver {arguments.solver} fits no camera; skybench does")
+        return str(arguments.solver)
+    mode: Mode = arguments.calibrate or ("auto" if lens.calibrated else "full")
+    if lens.calibrated or mode != "full":
+        return SkybenchSolver(SkybenchConfig(calibrate=mode))
+    priors = CameraPriors(UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE * lens.camera.width, UNCALIBRATED_DISTORTION)
+    return SkybenchSolver(SkybenchConfig(calibrate="full", priors=priors))
+
+
+def _of_attitude(text: str, attitude: Attitude | None, tags: PhotoTags) -> list[str]:
+    """Say what is taken for granted of the attitude."""
+    sentences = []
+    if attitude is not None and "altitude" in text and "=" in text and "roll" not in text:
+        sentences.append("no roll given: the top of the image is towards the zenith")
+    if attitude is not None and tags.orientation != 1:
+        shown = {3: "half a turn", 6: "a quarter turn clockwise", 8: "a quarter turn counterclockwise"}
+        turn = shown.get(tags.orientation, "mirrored")
+        sentences.append(
+            f"pixels, and so the attitude's roll, are those of the image as stored; programs show it {turn} from there "
+            f"(EXIF orientation {tags.orientation})"
+        )
+    return sentences
