@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 from benchmark.cli.app import app
 from benchmark.report.show.page import write_page
 from benchmark.report.show.source import open_source, spread
-from benchmark.report.show.star_names import PROPER_NAMES, star_name
+from benchmark.report.show.star_names import star_name
+from celnav.sky.star_names import PROPER_NAMES
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
 from generator.errors import GeneratorError
