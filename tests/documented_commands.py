@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import click
 from typer.main import get_command
 
+from benchmark.cli.app import app
 from celnav.command.arguments import parser as celnav_parser
 
 ROOT = Path(__file__).parents[1]
@@ -22,8 +21,7 @@ SHELL = {"", "sh", "bash", "console"}
 
 def skybench_app() -> Any:
     """The Typer application behind the command `skybench`."""
-    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
-    return importlib.import_module(scripts["skybench"].split(":")[0]).app
+    return app
 
 
 def commands_that_exist() -> dict[str, Any]:

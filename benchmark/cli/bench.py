@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from benchmark.cli import boards as boards_cli
+from benchmark.cli import completion
 from benchmark.cli import submissions as submission_cli
 from benchmark.cli.errors import fail
-from benchmark.cli.progress import progress_bars
+from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError, ResultsError
 
@@ -31,16 +32,18 @@ _DATA_HELP = "Folder for the frames of tasks and of datasets in shards; what is 
 
 
 @app.command("list")
-def list_all() -> None:
+def list_all(as_json: AsJson = False) -> None:
     """Show all tasks and solvers, and whether each solver can run here."""
-    from benchmark.cli.listing import solver_table, task_table  # loads the solvers
+    from benchmark.cli.listing import listed_solvers, listed_tasks, solver_table, task_table  # loads the solvers
 
-    console = Console()
     try:
-        console.print(task_table())
-        console.print(solver_table())
+        tasks, solvers = listed_tasks(), listed_solvers()
     except BenchmarkError as error:
         fail(error)
+    if as_json:
+        print_json({"tasks": tasks, "solvers": solvers})
+    else:
+        print_tables(task_table(tasks), solver_table(solvers))
 
 
 @app.command(
@@ -57,11 +60,16 @@ def run(
             metavar="[TASK|DIR|URL|TASKFILE]…",
             help="Task (see `bench list`), file of a task of your own (NAME.task.yaml), folder that `skybench render` "
             "wrote, folder or URL that `skybench generate` wrote.",
+            autocompletion=completion.targets,
         ),
     ] = None,
     solver: Annotated[
         list[str] | None,
-        typer.Option("--solver", help="Name of a solver, or a folder with a solver.yaml; repeat for several."),
+        typer.Option(
+            "--solver",
+            help="Name of a solver, or a folder with a solver.yaml; repeat for several.",
+            autocompletion=completion.solvers,
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -95,6 +103,7 @@ def run(
         ),
     ] = None,
     data: Annotated[Path | None, typer.Option("--data", help=f"{_DATA_HELP} Default: out/tasks.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run solvers over frames; finished results are skipped, interrupted runs resume."""
     if all_tasks == bool(targets):
@@ -113,7 +122,7 @@ def run(
     choice = FrameChoice(split.value, frames, condition, data or DEFAULT_DATA, jobs)
     request = Request(names, solver or [], choice, detections.value, out, jobs)
     try:
-        code = run_request(request) if attempt is None else try_request(request, attempt)
+        code = run_request(request, as_json) if attempt is None else try_request(request, attempt, as_json)
     except BenchmarkError as error:
         fail(error)
     if code:
@@ -133,6 +142,7 @@ def report(
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Print the table of the results in a folder and write their pages to its folder `site`.
 
@@ -142,20 +152,24 @@ def report(
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
-    from benchmark.report.site.terminal import result_table
+    from benchmark.report.site.terminal import boards_document, result_table
     from benchmark.run.results import write_atomically
 
     try:
         with progress_bars("boards") as bar:
             task = bar.add_task("comparing", total=None)
             boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
-        Console().print(result_table(boards))
+        if not as_json:
+            print_tables(result_table(boards))
         if figure is not None:
             write_atomically(figure, render_figure(boards, Places(out, data or DEFAULT_DATA), figure).encode())
-        with Console(stderr=True).status("writing the pages"):
+        with working("writing the pages"):
             path = write_site(
                 boards, Places(out, data or DEFAULT_DATA), MOST_PICTURES if pictures is None else pictures
             )
     except BenchmarkError as error:
         fail(error)
-    typer.echo(str(path))
+    if as_json:
+        print_json({"page": path, "boards": boards_document(boards)})
+    else:
+        typer.echo(path)

@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import TaskID
-from rich.table import Table
 
+from benchmark.cli import completion
 from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from benchmark.report.refresh import BoardsRequest
     from benchmark.report.refresh_plan import Plan
     from benchmark.report.stale import Rows
@@ -36,11 +37,18 @@ def add_to(app: typer.Typer) -> None:
 
 def boards(
     tasks: Annotated[
-        list[str] | None, typer.Argument(metavar="[TASK|TASKFILE]…", help="Default: all tasks of skybench.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[TASK|TASKFILE]…", help="Default: all tasks of skybench.", autocompletion=completion.targets
+        ),
     ] = None,
     solver: Annotated[
         list[str] | None,
-        typer.Option("--solver", help="Name or folder; repeat for several. Default: all that come with skybench."),
+        typer.Option(
+            "--solver",
+            help="Name or folder; repeat for several. Default: all that come with skybench.",
+            autocompletion=completion.solvers,
+        ),
     ] = None,
     out: _Out = _LEADERBOARD,
     plan: Annotated[bool, typer.Option("--plan", help="Print what would be run and an estimate, and end.")] = False,
@@ -54,6 +62,7 @@ def boards(
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run the rows that are missing or not of today's code, pack all results and write the pages."""
     from benchmark.report.refresh import BoardsRequest, plan_boards, run_plan  # loads the solvers
@@ -64,8 +73,11 @@ def boards(
     request = BoardsRequest(tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames)
     try:
         found = plan_boards(request)
-        _print_plan(found, request)
+        if not as_json:
+            _print_plan(found, request)
         if plan or not found.jobs:
+            if as_json:
+                print_json(_document(found, request))
             return
         pack_tree(out)
         with progress_bars() as bar:
@@ -78,16 +90,31 @@ def boards(
 
             left = run_plan(found, request, advance)
         pack_tree(out)
-        _report(out, data, figure)
+        page = _report(out, data, figure)
     except BenchmarkError as error:
         fail(error)
+    if as_json:
+        print_json(_document(found, request) | {"not_made": left, "page": page})
+    else:
+        typer.echo(page)
     for obstacle in left:
         typer.echo(f"not made: {obstacle}", err=True)
     if left:
         raise typer.Exit(EXIT_PROBLEMS)
 
 
+def _document(found: Plan, request: BoardsRequest) -> dict[str, object]:
+    from benchmark.report.refresh import missing_frames
+
+    unrendered = missing_frames(found, request)
+    rows = [vars(job.place) | {"why": job.why, "frames": job.n_frames, "seconds": job.seconds} for job in found.jobs]
+    seconds = found.seconds(request.jobs, unrendered)
+    return {"rows": rows, "of_today": found.fresh, "frames_to_render": unrendered, "seconds": seconds}
+
+
 def _print_plan(found: Plan, request: BoardsRequest) -> None:
+    from rich.table import Table
+
     from benchmark.report.formatting import duration
     from benchmark.report.refresh import missing_frames
 
@@ -99,9 +126,8 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
         table.add_row(
             place.task, place.detections, place.solver, job.why, str(job.n_frames), duration(job.seconds / request.jobs)
         )
-    console = Console()
     if found.jobs:
-        console.print(table)
+        print_tables(table)
     unrendered = missing_frames(found, request)
     whole = duration(found.seconds(request.jobs, unrendered))
     typer.echo(
@@ -110,7 +136,7 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
     )
 
 
-def _report(out: Path, data: Path, figure: Path | None) -> None:
+def _report(out: Path, data: Path, figure: Path | None) -> Path:
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.run.results import write_atomically
@@ -120,10 +146,10 @@ def _report(out: Path, data: Path, figure: Path | None) -> None:
         made = make_boards(out, lambda done, of: bar.update(line, completed=done, total=of))
     if figure is not None:
         write_atomically(figure, render_figure(made, Places(out, data), figure).encode())
-    typer.echo(str(write_site(made, Places(out, data))))
+    return write_site(made, Places(out, data))
 
 
-def pack_results(out: _Out = _LEADERBOARD) -> None:
+def pack_results(out: _Out = _LEADERBOARD, as_json: AsJson = False) -> None:
     """Put raw results into one table to a task; a raw result takes the place of a packed one of the same solver.
 
     Positions, detections and the solvers' own account of their times are not kept: `bench run` makes them again.
@@ -134,6 +160,9 @@ def pack_results(out: _Out = _LEADERBOARD) -> None:
         packed = pack_tree(out)
     except BenchmarkError as error:
         fail(error)
+    if as_json:
+        print_json({"tables": packed})
+        return
     for table in packed:
         typer.echo(f"{table.listing}: {table.n_new} of {table.n_rows} rows new, {table.size_bytes / 1000:.0f} kB")
     if not packed:
@@ -150,6 +179,7 @@ def stale(
         list[Path] | None,
         typer.Option("--measured", help="The numbers in a file have just been measured: state today's revision."),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Check that all measured numbers are of the revision that is printed beside them.
 
@@ -160,12 +190,18 @@ def stale(
     try:
         place = root.resolve()
         rows = _rows(place / _LEADERBOARD)
+        changed = {}
         for paths, new in ((stamp or [], False), (measured or [], True)):
             for path in paths:
-                typer.echo(f"{path}: {stamp_file(place, path.resolve(), rows, new)} marks changed")
+                changed[path] = stamp_file(place, path.resolve(), rows, new)
         problems = check_marks(place, rows)
     except BenchmarkError as error:
         fail(error)
+    if as_json:
+        print_json({"problems": problems, "marks_changed": changed})
+        raise typer.Exit(EXIT_PROBLEMS if problems else 0)
+    for path, count in changed.items():
+        typer.echo(f"{path}: {count} marks changed")
     for problem in problems:
         typer.echo(f"skybench: {problem}", err=True)
     if problems:
@@ -188,6 +224,7 @@ def revisions(
         Path | None,
         typer.Option("--tree", help="Folder that holds the packages, such as a checkout; default: as installed."),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Print the revision of every solver, and of the shared detector."""
     from benchmark.solvers.definition import FOLDER, solver_folders
@@ -200,5 +237,8 @@ def revisions(
         found["the shared detector"] = packages.detector_revision
     except (BenchmarkError, OSError, KeyError, SyntaxError) as error:
         fail(error)
+    if as_json:
+        print_json({"revisions": found})
+        return
     for name, revision in found.items():
         typer.echo(f"{revision}  {name}")

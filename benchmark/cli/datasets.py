@@ -11,38 +11,47 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import yaml
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import TaskProgressColumn, TextColumn
-from rich.table import Column, Table
 
 from benchmark.cli.errors import fail
-from benchmark.cli.progress import progress_bars
-from benchmark.report.formatting import duration, file_size
+from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.progress import progress_bars, working
+from benchmark.cli.rendering import Scenario
 from generator.errors import GeneratorError
 
 if TYPE_CHECKING:
     from generator.dataset.forecast import Forecast
     from generator.dataset.run import Runner
 
-_Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML).")]
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command(epilog="Example: skybench plan thesis_mag")(plan)
+    app.command(epilog="Example: skybench generate thesis_mag --out out/thesis-mag")(generate)
+    app.command(epilog="Exit status: 0 whole, 1 damaged.")(verify)
+    app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(export)
+    app.command(epilog="Example: skybench show out/set, then open out/set-show/index.html")(show)
 
 
 def plan(
-    scenario: _Scenario,
+    scenario: Scenario,
     measure: Annotated[
         bool, typer.Option("--measure", help="Render four frames, not the first alone, to know time and size.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print what a scenario would make: frames, values, light, stars, time and size; and what looks like a slip."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Column, Table
+
+    from benchmark.report.formatting import duration, file_size
     from generator.dataset.forecast import forecast
     from generator.scenario.file import load_scenario
+    from generator.scenario.shipped import find_scenario
 
     try:
-        loaded = load_scenario(scenario)
-        with Console(stderr=True).status("planning"):
+        loaded = load_scenario(find_scenario(scenario))
+        with working("planning"):
             expected = forecast(loaded, measure)
     except GeneratorError as error:
         fail(error)
@@ -52,7 +61,7 @@ def plan(
     if as_json:
         identity = {"name": loaded.name, "sha256": loaded.sha256, "seed": loaded.seed}
         varied = {"sweeps": {key: list(values) for key, values in sweeps.items()}, "draws": draws, "files": files}
-        typer.echo(json.dumps(identity | asdict(expected) | varied))
+        print_json(identity | asdict(expected) | varied)
         return
     table = Table("", Column(loaded.name, overflow="fold"), show_header=True)
     table.add_row("frames", f"{loaded.frame_count} ({loaded.combination_count} combinations x {loaded.repeats})")
@@ -72,7 +81,7 @@ def plan(
         "with the expected electrons (EXR)",
     )
     table.add_row("scenario hash", loaded.sha256)
-    Console().print(table)
+    print_tables(table)
     for warning in expected.warnings:
         Console(stderr=True).print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
 
@@ -109,13 +118,15 @@ def _listing(values: tuple[object, ...]) -> str:
 
 def _as_written(tree: Any, path: tuple[str, ...]) -> str:
     """A scenario's value as its file has it, on one line."""
+    import yaml
+
     for key in path:
         tree = tree[int(key)] if isinstance(tree, list) else tree[key]
     return yaml.safe_dump(tree, default_flow_style=True, width=1000).strip()
 
 
 def generate(
-    scenario: _Scenario,
+    scenario: Scenario,
     out: Annotated[str, typer.Option("--out", help="Folder (or URL such as s3://…); a begun dataset is continued.")],
     frames: Annotated[str, typer.Option("--frames", metavar="FIRST:STOP", help="Frames to make, STOP excluded.")] = "",
     split: Annotated[str, typer.Option("--split", help="Name of the split.")] = "train",
@@ -124,22 +135,32 @@ def generate(
         typer.Option("--shard-size", min=1, help="Frames per shard; default: 100, fewer for fewer than 3200 frames."),
     ] = None,
     exr: Annotated[bool, typer.Option("--exr", help="Store the expected electrons too.")] = False,
-    codec: Annotated[str, typer.Option("--codec", help="png, or jxl (lossless JPEG XL).")] = "png",
+    codec: Annotated[
+        str,
+        typer.Option("--codec", help="png, or jxl (lossless JPEG XL).", autocompletion=lambda: ["png", "jxl"]),
+    ] = "png",
     workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
     or 1,
     part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "0/1",
-    backend: Annotated[str, typer.Option("--backend", help="local, or ray.")] = "local",
+    backend: Annotated[
+        str, typer.Option("--backend", help="local, or ray.", autocompletion=lambda: ["local", "ray"])
+    ] = "local",
     ray_address: Annotated[
         str, typer.Option("--ray-address", help="Of a running cluster; else one is started here.")
     ] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Report progress as JSON lines on standard output.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report progress as JSON lines on standard output, one document to a line.")
+    ] = False,
 ) -> None:
     """Make a dataset in shards; killed and started again, it goes on where it was."""
+    from rich.progress import TaskProgressColumn, TextColumn
+
     from generator.dataset.generate import generate as make
     from generator.dataset.layout import DatasetSpec, natural_shard_size
     from generator.dataset.run import Part
     from generator.dataset.shard import ShardReport
     from generator.scenario.file import load_scenario
+    from generator.scenario.shipped import find_scenario
 
     started = time.monotonic()
     own_lines = sys.stdout  # a backend may redirect the stream while it runs
@@ -149,7 +170,8 @@ def generate(
             typer.echo(json.dumps(event), file=own_lines)
 
     try:
-        loaded = load_scenario(scenario)
+        path = find_scenario(scenario)
+        loaded = load_scenario(path)
         chosen = _range(frames, loaded.frame_count)
         index, count = _part(part)
         spec = DatasetSpec(split, shard_size or natural_shard_size(loaded.frame_count), exr, codec)
@@ -174,7 +196,7 @@ def generate(
                 failures = [asdict(failure) for failure in report.failures]
                 tell({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
 
-            report = make(loaded, scenario.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
+            report = make(loaded, path.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
                           _backend(backend, ray_address), frame_done, shard_done)  # fmt: skip
     except GeneratorError as error:
         fail(error)
@@ -217,12 +239,17 @@ def _part(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
-def verify(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")]) -> None:
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")], as_json: AsJson = False
+) -> None:
     """Check every file of a dataset against its manifest, and the manifest against its scenario."""
     from generator.dataset.verify import problems
 
-    with Console(stderr=True).status("reading") as status:
+    with working("reading") as status:
         found = problems(folder, lambda path: status.update(f"reading {path}"))
+    if as_json:
+        print_json({"folder": folder, "whole": not found, "problems": found})
+        raise typer.Exit(1 if found else 0)
     for problem in found:
         typer.echo(problem)
     if not found:
@@ -232,17 +259,28 @@ def verify(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset f
 
 def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")],
-    to: Annotated[str, typer.Option("--to", help="files, coco, fits, or withheld (without its truth).")],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            help="files, coco, fits, or withheld (without its truth).",
+            autocompletion=lambda: ["files", "coco", "fits", "withheld"],
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
+    as_json: AsJson = False,
 ) -> None:
     """Write a dataset in another form."""
     from generator.dataset.export import export as write
 
     try:
-        with Console(stderr=True).status("writing") as status:
+        with working("writing") as status:
             write(folder, to, out, lambda frame_id: status.update(f"writing {frame_id}"))
     except GeneratorError as error:
         fail(error)
+    if as_json:
+        print_json({"form": to, "out": out})
+        return
     typer.echo(f"{to} in {out}")
 
 
@@ -250,6 +288,7 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
     out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+    as_json: AsJson = False,
 ) -> None:
     """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms."""
     from benchmark.report.show.page import write_page
@@ -266,4 +305,7 @@ def show(
             )
     except GeneratorError as error:
         fail(error)
+    if as_json:
+        print_json({"page": written.page, "shown": written.shown, "frames": written.frames, "size_bytes": written.size})
+        return
     typer.echo(f"{written.shown} of {written.frames} frames, {written.size / 1e6:.1f} MB: open {written.page}")

@@ -20,6 +20,7 @@ from generator.errors import GeneratorError
 from generator.light.lamps import LAMPS_PATH
 from generator.places import catalogue
 from generator.places.times import Instant, earth_orientation
+from generator.scenario.shipped import scenes_folder, shipped_scenarios
 
 MINIMUM_MEMORY_GIB = 2.0
 YBSC_MD5 = "bdb7b7c1479cfde8bf63e3d05c05cf6c"
@@ -136,6 +137,12 @@ def _check_file(name: str, path: Path, remedy: str, md5: str = "") -> Check:
     return Check(name, f"{path.name}, {len(data) / 1e6:.1f} MB")
 
 
+def check_scenes() -> Check:
+    """Scenarios that come with skybench."""
+    count = len(shipped_scenarios())
+    return Check("scenarios", f"{count} in {scenes_folder()}", "" if count else "reinstall skybench")
+
+
 CHECKS: tuple[Callable[[], Check], ...] = (
     check_python,
     check_packages,
@@ -147,6 +154,7 @@ CHECKS: tuple[Callable[[], Check], ...] = (
     check_hipparcos,
     check_lamps,
     check_earth_orientation,
+    check_scenes,
 )
 
 

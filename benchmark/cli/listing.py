@@ -1,6 +1,9 @@
-"""The tables of `skybench bench list`."""
+"""What `skybench bench list` shows."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rich.table import Table
 
@@ -9,38 +12,87 @@ from benchmark.solvers.registry import known_solvers
 from benchmark.tasks.definition import load_task, task_names, widest_half_width_points
 
 
-def task_table() -> Table:
-    """All tasks with what is graded, sizes and the width of interval that these buy."""
+@dataclass(frozen=True)
+class ListedTask:
+    """A task: what is graded, sizes, and half of the interval that they buy at one condition and over all, points."""
+
+    task: str
+    title: str
+    condition: str
+    unit: str
+    values: tuple[float, ...]
+    frames_per_condition: int
+    half_width_points: float
+    half_width_over_all_points: float
+
+
+@dataclass(frozen=True)
+class ListedSolver:
+    """A solver that comes with skybench; `obstacle` is empty where it can run here."""
+
+    solver: str
+    title: str
+    licence: str
+    obstacle: str
+
+
+def listed_tasks() -> list[ListedTask]:
+    """All tasks."""
+    found = []
+    for name in task_names():
+        task = load_task(name)
+        definition, condition = task.definition, task.definition.condition
+        found.append(
+            ListedTask(
+                task.label,
+                definition.title,
+                condition.name,
+                condition.unit,
+                condition.values,
+                definition.frames_per_condition,
+                definition.half_width_points,
+                widest_half_width_points(definition.frames_per_condition * len(condition.values)),
+            )
+        )
+    return found
+
+
+def listed_solvers() -> list[ListedSolver]:
+    """All solvers that come with skybench, and whether they can run here."""
+    found = []
+    for name in known_solvers():
+        solver = contestant_of(name)
+        assert solver.definition is not None
+        spec = solver.definition.spec
+        found.append(ListedSolver(name, spec.title, spec.licence, solver.obstacle() or ""))
+    return found
+
+
+def task_table(tasks: Sequence[ListedTask]) -> Table:
+    """The tasks as a table."""
     table = Table(
         title="Tasks (metric: part of the frames with a fix nearer than 10 km; higher is better)", title_justify="left"
     )
     for heading in ("task", "asks", "graded", "from easy to hard", "frames", "at one condition", "over all"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "task")
-    for name in task_names():
-        task = load_task(name)
-        definition = task.definition
-        condition = definition.condition
-        frames = definition.frames_per_condition * len(condition.values)
+    for task in tasks:
         table.add_row(
-            task.label,
-            definition.title,
-            condition.name,
-            " ".join(f"{value:g}" for value in condition.values) + (f" {condition.unit}" if condition.unit else ""),
-            f"{len(condition.values)} x {definition.frames_per_condition}",
-            f"± {definition.half_width_points:.1f} points",
-            f"± {widest_half_width_points(frames):.1f} points",
+            task.task,
+            task.title,
+            task.condition,
+            " ".join(f"{value:g}" for value in task.values) + (f" {task.unit}" if task.unit else ""),
+            f"{len(task.values)} x {task.frames_per_condition}",
+            f"± {task.half_width_points:.1f} points",
+            f"± {task.half_width_over_all_points:.1f} points",
         )
     return table
 
 
-def solver_table() -> Table:
-    """All solvers that come with skybench, and whether they can run here."""
+def solver_table(solvers: Sequence[ListedSolver]) -> Table:
+    """The solvers as a table."""
     table = Table(title="Solvers", title_justify="left")
     for heading in ("solver", "what it is", "licence", "here"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "solver")
-    for name in known_solvers():
-        solver = contestant_of(name)
-        assert solver.definition is not None
-        spec = solver.definition.spec
-        table.add_row(name, spec.title, spec.licence, solver.obstacle() or "ready")
+    for solver in solvers:
+        table.add_row(solver.solver, solver.title, solver.licence, solver.obstacle or "ready")
     return table

@@ -1,17 +1,12 @@
-"""The one progress bar of all commands: on standard error, so that what a command prints can be used by another."""
+"""Progress of all commands: on standard error, so that what a command prints can be used by another."""
 
 from __future__ import annotations
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn
+    from rich.status import Status
 
 
 def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = False) -> Progress:
@@ -26,6 +21,16 @@ def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = Fa
     hidden : bool
         Show nothing.
     """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -37,3 +42,10 @@ def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = Fa
         console=Console(stderr=True),
         disable=hidden,
     )
+
+
+def working(description: str) -> Status:
+    """A sign that work without a known end goes on."""
+    from rich.console import Console
+
+    return Console(stderr=True).status(description)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from pathlib import Path
 import typer
 from rich.progress import Progress
 
+from benchmark.cli.output import print_json
 from benchmark.cli.progress import progress_bars
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import Frame
@@ -58,8 +59,14 @@ class Request:
     jobs: int
 
 
-def run_request(request: Request) -> int:
-    """Run what is missing, and return the exit status: 1 where every answer of a solver on some frames is an error.
+def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, list[SolverRun]]:
+    """Run what is missing; returns the folder of results and the runs.
+
+    Parameters
+    ----------
+    request : Request
+    tell : callable
+        Takes a line about each solver that has finished.
 
     Raises
     ------
@@ -81,15 +88,32 @@ def run_request(request: Request) -> int:
             runs.append(done)
             mine = [run for run in runs if run.solver == done.solver]
             if len(mine) == len(sets):
-                typer.echo(_words(mine))
-    typer.echo(f"results in {out}; next: skybench bench report --out {out}")
+                tell(_words(mine))
+    return out, runs
+
+
+def run_request(request: Request, as_json: bool = False) -> int:
+    """Run what is missing, and return the exit status: 1 where every answer of a solver on some frames is an error.
+
+    What came of it is printed in words, or as one JSON document.
+
+    Raises
+    ------
+    BenchmarkError
+        Frames or a solver that are not there, or cannot be used here.
+    """
+    out, runs = run_solvers(request, _silent if as_json else typer.echo)
+    if as_json:
+        print_json({"out": out, "runs": runs})
+    else:
+        typer.echo(f"results in {out}; next: skybench bench report --out {out}")
     failed = [run for run in runs if run.failed_throughout]
     for run in failed:
         _cry(f"{run.solver}: every answer of {run.summary.n_frames} is an error ({run.folder})")
     return ALL_ERRORS if failed else 0
 
 
-def try_request(request: Request, count: int) -> int:
+def try_request(request: Request, count: int, as_json: bool = False) -> int:
     """Put a few frames, evenly spread over all, to one solver, showing what it answers and what it writes on standard error.
 
     Parameters
@@ -97,6 +121,8 @@ def try_request(request: Request, count: int) -> int:
     request : Request
     count : int
         Frames.
+    as_json : bool
+        Print one document at the end, not a line for each answer.
 
     Returns
     -------
@@ -115,29 +141,48 @@ def try_request(request: Request, count: int) -> int:
     with progress_bars() as bar:
         found = _opened(bar, target, choice)
     frames = _spread(found.frames, count)
-    statuses = []
+    scores = []
     with session_pool(partial(contestant.make_session, 1, _pass_on), 1) as pool:
-        typer.echo(f"{contestant.name} {pool.version} on {len(frames)} of {len(found.frames)} frames of {target}")
+        version = pool.version
+        if not as_json:
+            typer.echo(f"{contestant.name} {version} on {len(frames)} of {len(found.frames)} frames of {target}")
         for frame, outcome in zip(frames, outcomes(frames, pool, request.detections, {}), strict=True):
-            statuses.append(outcome.score.status)
-            typer.echo(_answer(frame, outcome))
-    counts = Counter(statuses)
-    typer.echo(f"{counts[FIX]} fixes, {len(statuses) - counts[FIX] - counts[ERROR]} refused, {counts[ERROR]} errors")
-    if counts[ERROR] == len(statuses):
+            scores.append(outcome.score)
+            if not as_json:
+                typer.echo(_answer(frame, outcome))
+    counts = Counter(score.status for score in scores)
+    if as_json:
+        answers = [
+            {"frame": frame.frame_id, "condition": frame.condition} | vars(score)
+            for frame, score in zip(frames, scores, strict=True)
+        ]
+        print_json({"solver": contestant.name, "version": version, "target": target, "answers": answers})
+    else:
+        refused = len(scores) - counts[FIX] - counts[ERROR]
+        typer.echo(f"{counts[FIX]} fixes, {refused} refused, {counts[ERROR]} errors")
+    if counts[ERROR] == len(scores):
         _cry(f"{contestant.name}: every answer is an error")
         return ALL_ERRORS
     return 0
+
+
+def _silent(words: str) -> None:
+    """Say nothing."""
+
+
+def runnable(names: Sequence[str]) -> list[str]:
+    """Those solvers that can run here, saying why the others cannot and what would bring them."""
+    found = {name: contestant_of(name).obstacle() for name in names}
+    for obstacle in filter(None, found.values()):
+        typer.echo(f"left out: {obstacle}", err=True)
+    return [name for name, obstacle in found.items() if not obstacle]
 
 
 def _contestants(names: Sequence[str]) -> list[Contestant]:
     """Those that are named; without names, all that can run here, saying why the others cannot."""
     if names:
         return [contestant_of(name) for name in names]
-    found = [contestant_of(name) for name in known_solvers()]
-    for contestant in found:
-        if obstacle := contestant.obstacle():
-            typer.echo(f"left out: {obstacle}", err=True)
-    return [contestant for contestant in found if not contestant.obstacle()]
+    return [contestant_of(name) for name in runnable(known_solvers())]
 
 
 def _default_out(targets: Sequence[str]) -> Path:

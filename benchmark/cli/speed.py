@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import statistics
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.progress import working
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from generator.speed.pairs import PairedTimes
     from generator.speed.report import SpeedReport
 
@@ -23,11 +23,18 @@ EPILOG = (
 )
 
 
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(epilog=EPILOG)(speed)
+
+
 def speed(
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to time by stage, and per process.")] = 30,
     pairs: Annotated[int, typer.Option("--pairs", min=1, help="Pairs of frames for each ratio.")] = 9,
-    codec: Annotated[str, typer.Option("--codec", help="Image format: png or jxl.")] = "png",
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    codec: Annotated[
+        str, typer.Option("--codec", help="Image format: png or jxl.", autocompletion=lambda: ["png", "jxl"])
+    ] = "png",
+    as_json: AsJson = False,
     solver: Annotated[bool, typer.Option("--solver", help="Measure the default solver on random star fields.")] = False,
     fields: Annotated[int, typer.Option("--fields", min=1, help="With --solver: fields of each condition.")] = 100,
     hostile: Annotated[
@@ -40,9 +47,13 @@ def speed(
         from benchmark.fields.solver_effort import report_effort
         from benchmark.fields.solver_table import solver_speed
 
-        reached = solver_speed(fields, seed, typer.echo)
-        typer.echo()
-        kept = report_effort(hostile, seed, typer.echo)
+        lines: list[str] = []
+        tell = lines.append if as_json else typer.echo
+        reached = solver_speed(fields, seed, tell)
+        tell("")
+        kept = report_effort(hostile, seed, tell)
+        if as_json:
+            print_json({"bars_reached": reached, "refusals_within_bounds": kept, "report": lines})
         raise typer.Exit(0 if reached and kept else 1)
     from generator.dataset.layout import DatasetSpec
     from generator.errors import GeneratorError
@@ -51,21 +62,20 @@ def speed(
         DatasetSpec(codec=codec)
         from generator.speed.report import measure
 
-        console = Console(stderr=True)
-        with console.status("measuring") as status:
+        with working("measuring") as status:
             report = measure(frames, pairs, codec=codec, progress=lambda stage: status.update(f"measuring {stage}"))
     except GeneratorError as error:
         fail(error)
     if as_json:
-        json.dump(report.as_json(), sys.stdout, indent=1)
-        typer.echo()
+        print_json(report.as_json())
         return
-    for table in tables(report):
-        Console().print(table)
+    print_tables(*tables(report))
 
 
 def tables(report: SpeedReport) -> list[Table]:
     """The report for people."""
+    from rich.table import Table
+
     size = report.size
     stages = Table("stage", "ms", title=f"one frame, {size.width} x {size.height}, {report.codec}, one process")
     for name, seconds in report.stages_s.items():

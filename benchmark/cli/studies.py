@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import TaskID
 
+from benchmark.cli import completion
+from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
-from benchmark.studies.common.progress import StudyProgress
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+    from benchmark.studies.common.progress import StudyProgress
 
 app = typer.Typer(help="Replicate published work, and study sources of error.", no_args_is_help=True)
 
@@ -39,13 +45,21 @@ def thesis(
         Path | None, typer.Option("--dataset", help="Frames rendered before; rendered now if left out.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="Folder for tables, figures and the page.")] = DEFAULT_OUT,
-    scenario: Annotated[Path, typer.Option("--scenario", help="The thesis' sets.")] = Path("scenes/thesis_mag.yaml"),
+    scenario: Annotated[
+        Path, typer.Option("--scenario", help="The thesis' sets.", autocompletion=completion.scenarios)
+    ] = Path("thesis_mag"),
     work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/thesis_mag"),
     sites: Annotated[int, typer.Option("--sites", min=2, help="Sites of the frames without pictures.")] = DEFAULT_SITES,
+    as_json: AsJson = False,
 ) -> None:
     """Run all variants of the thesis' solver on its sets, and compare the results with the thesis' own."""
-    from benchmark.studies.thesis.study import PAGE, run_study  # loads the solvers, which --help need not wait for
+    from benchmark.studies.thesis.study import (
+        NUMBERS,
+        PAGE,
+        run_study,
+    )  # loads the solvers, which --help need not wait for
     from generator.errors import GeneratorError
+    from generator.scenario.shipped import find_scenario
 
     if frames is not None and dataset is not None:
         typer.echo("skybench: --frames is for rendering; leave it out with --dataset", err=True)
@@ -53,10 +67,13 @@ def thesis(
     command = _command(frames, dataset, sites)
     with _bars() as progress:
         try:
-            study = run_study(scenario, frames, dataset, work, out, sites, command, progress)
+            study = run_study(find_scenario(scenario), frames, dataset, work, out, sites, command, progress)
         except (BenchmarkError, GeneratorError) as error:
             typer.echo(f"skybench: {error}", err=True)
             raise typer.Exit(EXIT_BAD_INPUT) from None
+    if as_json:
+        _print_numbers(out / NUMBERS, out / PAGE)
+        return
     for answer in study.answers:
         typer.echo(f"{answer.key:6} {answer.verdict}")
     typer.echo(str(out / PAGE))
@@ -74,14 +91,16 @@ def calibration(
         int, typer.Option("--gradient", min=2, help="Frames whose camera is recovered by gradient.")
     ] = GRADIENT_FRAMES,
     out: Annotated[Path, typer.Option("--out", help="Folder for tables, figures and the page.")] = CALIBRATION_OUT,
-    scenario: Annotated[Path, typer.Option("--scenario", help="Sites, instants and camera.")] = Path(
-        "scenes/calibration_study.yaml"
-    ),
+    scenario: Annotated[
+        Path, typer.Option("--scenario", help="Sites, instants and camera.", autocompletion=completion.scenarios)
+    ] = Path("calibration_study"),
     work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/calibration"),
+    as_json: AsJson = False,
 ) -> None:
     """Give a solver a wrong camera, attitude, clock or sky, and compare its error with the first-order prediction."""
-    from benchmark.studies.calibration.study import PAGE, Sizes, run_study  # loads the solvers
+    from benchmark.studies.calibration.study import NUMBERS, PAGE, Sizes, run_study  # loads the solvers
     from generator.errors import GeneratorError
+    from generator.scenario.shipped import find_scenario
 
     chosen = (
         ("--sites", sites, CALIBRATION_SITES),
@@ -91,18 +110,28 @@ def calibration(
     command = "skybench study calibration" + "".join(f" {name} {n}" for name, n, usual in chosen if n != usual)
     with _bars() as progress:
         try:
-            study = run_study(scenario, Sizes(sites, pictures, gradient), work, out, command, progress)
+            study = run_study(find_scenario(scenario), Sizes(sites, pictures, gradient), work, out, command, progress)
         except (BenchmarkError, GeneratorError) as error:
             typer.echo(f"skybench: {error}", err=True)
             raise typer.Exit(EXIT_BAD_INPUT) from None
+    if as_json:
+        _print_numbers(out / NUMBERS, out / PAGE)
+        return
     for row in study.tables[0].rows:
         typer.echo(f"{row[0]}: {row[6]}")
     typer.echo(str(out / PAGE))
 
 
+def _print_numbers(numbers: Path, page: Path) -> None:
+    """Print the numbers that a study has written, and where its page is."""
+    print_json(json.loads(numbers.read_text(encoding="utf-8")) | {"page": page})
+
+
 @contextmanager
 def _bars() -> Iterator[StudyProgress]:
     """Show progress bars, one a stage, on the terminal's error stream."""
+    from benchmark.studies.common.progress import StudyProgress
+
     with progress_bars("") as bar:
         tasks: list[TaskID] = []
 

@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
 
+from benchmark.cli import completion
 from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import progress_bars
 from benchmark.errors import BenchmarkError
-from benchmark.submit.submission import Checked, Problem, check_answers, check_stars
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from benchmark.frames.frame_set import FrameFacts, FrameSet
+    from benchmark.submit.submission import Checked, Problem
 
 EXIT_PROBLEMS = 1
 MOST_PRINTED = 100
@@ -30,7 +33,12 @@ class Split(StrEnum):
 
 _File = Annotated[Path, typer.Argument(metavar="FILE", help="The answers: CSV or Parquet (docs/submissions.md).")]
 _Target = Annotated[
-    str, typer.Argument(metavar="TASK|DIR", help="Task (see `bench list`) or its file; folder or URL of frames.")
+    str,
+    typer.Argument(
+        metavar="TASK|DIR",
+        help="Task (see `bench list`) or its file; folder or URL of frames.",
+        autocompletion=completion.targets,
+    ),
 ]
 _SplitOption = Annotated[Split, typer.Option("--split", help="Of the task.")]
 _Frames = Annotated[
@@ -61,6 +69,7 @@ def pack_test(
     frames: _Frames = None,
     data: _Data = _DEFAULT_DATA,
     jobs: _Jobs = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Write images with the records that a solver may use, without the truth, under names that reveal nothing."""
     from benchmark.submit.pack import pack  # loads the solvers, which --help need not wait for
@@ -74,6 +83,9 @@ def pack_test(
     except BenchmarkError as error:
         fail(error)
     form = out / "answers.csv"
+    if as_json:
+        print_json({"out": out, "frames": count, "answers": form})
+        return
     typer.echo(f"{count} frames in {out}; fill in {form}, then: skybench bench check {form} --set {out}")
 
 
@@ -81,6 +93,7 @@ def check(
     file: _File,
     stars: _Stars = None,
     packed: Annotated[Path | None, typer.Option("--set", help="The set that was answered, to check ids.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Report the faults of a submission line by line."""
     from benchmark.submit.pack import listed_names
@@ -89,6 +102,9 @@ def check(
         names = None if packed is None else listed_names(packed)
     except BenchmarkError as error:
         fail(error)
+    if as_json:
+        _report_as_json(file, stars, names)
+        return
     answers = _read(file, stars, names)[0]
     fixes = sum(answer.status == "fix" for answer in answers.answers)
     typer.echo(f"in order: {len(answers.answers)} frames, {fixes} fixes")
@@ -97,7 +113,13 @@ def check(
 def score(
     file: _File,
     truth: Annotated[
-        str, typer.Option("--truth", metavar="TASK|DIR", help="Task or dataset that the set was packed from.")
+        str,
+        typer.Option(
+            "--truth",
+            metavar="TASK|DIR",
+            help="Task or dataset that the set was packed from.",
+            autocompletion=completion.targets,
+        ),
     ],
     name: Annotated[str, typer.Option("--name", help="Name on the leaderboard.")],
     stars: _Stars = None,
@@ -108,11 +130,13 @@ def score(
     frames: _Frames = None,
     data: _Data = _DEFAULT_DATA,
     jobs: _Jobs = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Score a submission and put it beside the results of the solvers that ran here."""
     from benchmark.report.formatting import number, percent
     from benchmark.stats.metrics import summarise
     from benchmark.submit.score import check_name, judge_submission, names_in_use, version_of, write_score
+    from benchmark.submit.submission import check_answers
 
     try:
         check_name(name)
@@ -126,6 +150,9 @@ def score(
     except BenchmarkError as error:
         fail(error)
     summary = summarise([outcome.score for outcome in outcomes])
+    if as_json:
+        print_json({"solver": name, "folder": path, "summary": summary})
+        return
     typer.echo(
         f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
         f"median error {number(summary.median_error_km.value, 'km')}"
@@ -154,14 +181,30 @@ def _opened(target: str, split: Split, frames: int | None, data: Path, jobs: int
 
 def _read(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
     """Read both files; print their problems and exit if there are any."""
-    answers = check_answers(file, names)
-    table = None if stars is None else check_stars(stars, names)
+    answers, table = _checked(file, stars, names)
     for path, checked in ((file, answers), (stars, table)):
         if checked is not None and path is not None:
             _print(path, checked.problems)
     if answers.problems or (table is not None and table.problems):
         raise typer.Exit(EXIT_PROBLEMS)
     return answers, table
+
+
+def _checked(file: Path, stars: Path | None, names: frozenset[str] | None) -> tuple[Checked, Checked | None]:
+    from benchmark.submit.submission import check_answers, check_stars
+
+    return check_answers(file, names), None if stars is None else check_stars(stars, names)
+
+
+def _report_as_json(file: Path, stars: Path | None, names: frozenset[str] | None) -> None:
+    """Print what is read of both files and all their problems, and exit if there are any."""
+    answers, table = _checked(file, stars, names)
+    found = [(file, answers.problems), *([] if table is None or stars is None else [(stars, table.problems)])]
+    problems = [{"file": path} | vars(problem) for path, listed in found for problem in listed]
+    fixes = sum(answer.status == "fix" for answer in answers.answers)
+    print_json({"in_order": not problems, "frames": len(answers.answers), "fixes": fixes, "problems": problems})
+    if problems:
+        raise typer.Exit(EXIT_PROBLEMS)
 
 
 def _print(path: Path, problems: tuple[Problem, ...]) -> None:

@@ -1,28 +1,50 @@
-"""Cameras by name: ``camera: {preset: imx477-6mm}`` fills the camera's and the sensor's values that are not given.
-
-Sources. ``thesis-720p``: the projection that the thesis on DDR star identification assumes (1080 x 720, 120 deg across, one
-rectilinear lens); its sensor is skybench's generic one. ``imx477-6mm``: Raspberry Pi High Quality Camera product brief
-(4056 x 3040, 1.55 um) and its official 6 mm f/1.2 CS-mount lens, stopped down to f/2.8; full well 8180 e-, read noise 3.0 e-
-at gain 1 and 0.47 DN/e- as measured by strollswithmydog.com for this camera. ``imx290-8mm`` and ``imx462-fisheye``: 1936 x
-1096 pixels of 2.9 um, full well and read noise from ZWO's published curves for the ASI290MM (14.6 ke-, 3.2 e- at gain 0) and
-ASI462MC (11.2 ke-, 2.65 e-), read from them at second hand; lenses 8 mm f/1.6 and a 1.8 mm equidistant fisheye f/2.
-``machine-vision-mono``: a global-shutter camera of 2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288
-data sheets of such cameras state (full well 10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product.
-Dark currents, line times, non-uniformities, distortions and quantum efficiencies of all are skybench's own generic values.
-"""
+"""Cameras by name: ``camera: {preset: imx477-6mm}`` fills the camera's and the sensor's values that are not given."""
 
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass, field
 from typing import Any
 
-PRESETS: dict[str, dict[str, dict[str, Any]]] = {
-    "thesis-720p": {
-        "camera": {"model": "pinhole", "width": 1080, "height": 720, "hfov_deg": 120.0, "aperture_mm": 4.0},
-        "sensor": {},
-    },
-    "imx477-6mm": {
-        "camera": {
+GENERIC = (
+    "Dark current, line time, non-uniformities, distortion, vignetting, aberrations and quantum efficiency are skybench's "
+    "own generic values."
+)
+"""Holds for every camera beside the source of its other figures."""
+
+
+@dataclass(frozen=True)
+class CameraPreset:
+    """A camera by name.
+
+    Attributes
+    ----------
+    title : str
+    source : str
+        Of its figures.
+    camera, sensor : mapping of str to object
+        Values of the scenario's two sections; those left out have skybench's defaults.
+    """
+
+    title: str
+    source: str
+    camera: dict[str, Any]
+    sensor: dict[str, Any] = field(default_factory=dict)
+
+
+PRESETS: dict[str, CameraPreset] = {
+    "thesis-720p": CameraPreset(
+        "The camera of the thesis on DDR star identification: 120 deg across, one rectilinear lens",
+        "The projection that the thesis assumes (1080 x 720, 120 deg); the sensor is skybench's generic one.",
+        camera={"model": "pinhole", "width": 1080, "height": 720, "hfov_deg": 120.0, "aperture_mm": 4.0},
+        sensor={},
+    ),
+    "imx477-6mm": CameraPreset(
+        "Raspberry Pi High Quality Camera (Sony IMX477, colour) with its 6 mm lens at f/2.8",
+        "Raspberry Pi High Quality Camera product brief (4056 x 3040, 1.55 um), and its official 6 mm f/1.2 CS-mount lens, "
+        "stopped down to f/2.8; full well 8180 e-, read noise 3.0 e- at gain 1 and 0.47 DN/e- as measured by "
+        "strollswithmydog.com for this camera.",
+        camera={
             "model": "brown_conrady",
             "width": 4056,
             "height": 3040,
@@ -36,7 +58,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
                 "gaussian_sigma_px": 0.5,
             },
         },
-        "sensor": {
+        sensor={
             "colour": {"pattern": "BGGR"},
             "rolling_shutter": {"line_time_us": 18.0},
             "full_well_e": 8180.0,
@@ -48,16 +70,19 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "prnu": 0.01,
             "dsnu_e": 0.5,
         },
-    },
-    "imx290-8mm": {
-        "camera": {
+    ),
+    "imx290-8mm": CameraPreset(
+        "Monochrome camera with a Sony IMX290 and an 8 mm f/1.6 lens",
+        "1936 x 1096 pixels of 2.9 um; full well and read noise from ZWO's published curves for the ASI290MM (14.6 ke-, "
+        "3.2 e- at gain 0), read from them at second hand.",
+        camera={
             "width": 1936,
             "height": 1096,
             "focal_length_mm": 8.0,
             "pixel_pitch_um": 2.9,
             "aperture_mm": 5.0,
         },
-        "sensor": {
+        sensor={
             "rolling_shutter": {"line_time_us": 14.8},
             "full_well_e": 14600.0,
             "read_noise_e": 3.2,
@@ -68,9 +93,12 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "prnu": 0.006,
             "dsnu_e": 0.4,
         },
-    },
-    "imx462-fisheye": {
-        "camera": {
+    ),
+    "imx462-fisheye": CameraPreset(
+        "Colour camera with a Sony IMX462 and a 1.8 mm f/2 equidistant fisheye",
+        "1936 x 1096 pixels of 2.9 um; full well and read noise from ZWO's published curves for the ASI462MC (11.2 ke-, "
+        "2.65 e-), read from them at second hand.",
+        camera={
             "model": "equidistant",
             "width": 1936,
             "height": 1096,
@@ -78,7 +106,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "pixel_pitch_um": 2.9,
             "aperture_mm": 0.9,
         },
-        "sensor": {
+        sensor={
             "colour": {"pattern": "RGGB"},
             "rolling_shutter": {"line_time_us": 14.8},
             "full_well_e": 11200.0,
@@ -90,16 +118,19 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "prnu": 0.006,
             "dsnu_e": 0.4,
         },
-    },
-    "machine-vision-mono": {
-        "camera": {
+    ),
+    "machine-vision-mono": CameraPreset(
+        "Monochrome machine-vision camera of five megapixels with a global shutter and a 12 mm f/2 lens",
+        "2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288 data sheets of such cameras state (full well "
+        "10.5 ke-, read noise 2.4 e-, DSNU 1 e-, PRNU 0.5 %), not of one product.",
+        camera={
             "width": 2448,
             "height": 2048,
             "focal_length_mm": 12.0,
             "pixel_pitch_um": 3.45,
             "aperture_mm": 6.0,
         },
-        "sensor": {
+        sensor={
             "full_well_e": 10500.0,
             "read_noise_e": 2.4,
             "gain_e_per_dn": 2.6,
@@ -109,7 +140,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
             "prnu": 0.005,
             "dsnu_e": 1.0,
         },
-    },
+    ),
 }
 _INSTEAD = {"focal_length_mm", "hfov_deg", "f_px"}
 
@@ -131,7 +162,7 @@ def with_preset(tree: object) -> object:
         raise ValueError(f"camera.preset: found {name!r}, expected one of {', '.join(sorted(PRESETS))}")
     filled = dict(tree)
     for part in ("camera", "sensor"):
-        preset, given = copy.deepcopy(PRESETS[name][part]), tree.get(part, {})
+        preset, given = copy.deepcopy(getattr(PRESETS[name], part)), tree.get(part, {})
         if not isinstance(given, dict):
             continue
         if part == "camera" and _INSTEAD & set(given):

@@ -137,7 +137,7 @@ class CameraSpec(Strict):
     """Columns, pixels."""
     height: Annotated[int, Field(ge=8, le=16384)]
     """Rows, pixels."""
-    hfov_deg: Annotated[float | None, AfterValidator(_field_fits_model), Field(gt=0)] = None
+    hfov_deg: Annotated[Annotated[float, Field(gt=0)] | None, AfterValidator(_field_fits_model)] = None
     """Horizontal field of view, edge to edge, deg; or give f_px, or focal_length_mm and pixel_pitch_um."""
     focal_px: Annotated[float, Field(gt=0, le=1e6)] | None = Field(default=None, alias="f_px")
     """Focal length, px."""

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from generator.scenario.strict import QE_CURVES, Curve, Fraction, Strict, listed
+from generator.scenario.quantum_efficiency import QE_CURVES
+from generator.scenario.strict import Curve, Fraction, Strict, listed
 
 COLOURS = ("blue", "green", "red")
 """Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""

@@ -1,4 +1,4 @@
-"""The tables that the terminal shows."""
+"""What the terminal shows of the boards: tables for people, a document for programs."""
 
 from __future__ import annotations
 
@@ -47,6 +47,33 @@ def leaderboard_table(boards: Sequence[Board]) -> Table:
         cells = ["not run" if entry is None else _in_percent(entry.success) for _, entry in row.cells]
         table.add_row(escape(row.label), row.detections, *cells)
     return table
+
+
+def boards_document(boards: Sequence[Board]) -> list[dict[str, object]]:
+    """All boards with the numbers of each solver, in the order of their ranks."""
+    return [
+        {
+            "task": board.task.key,
+            "title": board.task.title,
+            "split": board.split,
+            "detections": board.detections,
+            "frames": board.n_frames,
+            "sites": board.n_sites,
+            "solvers": [
+                {
+                    "solver": entry.label,
+                    "rank": entry.rank,
+                    "success": entry.success,
+                    "metrics": entry.metrics,
+                    "break_point": entry.break_point,
+                    "statuses": entry.statuses,
+                    "reasons": entry.reasons,
+                }
+                for entry in board.entries
+            ],
+        }
+        for board in boards
+    ]
 
 
 def _in_percent(share: Estimate) -> str:

@@ -1,0 +1,109 @@
+"""Commands that make pictures: `skybench render`, `bake` and `gallery`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmark.cli import completion
+from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.progress import progress_bars, working
+from generator.errors import GeneratorError
+
+SCENARIO_HELP = "Scenario file (YAML), or the name of a scenario that comes with skybench (`skybench scenes`)."
+Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completion.scenarios)]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command(epilog="Examples: skybench render 00_hello --out out/hello; skybench render mine.yaml --out out/mine")(
+        render
+    )
+    app.command()(bake)
+    app.command()(gallery)
+
+
+def render(
+    scenario: Scenario,
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; made if missing.")],
+    layers: Annotated[
+        bool, typer.Option("--layers", help="Write each component of the light as its own EXR too.")
+    ] = False,
+    exr: Annotated[
+        bool | None,
+        typer.Option(
+            "--exr/--no-exr", help="Write the expected electrons; default: for images of up to 20 megapixels."
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the frames that the folder holds, of whatever scenario.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars.
+
+    Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command.
+    """
+    from generator.scenario.file import load_scenario
+    from generator.scenario.shipped import find_scenario
+
+    try:
+        loaded = load_scenario(find_scenario(scenario))
+        from generator.frame.render import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
+
+        with progress_bars() as progress:
+            task = progress.add_task("rendering", total=loaded.frame_count)
+            render_dataset(
+                loaded, out, lambda index: progress.advance(task), layers=layers, exr=exr, overwrite=overwrite
+            )
+    except GeneratorError as error:
+        fail(error)
+    if as_json:
+        print_json({"scenario": loaded.name, "sha256": loaded.sha256, "frames": loaded.frame_count, "out": out})
+        return
+    typer.echo(f"{loaded.frame_count} {'frame' if loaded.frame_count == 1 else 'frames'} in {out}")
+
+
+def bake(
+    what: Annotated[
+        str,
+        typer.Argument(help="moon, city or all.", autocompletion=lambda: ["moon", "city", "all"]),
+    ] = "all",
+    as_json: AsJson = False,
+) -> None:
+    """Make the maps of moonlight and city light again, by radiative transfer (about four minutes on two cores)."""
+    from generator.bake import make_maps
+
+    tasks = {"moon": make_maps.bake_moon, "city": make_maps.bake_city}
+    if what not in (*tasks, "all"):
+        fail(ValueError(f"found {what!r}, expected one of all, {', '.join(tasks)}"))
+    errors = {}
+    try:
+        for name in tasks if what == "all" else [what]:
+            with working(f"baking {name}"):
+                errors[name] = tasks[name]()
+    except GeneratorError as error:
+        fail(error)
+    if as_json:
+        print_json({"median_monte_carlo_error": errors})
+        return
+    for name, share in errors.items():
+        typer.echo(f"{name}: median Monte Carlo error {share:.2%}")
+
+
+def gallery(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("docs/gallery"),
+    as_json: AsJson = False,
+) -> None:
+    """Make the gallery: all-sky views in true colour, and plots beside published numbers."""
+    from generator.gallery.make_gallery import make_gallery
+
+    made = list(make_gallery(out))
+    if as_json:
+        print_json({"pictures": made})
+        return
+    for path in made:
+        typer.echo(path)
