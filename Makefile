@@ -7,7 +7,7 @@ BIN := .venv/bin
 help:
 	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
 	@echo "make test        run the tests"
-	@echo "make test-journeys  follow the commands of pages, recipes and the tutorial from end to end"
+	@echo "make test-journeys  run whole programs from end to end: documented commands, killed processes, clusters"
 	@echo "make test-slow   run the tests that take longer"
 	@echo "make boards        run the rows of the leaderboard that are not of today's code"
 	@echo "make boards-plan   only list them, with an estimate of the time"

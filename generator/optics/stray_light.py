@@ -18,7 +18,6 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from generator.scenario.camera_spec import BloomSpec, CameraSpec, GhostSpec
 
@@ -95,4 +94,7 @@ def _mapped(light: Floats, ghost: GhostSpec, camera: CameraSpec) -> Floats:
 
 def _convolved(light: Floats, kernel: Floats) -> Floats:
     """Convolution, light that leaves the frame dropped; without the transform's negative rounding errors."""
+    # Takes a quarter of a second to import, which frames without stray light need not wait for.
+    from scipy.signal import fftconvolve
+
     return np.maximum(fftconvolve(light, kernel, mode="same"), 0)

@@ -6,7 +6,9 @@ import functools
 import re
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
+import astropy_iers_data
 import erfa
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,9 @@ from generator.errors import DataFileError, TimeRangeError
 
 _UTC = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d(?:\.\d{1,9})?)Z")
 SECONDS_PER_DAY = 86400.0
-BULLETIN_A = (("MJD", "d"), ("PM_x_A", "arcsec"), ("PM_y_A", "arcsec"), ("UT1_UTC_A", "s"))
-"""Columns of astropy's table of finals2000A, and the units in which they are taken."""
+UT1_UTC = slice(58, 68)
+BULLETIN_A = (slice(7, 15), slice(18, 27), slice(37, 46), UT1_UTC)
+"""Characters of a line of finals2000A: MJD, coordinates of the pole (arcsec) and UT1-UTC (s) of Bulletin A."""
 
 
 @dataclass(frozen=True)
@@ -92,25 +95,24 @@ class EarthOrientation:
 def finals2000a() -> NDArray[np.float64]:
     """Rows (MJD, x_p, y_p, UT1-UTC) of IERS finals2000A, from 1973 with a year of predictions; arcsec and s.
 
-    Bulletin A's values all along: a mixture with the final ones of Bulletin B would step where those end. Read by astropy
-    from the file that astropy-iers-data installs, never from the network.
+    Bulletin A's values all along: a mixture with the final ones of Bulletin B would step where those end. Read by the
+    columns of the IERS' description (readme.finals2000A) from the file that astropy-iers-data installs: astropy's own
+    reader gives the same numbers, and takes a second of each process that plans a frame.
 
     Raises
     ------
     DataFileError
         The installed table cannot be read.
     """
-    # Takes half a second to import, which programs that plan no frame need not wait for.
-    from astropy.utils import iers
-
+    path = Path(astropy_iers_data.IERS_A_FILE)
     try:
-        table = iers.IERS_A.read(iers.IERS_A_FILE)
-        columns = [table[name].to_value(unit) for name, unit in BULLETIN_A]
-    except (OSError, ValueError, KeyError) as error:
-        raise DataFileError(
-            f"{iers.IERS_A_FILE}: not an Earth orientation table ({error}); reinstall astropy-iers-data"
-        ) from error
-    return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=1)
+        lines = path.read_text(encoding="ascii").splitlines()
+        rows = [[float(line[column]) for column in BULLETIN_A] for line in lines if line[UT1_UTC].strip()]
+    except (OSError, ValueError) as error:
+        raise DataFileError(f"{path}: not an Earth orientation table ({error}); reinstall astropy-iers-data") from error
+    if not rows:
+        raise DataFileError(f"{path}: holds no UT1-UTC; reinstall astropy-iers-data")
+    return np.array(rows)
 
 
 def earth_orientation(instant: Instant) -> EarthOrientation:

@@ -3,25 +3,21 @@
 import hashlib
 import json
 import os
-import random
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import tarfile
-import time
 from pathlib import Path
 
 import duckdb
 import numpy as np
 import pandas as pd
-import psutil
 import pyarrow.dataset
 import pytest
 import yaml
 from PIL import Image
 from small_scenes import BASE
+from tiny_dataset import SPEC, TINY, fingerprint, members, start
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
@@ -37,29 +33,6 @@ from generator.frame.object_table import OBJECT_SCHEMA
 from generator.scenario.file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[2]
-TINY = BASE | {
-    "name": "tiny",
-    "frames": 4,
-    "site": {"latitude_deg": {"sphere_latitude": [-90, 90]}, "longitude_deg": {"uniform": [-180, 180]}},
-    "time": {
-        "utc_start": {"utc": ["2000-01-01T00:00:00Z", "2025-01-01T00:00:00Z"], "sun_below_deg": -6},
-        "exposure_s": 0.5,
-    },
-    "camera": BASE["camera"] | {"width": 96, "height": 64},
-    "sky": {"bortle": {"sweep": [2, 5, 8]}},
-    "stars": {"limiting_magnitude": 6.0},
-    "foreground": {
-        "trails": [
-            {
-                "kind": "satellite",
-                "start": {"azimuth_deg": 100, "altitude_deg": 70},
-                "end": {"azimuth_deg": 120, "altitude_deg": 75},
-                "v_mag": 1.0,
-            }
-        ]
-    },
-}
-SPEC = DatasetSpec(shard_size=5, exr=True)
 
 
 @pytest.fixture(scope="module")
@@ -80,30 +53,6 @@ def dataset(scenario_path, tmp_path_factory) -> Path:
 @pytest.fixture
 def copy(dataset, tmp_path) -> Path:
     return Path(shutil.copytree(dataset, tmp_path / "copy"))
-
-
-def fingerprint(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file but the logs, which hold times."""
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "logs" not in path.parts
-    }
-
-
-def members(folder: Path) -> dict[str, bytes]:
-    found = {}
-    for path in sorted(folder.glob("data/*/*.tar")):
-        with tarfile.open(path) as archive:
-            found |= {member.name: archive.extractfile(member).read() for member in archive}
-    return found
-
-
-def start(*arguments: str) -> subprocess.Popen:
-    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
-    )
 
 
 def test_manifest_lists_every_file_and_verifies(dataset) -> None:
@@ -162,49 +111,6 @@ def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     assert fingerprint(tmp_path / "parts") == fingerprint(dataset)
 
 
-def run_killed(scenario_path: Path, folder: Path, moments: list[float]) -> int:
-    """Start the command again and again, killing it with all its children at each moment; returns the kills that struck."""
-    struck = 0
-    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
-    command = [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(folder), "--shard-size", "5",
-               "--exr", "--workers", "1"]  # fmt: skip
-    for moment in moments:
-        with subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT, start_new_session=True
-        ) as process:
-            time.sleep(moment)
-            struck += process.poll() is None
-            try:
-                os.killpg(process.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                assert process.poll() is not None
-        for path in folder.glob("data/*/shard-*.tar"):
-            with tarfile.open(path) as archive:
-                assert archive.getmembers()
-        if (folder / "manifest.json").exists():
-            break
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
-    return struck
-
-
-def test_killed_and_resumed_gives_the_same_bytes(dataset, scenario_path, tmp_path) -> None:
-    moments = [2.0, 3.0, 3.5]
-    assert run_killed(scenario_path, tmp_path / "killed", moments) >= 2
-    assert fingerprint(tmp_path / "killed") == fingerprint(dataset)
-
-
-@pytest.mark.slow
-def test_killed_at_twenty_random_moments(dataset, scenario_path, tmp_path) -> None:
-    """Twenty runs, each killed once at a random moment of its life, resumed, and compared byte for byte."""
-    moments = random.Random(20)
-    struck = 0
-    for attempt in range(20):
-        folder = tmp_path / f"killed-{attempt}"
-        struck += run_killed(scenario_path, folder, [moments.uniform(0.3, 6.0)])
-        assert fingerprint(folder) == fingerprint(dataset)
-    assert struck >= 10
-
-
 def test_a_folder_of_another_scenario_is_refused(copy, scenario_path, tmp_path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text(yaml.safe_dump(TINY | {"seed": 99}))
@@ -239,67 +145,6 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     monkeypatch.setattr(shard_module, "render_frame", render)
     generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "failing", SPEC)
     assert fingerprint(tmp_path / "failing") == fingerprint(dataset)
-
-
-def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_path, monkeypatch) -> None:
-    def full(archive, name, data):
-        raise OSError(28, "No space left on device", str(tmp_path / "disk"))
-
-    monkeypatch.setattr(shard_module, "_add", full)
-    with pytest.raises(GeneratorError, match=r"No space left on device.*run the same command again"):
-        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "full", SPEC)
-    assert list((tmp_path / "full").glob("data/*/*")) == []
-
-
-def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
-    """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
-    code = (
-        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000));"
-        "from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
-    )
-    out = tmp_path / "limited"
-    run = subprocess.run(
-        [sys.executable, "-c", code, "generate", str(scenario_path), "--out", str(out), "--shard-size", "5", "--exr",
-         "--workers", "0"], capture_output=True, text=True, cwd=ROOT, check=False,
-    )  # fmt: skip
-    assert run.returncode == 2, run.stderr
-    assert "File too large" in run.stderr
-    assert "run the same command again" in run.stderr
-    assert "Traceback" not in run.stderr
-    assert sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()) == [
-        "logs/train/shard-000000.log", "scenario.yaml",
-    ]  # fmt: skip
-    generate(load_scenario(scenario_path), scenario_path.read_text(), out, SPEC)
-    assert fingerprint(out) == fingerprint(dataset)
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders")
-def test_a_read_only_folder_is_a_clear_error(scenario_path, tmp_path) -> None:
-    (tmp_path / "locked").mkdir(mode=0o555)
-    with pytest.raises(GeneratorError, match=r"locked.*cannot be written \(Permission denied\); choose another folder"):
-        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "locked" / "set", SPEC)
-
-
-def test_a_path_that_is_a_file_is_a_clear_error(scenario_path, tmp_path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(GeneratorError, match="cannot be written"):
-        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "file", SPEC)
-
-
-def test_a_worker_that_dies_is_replaced(dataset, scenario_path, tmp_path) -> None:
-    process = start("generate", str(scenario_path), "--out", str(tmp_path / "out"), "--shard-size", "5", "--exr",
-                    "--workers", "1", "--json")  # fmt: skip
-    with process:
-        for line in process.stdout:
-            if json.loads(line)["event"] == "frame":
-                break
-        children = psutil.Process(process.pid).children(recursive=True)
-        workers = [child.pid for child in children if "spawn_main" in " ".join(child.cmdline())]
-        os.kill(max(workers), signal.SIGKILL)
-        events = [json.loads(line) for line in process.stdout]
-    assert process.returncode == 0
-    assert events[-1] == {"event": "end", "finished": True, "missing_shards": 0}
-    assert fingerprint(tmp_path / "out") == fingerprint(dataset)
 
 
 def flip(path: Path) -> None:

@@ -66,6 +66,8 @@ def kill_a_worker(root: psutil.Process) -> int:
     return 0
 
 
+# Starts a cluster.
+@pytest.mark.journey
 def test_ray_with_a_killed_worker_gives_the_same_bytes(scenario, local, tmp_path) -> None:
     """Two workers, of which one is killed while it renders; Ray retries its shard."""
     out = tmp_path / "ray"
@@ -101,6 +103,8 @@ else:
 """
 
 
+# Six programs and a server.
+@pytest.mark.journey
 def test_an_object_store_holds_the_same_bytes(scenario, local, tmp_path, object_store) -> None:
     """First half the shards, as an interrupted run leaves them, then the rest; then everything is compared."""
     environment = os.environ | object_store

@@ -81,6 +81,8 @@ def test_a_folder_and_a_dataset_of_the_same_frames_are_one_set(place):
     assert "skybench: finished before" in again.output
 
 
+# Two programs and a server.
+@pytest.mark.journey
 def test_a_dataset_in_an_object_store_is_solved_like_one_on_disk(place):
     make = (
         "import fsspec; s = fsspec.filesystem('s3'); s.mkdir('skies'); s.put('shards/', 'skies/set/', recursive=True)"

@@ -96,7 +96,7 @@ sys.path.insert(0, sys.argv[1])
 from generator.mitsuba_runtime import set_threads
 set_threads(int(sys.argv[2]))
 from test_scenes import digests
-print(digests(Path(sys.argv[3])))
+print(*map(digests, map(Path, sys.argv[3:])), sep="\\n")
 """
 
 
@@ -108,19 +108,16 @@ def digests(path: Path) -> str:
     return " ".join(hashlib.sha256(part).hexdigest() for part in parts)
 
 
-# Every day the scenes with most of the camera and of its motion; each takes two processes that start Mitsuba.
-@pytest.mark.parametrize(
-    "name",
-    ["optics", "motion", *(pytest.param(name, marks=pytest.mark.slow) for name in ("horizon", "clutter"))],
-)
-def test_scene_has_the_same_bytes_on_any_number_of_threads(name) -> None:
+# The scenes with most of the camera and of its motion, and of the ground and what flies over it, in two more processes.
+@pytest.mark.journey
+def test_scenes_have_the_same_bytes_on_any_number_of_threads() -> None:
     """On one thread, on two, and in this process."""
-    path = ROOT / f"scenes/{name}.yaml"
+    paths = [ROOT / f"scenes/{name}.yaml" for name in ("optics", "motion", "horizon", "clutter")]
     printed = [
         subprocess.run(
-            [sys.executable, "-c", DIGEST, str(Path(__file__).parent), threads, str(path)],
+            [sys.executable, "-c", DIGEST, str(Path(__file__).parent), threads, *map(str, paths)],
             capture_output=True, text=True, check=True, cwd=ROOT, env=os.environ,
-        ).stdout.strip()
+        ).stdout.splitlines()
         for threads in ("1", "2")
     ]  # fmt: skip
-    assert printed[0] == printed[1] == digests(path)
+    assert printed[0] == printed[1] == [digests(path) for path in paths]

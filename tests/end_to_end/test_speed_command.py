@@ -22,6 +22,8 @@ def tiny_report() -> speed_report.SpeedReport:
     return speed_report.measure(frames=1, pairs=1, size=TINY)
 
 
+# What is measured starts three processes that render.
+@pytest.mark.journey
 def test_json_has_stages_floor_rates_and_ratios(tiny_report, monkeypatch) -> None:
     asked = {}
 
@@ -52,6 +54,8 @@ def test_json_has_stages_floor_rates_and_ratios(tiny_report, monkeypatch) -> Non
     assert answer["variant"] in ("llvm_ad_spectral", "cuda_ad_spectral")
 
 
+# As above.
+@pytest.mark.journey
 def test_tables_are_printed_for_people(tiny_report, monkeypatch) -> None:
     monkeypatch.setattr(speed_report, "measure", lambda *args, **values: tiny_report)
     run = CliRunner().invoke(app, ["speed"])

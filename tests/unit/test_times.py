@@ -38,19 +38,25 @@ def test_against_astropy_s_reading_of_the_same_table() -> None:
         np.testing.assert_allclose([ours.polar_motion_x_arcsec, ours.polar_motion_y_arcsec], [x, y], atol=3e-4)
 
 
-def test_every_row_of_bulletin_a_is_read() -> None:
-    """Against the bytes that IERS' readme.finals2000A describes (MJD 8-15, x_p 19-27, y_p 38-46, UT1-UTC 59-68)."""
-    with open(astropy_iers_data.IERS_A_FILE, encoding="ascii") as stream:
-        rows = [[float(line[a:b]) for a, b in ((7, 15), (18, 27), (37, 46), (58, 68))]
-                for line in stream if line[58:68].strip()]  # fmt: skip
-    assert len(rows) > 19_000
-    np.testing.assert_allclose(finals2000a(), rows, rtol=0, atol=1e-9)
+def test_every_row_is_astropy_s() -> None:
+    table = iers.IERS_A.read(iers.IERS_A_FILE)
+    columns = (("MJD", "d"), ("PM_x_A", "arcsec"), ("PM_y_A", "arcsec"), ("UT1_UTC_A", "s"))
+    expected = np.stack([np.asarray(table[name].to_value(unit)) for name, unit in columns], axis=1)
+    assert len(expected) > 19_000
+    np.testing.assert_array_equal(finals2000a(), expected)
 
 
-def test_a_damaged_table_is_named(tmp_path, monkeypatch) -> None:
-    (tmp_path / "finals2000A.all").write_text("73 1 2 no table\n" * 3)
-    monkeypatch.setattr(iers, "IERS_A_FILE", str(tmp_path / "finals2000A.all"))
-    with pytest.raises(DataFileError, match=r"finals2000A\.all: not an Earth orientation table.*reinstall"):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("73 1 2 no table".ljust(58) + "x\n", r"finals2000A\.all: not an Earth orientation table.*reinstall"),
+        ("73 1 2\n", r"finals2000A\.all: holds no UT1-UTC; reinstall"),
+    ],
+)
+def test_a_damaged_table_is_named(tmp_path, monkeypatch, text, message) -> None:
+    (tmp_path / "finals2000A.all").write_text(text * 3)
+    monkeypatch.setattr(astropy_iers_data, "IERS_A_FILE", str(tmp_path / "finals2000A.all"))
+    with pytest.raises(DataFileError, match=message):
         finals2000a.__wrapped__()
 
 

@@ -201,4 +201,6 @@ def _write_pictures(folder: Path, n: int, place: int) -> None:
         for _ in range(60):
             u, v = rng.integers(2, WIDTH - 3), rng.integers(2, HEIGHT - 3)
             image[v - 1 : v + 2, u - 1 : u + 2] += 10.0 ** rng.uniform(1.3, 3.3)
-        Image.fromarray(np.clip(image, 0, 4095).astype(np.uint16)).save(folder / f"frame-{frame:05d}.png")
+        Image.fromarray(np.clip(image, 0, 4095).astype(np.uint16)).save(
+            folder / f"frame-{frame:05d}.png", compress_level=1
+        )

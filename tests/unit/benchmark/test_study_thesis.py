@@ -270,6 +270,8 @@ def small_study(tmp_path_factory):
     return root, study, steps
 
 
+# A whole study: ten depths and eight disturbances with each of six contestants.
+@pytest.mark.journey
 def test_study_writes_page_numbers_and_rows(small_study):
     root, study, steps = small_study
     assert steps == ["rendering", "solving pictures", "disturbed pictures", "solving centroids"]
@@ -287,6 +289,8 @@ def test_study_writes_page_numbers_and_rows(small_study):
     assert all(answer.verdict for answer in study.answers)
 
 
+# Of the same study.
+@pytest.mark.journey
 def test_study_takes_a_dataset_and_refuses_contradictions(small_study, tmp_path):
     root, _, _ = small_study
     runner = CliRunner()

@@ -219,7 +219,7 @@ def test_a_task_is_rendered_run_and_skipped_when_done(tiny):
     assert "mine: 9 frames" in bench(tiny, *mine, "--frames", "3").output
     assert json.loads((folder / "summary.json").read_text())["provenance"]["frames"]["per_condition"] == 3
     (tiny / "mine" / "weights.csv").write_text("0.5")
-    assert "mine: 3 frames" in bench(tiny, *mine, "--frames", "1").output
+    assert "mine: 9 frames" in bench(tiny, *mine, "--frames", "3").output
     assert len(list((tiny / "out" / "tiny@1" / "dev" / "own").glob("mine-*"))) == 2
     # Frames carry what the statistics need.
     import pyarrow.parquet as pq
