@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from generator.dataset.forecast import Forecast
     from generator.dataset.run import Runner
 
+FORMS = ("files", "coco", "yolo", "fits", "withheld")
+"""Forms of export, known to the completion of the shell without loading any of them."""
+
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands."""
@@ -263,19 +266,26 @@ def export(
         str,
         typer.Option(
             "--to",
-            help="files, coco, fits, or withheld (without its truth).",
-            autocompletion=lambda: ["files", "coco", "fits", "withheld"],
+            help="files, coco, yolo, fits, or withheld (without its truth).",
+            autocompletion=lambda: list(FORMS),
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
+    least_snr: Annotated[
+        float, typer.Option("--least-snr", min=0, help="Annotate sources of this SNR or more (coco, yolo).")
+    ] = 5.0,
     as_json: AsJson = False,
 ) -> None:
-    """Write a dataset in another form."""
-    from generator.dataset.export import export as write
+    """Write a dataset in another form: for detectors, for astronomers, or without its truth."""
+    from generator.dataset.manifest import read_manifest
+    from generator.export.export import export as write
+    from generator.export.form import ExportOptions
 
     try:
-        with working("writing") as status:
-            write(folder, to, out, lambda frame_id: status.update(f"writing {frame_id}"))
+        manifest = read_manifest(folder)
+        with progress_bars() as progress:
+            task = progress.add_task("writing", total=manifest.stop - manifest.first)
+            write(folder, to, out, ExportOptions(least_snr), lambda frame_id: progress.advance(task))
     except GeneratorError as error:
         fail(error)
     if as_json:

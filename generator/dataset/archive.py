@@ -34,6 +34,14 @@ class StoredFrame:
     members: dict[str, bytes]
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a member's contents lie in its archive: first byte and number of bytes."""
+
+    offset: int
+    size: int
+
+
 def read_frames(path: Path) -> Iterator[StoredFrame]:
     """All frames of an archive, in order, one at a time.
 
@@ -44,20 +52,48 @@ def read_frames(path: Path) -> Iterator[StoredFrame]:
         larger than LARGEST_MEMBER_BYTES or than the archive itself, given twice, or a frame out of order.
     """
     with _opened(path) as archive:
-        current = StoredFrame("", {})
-        for member in archive:
-            frame_id, suffix = _checked(path, member)
-            if frame_id != current.frame_id:
-                if (len(frame_id), frame_id) < (len(current.frame_id), current.frame_id):
-                    raise _refused(path, member, f"comes after {current.frame_id}")
-                if current.members:
-                    yield current
-                current = StoredFrame(frame_id, {})
-            if suffix in current.members:
-                raise _refused(path, member, "is stored twice")
-            current.members[suffix] = _content(archive, member)
-        if current.members:
-            yield current
+        for frame_id, members in _frames(path, archive):
+            yield StoredFrame(frame_id, {suffix: _content(archive, member) for suffix, member in members.items()})
+
+
+def frame_places(path: Path) -> dict[str, dict[str, Place]]:
+    """Where the members of each frame lie, by frame and suffix. Raises GeneratorError as :func:`read_frames`."""
+    with _opened(path) as archive:
+        return {
+            frame_id: {suffix: Place(member.offset_data, member.size) for suffix, member in members.items()}
+            for frame_id, members in _frames(path, archive)
+        }
+
+
+def read_place(path: Path, place: Place) -> bytes:
+    """Contents of a member. Raises GeneratorError where the archive is shorter than it was."""
+    try:
+        with path.open("rb") as stream:
+            stream.seek(place.offset)
+            data = stream.read(place.size)
+    except OSError as error:
+        raise GeneratorError(f"{path}: cannot be read ({error.strerror}); run `skybench verify`") from error
+    if len(data) != place.size:
+        raise GeneratorError(f"{path}: shorter than its own list of members; run `skybench verify`")
+    return data
+
+
+def _frames(path: Path, archive: tarfile.TarFile) -> Iterator[tuple[str, dict[str, tarfile.TarInfo]]]:
+    """Frames of an archive with their members by suffix, each checked."""
+    current, members = "", dict[str, tarfile.TarInfo]()
+    for member in archive:
+        frame_id, suffix = _checked(path, member)
+        if frame_id != current:
+            if (len(frame_id), frame_id) < (len(current), current):
+                raise _refused(path, member, f"comes after {current}")
+            if members:
+                yield current, members
+            current, members = frame_id, {}
+        if suffix in members:
+            raise _refused(path, member, "is stored twice")
+        members[suffix] = member
+    if members:
+        yield current, members
 
 
 def read_member(path: Path, name: str) -> bytes:

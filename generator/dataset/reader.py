@@ -1,49 +1,218 @@
-"""Reading finished datasets: the tables, and the frames in the shards."""
+"""Reading finished datasets back: tables, and frames with their image at full depth, record and truth.
+
+A dataset has a length and answers an index, so PyTorch's ``DataLoader`` takes it as it is or through :meth:`Dataset.map`;
+docs/exports.md shows this and other libraries.
+
+Examples
+--------
+>>> dataset = Dataset.open("out/set")  # or a URL such as "s3://bucket/set"
+>>> frame = dataset[3]
+>>> frame.image.dtype, frame.record["camera"]["f_px"], frame.stars.num_rows
+(dtype('uint16'), 232.0, 412)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+import hashlib
+import io
+import json
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
+import numpy as np
+import platformdirs
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from PIL import Image
 
-from generator.dataset.archive import StoredFrame, read_frames
+from generator.dataset.archive import Place, StoredFrame, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
+from generator.dataset.images import decode
+from generator.dataset.layout import CODECS, MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
+from generator.dataset.shard import StoredFile, stored_file
+from generator.dataset.target import open_target
 from generator.errors import GeneratorError
+from generator.files import path_within, write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
+
+Sample = TypeVar("Sample")
+SCHEMAS = {"frames": FRAME_SCHEMA, "stars": STAR_SCHEMA, "objects": OBJECT_SCHEMA}
+
+
+@dataclass(frozen=True)
+class ShardFrame:
+    """A frame of an archive; its files are decoded when they are first asked for.
+
+    Attributes
+    ----------
+    frame_id : str
+    members : dict of str to bytes
+        Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
+        ``hud.png``.
+    path : Path
+        The archive, for messages.
+    """
+
+    frame_id: str
+    members: dict[str, bytes]
+    path: Path
+
+    @functools.cached_property
+    def image(self) -> NDArray[np.uint16]:
+        """DN, (height, width) uint16 array; of a colour sensor the raw mosaic. Raises GeneratorError."""
+        for codec in CODECS:
+            if codec in self.members:
+                with _Damage(self):
+                    return decode(self.members[codec], codec)
+        raise GeneratorError(f"{self.path}: {self.frame_id} has no image; run `skybench verify`")
+
+    @functools.cached_property
+    def record(self) -> dict[str, Any]:
+        """The frame record. Raises GeneratorError."""
+        with _Damage(self):
+            record = json.loads(self.members["json"])
+            if not isinstance(record, dict) or not isinstance(record["index"], int):
+                raise ValueError("its record has no index")
+            return record
+
+    @property
+    def index(self) -> int:
+        """Index of the frame in its scenario."""
+        return int(self.record["index"])
+
+    @functools.cached_property
+    def developed(self) -> NDArray[np.uint8] | None:
+        """The developed picture, (height, width) or (height, width, 3); None where the scenario asks for none."""
+        return self._picture("developed.png")
+
+    @functools.cached_property
+    def hud(self) -> NDArray[np.uint8] | None:
+        """255 where the head-up display covers the frame, (height, width); None where there is none."""
+        return self._picture("hud.png")
+
+    def _picture(self, suffix: str) -> NDArray[np.uint8] | None:
+        if suffix not in self.members:
+            return None
+        with _Damage(self):
+            return picture(self.members[suffix])
+
+
+@dataclass(frozen=True)
+class Frame(ShardFrame):
+    """A frame of a dataset.
+
+    Attributes
+    ----------
+    stars : pyarrow.Table
+        Its rows of the table of stars (``.to_pandas()`` makes a data frame).
+    objects : pyarrow.Table
+        Its rows of the table of objects.
+    """
+
+    stars: pa.Table
+    objects: pa.Table
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A finished dataset on disk."""
+    """A finished dataset: a sequence of frames, and their tables.
+
+    Attributes
+    ----------
+    folder : Path
+        Where its files are, or where they are kept once they have come from `url`.
+    manifest : Manifest
+    url : str
+        Empty for a dataset on this machine.
+    """
 
     folder: Path
     manifest: Manifest
+    url: str = ""
 
     @classmethod
-    def open(cls, folder: Path) -> Dataset:
-        """Open a dataset by its manifest. Raises GeneratorError."""
-        return cls(folder, read_manifest(folder))
+    def open(cls, place: str | Path, cache: Path | None = None) -> Dataset:
+        """Open a dataset by its manifest.
+
+        Parameters
+        ----------
+        place : str or Path
+            What `skybench generate --out` was given: a folder, or a URL that fsspec knows.
+        cache : Path, optional
+            Where files of a URL are kept, each fetched when it is first needed and compared with the manifest's SHA-256; by
+            default the user's cache folder.
+
+        Raises
+        ------
+        GeneratorError
+            It cannot be reached, or is no finished dataset.
+        """
+        if "://" not in str(place):
+            return cls(Path(place), read_manifest(Path(place)))
+        content = open_target(str(place)).read(MANIFEST)
+        if content is None:
+            raise GeneratorError(f"{place}/{MANIFEST}: missing; the run is unfinished: run `skybench generate` again")
+        kept = cache or platformdirs.user_cache_path("skybench") / "datasets"
+        folder = kept / hashlib.sha256(content).hexdigest()[:16]
+        write_bytes(folder / MANIFEST, content)
+        return cls(folder, read_manifest(folder), str(place))
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, position: int) -> Frame:
+        """Frame by its place in the dataset, from 0; negative numbers count from the end."""
+        stem, image = self._places[position]
+        frame_id = image.partition(".")[0]
+        path = self._file("data", stem)
+        places = _indexed(path, *_state(path)).get(frame_id)
+        if places is None:
+            raise GeneratorError(f"{path}: {frame_id} is missing; run `skybench verify`")
+        members = {suffix: read_place(path, place) for suffix, place in places.items()}
+        return self._frame(StoredFrame(frame_id, members), path)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """All frames in order, each shard read once."""
+        for file in self._listed("data"):
+            path = self._local(file)
+            for stored in read_frames(path):
+                yield self._frame(stored, path)
+
+    def map(self, function: Callable[[Frame], Sample]) -> MappedDataset[Sample]:
+        """The dataset with each frame replaced by what `function` makes of it, when it is asked for."""
+        return MappedDataset(self, function)
 
     def paths(self, table: str) -> list[Path]:
         """Files of a table (one of TABLES) or of the images (``data``), in the order of the shards."""
-        return [self.folder / file.path for file in self.manifest.files if file.path.startswith(f"{table}/")]
+        return [self._local(file) for file in self._listed(table)]
+
+    def table(self, name: str) -> pa.Table:
+        """The whole table ``frames``, ``stars`` or ``objects``. Raises GeneratorError."""
+        parts = [_table(path, *_state(path)) for path in self.paths(name)]
+        try:
+            return pa.concat_tables(parts) if parts else SCHEMAS[name].empty_table()
+        except pa.ArrowException as error:
+            raise GeneratorError(f"{self.folder / name}: its parts differ ({error}); run `skybench verify`") from error
 
     def frames(self) -> pa.Table:
         """The table of frames."""
-        return _read(self.paths("frames"), FRAME_SCHEMA)
+        return self.table("frames")
 
     def stars(self) -> pa.Table:
         """The table of stars."""
-        return _read(self.paths("stars"), STAR_SCHEMA)
+        return self.table("stars")
 
     def objects(self) -> pa.Table:
-        """The table of flying objects and the Moon."""
-        return _read(self.paths("objects"), OBJECT_SCHEMA)
+        """The table of flying objects, the Moon and cosmic rays."""
+        return self.table("objects")
 
     def stored_frames(self) -> Iterator[StoredFrame]:
         """All frames in order, as stored.
@@ -56,9 +225,149 @@ class Dataset:
         for path in self.paths("data"):
             yield from read_frames(path)
 
+    @functools.cached_property
+    def _places(self) -> list[tuple[str, str]]:
+        """Shard and name of the image of each frame."""
+        table = self.frames()
+        try:
+            return list(zip(table["shard"].to_pylist(), table["image"].to_pylist(), strict=True))
+        except KeyError as error:
+            raise GeneratorError(f"{self.folder}/frames: column {error} is missing; run `skybench verify`") from error
 
-def _read(paths: list[Path], schema: pa.Schema) -> pa.Table:
+    def _listed(self, table: str) -> list[StoredFile]:
+        return [file for file in self.manifest.files if file.path.startswith(f"{table}/")]
+
+    def _file(self, table: str, stem: str) -> Path:
+        """A shard's file, among those that the manifest lists."""
+        for file in self._listed(table):
+            if Path(file.path).stem == stem:
+                return self._local(file)
+        raise GeneratorError(f"{self.folder}: the manifest lists no {table} of {stem}; run `skybench verify`")
+
+    def _local(self, file: StoredFile) -> Path:
+        """The file on this machine, fetched if necessary."""
+        path = path_within(self.folder, file.path)
+        if not self.url or path.is_file():
+            return path
+        try:
+            with tempfile.TemporaryDirectory(dir=self.folder, prefix=".fetching-") as scratch:
+                found = open_target(self.url).fetch(file.path, Path(scratch))
+                if stored_file(Path(scratch), file.path) != file:
+                    raise GeneratorError(f"{self.url}: {file.path} is not what its manifest says; it is not used")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                found.replace(path)
+        except OSError as error:
+            raise GeneratorError(f"{self.url}: {file.path} cannot be fetched ({error}); try again") from error
+        return path
+
+    def _frame(self, stored: StoredFrame, path: Path) -> Frame:
+        bare = ShardFrame(stored.frame_id, stored.members, path)
+        stars, objects = (self._rows(table, path.stem, bare.index) for table in ("stars", "objects"))
+        return Frame(stored.frame_id, stored.members, path, stars, objects)
+
+    def _rows(self, table: str, stem: str, index: int) -> pa.Table:
+        path = self._file(table, stem)
+        whole = _table(path, *_state(path))
+        missing = set(SCHEMAS[table].names) - set(whole.schema.names)
+        if missing:
+            raise GeneratorError(
+                f"{path}: column {min(missing)} is missing; the dataset is of an earlier version or damaged: "
+                "generate it again from its scenario.yaml"
+            )
+        return whole.filter(pc.equal(whole["index"], index))
+
+
+@dataclass(frozen=True)
+class MappedDataset(Generic[Sample]):
+    """Frames of a dataset, each put through a function; see :meth:`Dataset.map`."""
+
+    dataset: Dataset
+    function: Callable[[Frame], Sample]
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, position: int) -> Sample:
+        return self.function(self.dataset[position])
+
+
+def read_shard(path: str | Path) -> Iterator[ShardFrame]:
+    """Frames of one archive by itself, in order: images and records, without the tables of a dataset.
+
+    Raises
+    ------
+    GeneratorError
+        The archive is damaged, or has a member that the format does not allow.
+    """
+    for stored in read_frames(Path(path)):
+        yield ShardFrame(stored.frame_id, stored.members, Path(path))
+
+
+def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None:
+    """Decode one file of a frame by its suffix, for ``webdataset.WebDataset(…).decode(decode_member)``.
+
+    webdataset's own decoders (``"pil"``, ``"rgb"``, ``"torch"``, …) reduce 16-bit images to 8 bits.
+
+    Parameters
+    ----------
+    key : str
+        Suffix, with or without a dot before it.
+    data : bytes
+
+    Returns
+    -------
+    array, dict or None
+        uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png`` and ``hud.png``, the record for
+        ``json``; None for others, which webdataset then leaves as they are.
+    """
+    suffix = key.lstrip(".")
+    if suffix in CODECS:
+        return decode(data, suffix)
+    if suffix in ("developed.png", "hud.png"):
+        return picture(data)
+    return dict(json.loads(data)) if suffix == "json" else None
+
+
+def picture(data: bytes) -> NDArray[np.uint8]:
+    """Decode an 8-bit PNG, (height, width) or (height, width, 3)."""
+    with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+        return np.array(image, dtype=np.uint8)
+
+
+class _Damage:
+    """Whatever decoding a file from others can raise, as one line with its names."""
+
+    def __init__(self, frame: ShardFrame) -> None:
+        self.frame = frame
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, Exception) and not isinstance(error, GeneratorError):
+            raise GeneratorError(
+                f"{self.frame.path}: {self.frame.frame_id} is damaged ({type(error).__name__}: {error}); "
+                "run `skybench verify`"
+            ) from error
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What changes when a file does: size and time of change."""
     try:
-        return pa.concat_tables([pq.read_table(path) for path in paths]) if paths else schema.empty_table()
+        found = path.stat()
+    except OSError as error:
+        raise GeneratorError(f"{path}: {error.strerror}; run `skybench verify`") from error
+    return found.st_size, found.st_mtime_ns
+
+
+@functools.lru_cache(maxsize=64)
+def _indexed(path: Path, size: int, changed_ns: int) -> dict[str, dict[str, Place]]:
+    return frame_places(path)
+
+
+@functools.lru_cache(maxsize=8)
+def _table(path: Path, size: int, changed_ns: int) -> pa.Table:
+    try:
+        return pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
-        raise GeneratorError(f"{paths[0].parent}: a table is damaged ({error}); run `skybench verify`") from error
+        raise GeneratorError(f"{path}: damaged ({error}); run `skybench verify`") from error

@@ -17,28 +17,20 @@ from astropy.io import fits
 from astropy.utils.exceptions import AstropyWarning
 from astropy.wcs import WCS
 from PIL import Image
-from small_scenes import BASE
 
-from generator.dataset.export import EXPORTS, export, withheld_name
-from generator.dataset.generate import generate
-from generator.dataset.layout import DatasetSpec
+from benchmark.cli.datasets import FORMS
 from generator.dataset.reader import Dataset
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
-from generator.scenario.file import parse_scenario
+from generator.export.annotations import CATEGORIES, clipped
+from generator.export.export import EXPORTS, export
+from generator.export.form import ExportOptions
+from generator.export.withheld import withheld_name
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory) -> Path:
-    tree = BASE | {
-        "camera": BASE["camera"] | {"width": 240, "height": 160, "hfov_deg": 60},
-        "sky": {"bortle": {"sweep": [3, 7]}},
-        "stars": {"limiting_magnitude": 6.5},
-    }
-    text = yaml.safe_dump(tree)
-    folder = tmp_path_factory.mktemp("export") / "set"
-    generate(parse_scenario(text, "set.yaml"), text, folder, DatasetSpec())
-    return folder
+@pytest.fixture
+def dataset(small_set) -> Path:
+    return small_set
 
 
 def test_plain_files(dataset, tmp_path) -> None:
@@ -49,16 +41,85 @@ def test_plain_files(dataset, tmp_path) -> None:
     assert len(pd.read_parquet(tmp_path / "out/stars.parquet")) == Dataset.open(dataset).stars().num_rows
 
 
-def test_coco_keypoints(dataset, tmp_path) -> None:
-    export(dataset, "coco", tmp_path / "out")
-    content = json.loads((tmp_path / "out/annotations.json").read_text())
+@pytest.fixture(scope="module")
+def coco(small_set, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("coco") / "out"
+    export(small_set, "coco", out)
+    return out
+
+
+def test_coco_annotates_what_can_be_seen_in_every_category(dataset, coco) -> None:
+    content = json.loads((coco / "annotations.json").read_text())
     assert [image["file_name"] for image in content["images"]] == ["frame-00000.png", "frame-00001.png"]
-    stars = Dataset.open(dataset).stars().to_pandas()
-    first = stars[(stars["index"] == 0) & (stars["fraction_in_frame"] > 0.5)].iloc[0]
-    annotation = content["annotations"][0]
-    assert annotation["star_id"] == first["star_id"]
-    assert annotation["keypoints"] == pytest.approx([first["u_px"] + 0.5, first["v_px"] + 0.5, 2])
-    assert len({annotation["id"] for annotation in content["annotations"]}) == len(content["annotations"])
+    names = {category["id"]: category["name"] for category in content["categories"]}
+    assert list(names.items()) == list(enumerate(CATEGORIES, start=1))
+    found = pd.DataFrame(content["annotations"])
+    assert {names[number] for number in found["category_id"]} >= set(CATEGORIES) - {"planet"}
+    assert found["id"].is_unique
+    assert found["snr"].min() >= 5
+    opened = Dataset.open(dataset)
+    stars, objects = opened.stars().to_pandas(), opened.objects().to_pandas()
+    seen = stars[(stars["snr"] >= 5) & (stars["fraction_in_frame"] >= 0.5)]
+    assert sorted(found["star_id"].dropna()) == sorted(seen["star_id"])
+    assert len(found) == len(seen) + (objects["snr"] >= 5).sum() < len(stars)
+    assert opened.frames()["n_visible"].to_pylist() == seen.groupby("index").size().tolist()
+
+
+def test_coco_boxes_hold_the_light(dataset, coco) -> None:
+    """Each box holds its keypoint, lies in the image, and is brighter than what lies around it where the SNR is high."""
+    content = json.loads((coco / "annotations.json").read_text())
+    image = Dataset.open(dataset)[0].image.astype(float)
+    brighter = []
+    for each in content["annotations"]:
+        left, top, width, height = each["bbox"]
+        assert min(left, top, 240 - left - width, 160 - top - height) >= -1e-3
+        u, v, flag = each["keypoints"]
+        if flag:
+            assert left <= u <= left + width
+            assert top <= v <= top + height
+        assert 0 < each["area"] <= width * height + 1e-3
+        if each["image_id"] == 0 and each["snr"] >= 20:
+            right, bottom = int(np.ceil(left + width)), int(np.ceil(top + height))
+            inside = image[int(top) : bottom, int(left) : right]
+            around = image[max(int(top) - 6, 0) : bottom + 6, max(int(left) - 6, 0) : right + 6]
+            noise = 1.48 * np.median(np.abs(around - np.median(around)))
+            brighter.append(inside.max() > np.median(around) + 3 * noise)
+    assert np.mean(brighter) > 0.9
+
+
+def test_coco_follows_the_least_snr(dataset, tmp_path) -> None:
+    for least, out in ((0.0, "all"), (30.0, "bright")):
+        export(dataset, "coco", tmp_path / out, ExportOptions(least_snr=least))
+    counts = [
+        len(json.loads((tmp_path / out / "annotations.json").read_text())["annotations"]) for out in ("all", "bright")
+    ]
+    assert counts[0] > 3 * counts[1] > 0
+
+
+def test_yolo_has_the_same_boxes(dataset, coco, tmp_path) -> None:
+    export(dataset, "yolo", tmp_path / "out")
+    described = yaml.safe_load((tmp_path / "out/data.yaml").read_text())
+    assert list(described["names"].values()) == list(CATEGORIES)
+    content = json.loads((coco / "annotations.json").read_text())
+    for index in (0, 1):
+        lines = (tmp_path / f"out/labels/train/frame-{index:05d}.txt").read_text().splitlines()
+        rows = np.array([[float(word) for word in line.split()] for line in lines])
+        wanted = [each for each in content["annotations"] if each["image_id"] == index]
+        assert (rows[:, 0] + 1).tolist() == [each["category_id"] for each in wanted]
+        boxes = np.array([each["bbox"] for each in wanted])
+        np.testing.assert_allclose(rows[:, 3:] * (240, 160), boxes[:, 2:], atol=2e-3)
+        np.testing.assert_allclose(rows[:, 1:3] * (240, 160), boxes[:, :2] + boxes[:, 2:] / 2, atol=2e-3)
+    with Image.open(tmp_path / "out/images/train/frame-00000.png") as image:
+        assert (image.mode, image.size) == ("L", (240, 160))
+        shown = np.array(image).astype(float)
+    order = np.argsort(Dataset.open(dataset)[0].image.ravel(), kind="stable")
+    assert (np.diff(shown.ravel()[order]) >= 0).all()
+
+
+def test_polygons_are_cut_at_the_image() -> None:
+    square = np.array([[-2.0, 1.0], [3.0, 1.0], [3.0, 4.0], [-2.0, 4.0]])
+    assert sorted(map(tuple, clipped(square, 10, 3).tolist())) == [(0, 1), (0, 3), (3, 1), (3, 3)]
+    assert clipped(square - 20, 10, 3).size == 0
 
 
 def test_fits_world_coordinates_lead_back_to_the_stars(dataset, tmp_path) -> None:
@@ -108,8 +169,12 @@ def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:
     assert public["time"]["utc_mid"] == frames[0]["utc_mid"]
 
 
+def test_the_command_knows_every_form() -> None:
+    assert set(FORMS) == set(EXPORTS)
+
+
 def test_refusals(dataset, tmp_path) -> None:
-    with pytest.raises(GeneratorError, match="one of files, coco, fits, withheld"):
+    with pytest.raises(GeneratorError, match="one of files, coco, yolo, fits, withheld"):
         export(dataset, "mp4", tmp_path / "out")
     (tmp_path / "full").mkdir()
     (tmp_path / "full/a").write_text("")

@@ -1,0 +1,171 @@
+"""What is in a frame, as detectors are trained on it: categories, boxes of light, outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from generator.dataset.reader import Frame
+
+Floats = NDArray[np.float64]
+
+CATEGORIES = ("star", "planet", "moon", "satellite", "aircraft", "meteor", "cosmic_ray")
+"""Categories; COCO numbers them from 1, YOLO from 0, in this order."""
+HALF_WIDTH_SIGMAS = 3.0
+"""Standard deviations of the point spread function from the places of light to the edges of a box."""
+HALF_PIXEL = 0.5
+"""Around the charge of a particle, which no lens has spread."""
+LEAST_SHARE = 0.5
+"""Part of a star's light that falls on the sensor, from which on the star is annotated."""
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """The n sources of a frame that reach an SNR, stars and planets first.
+
+    Attributes
+    ----------
+    category : (n,) int array
+        Place in CATEGORIES.
+    centre : (n, 2) array
+        Mean place of the light, px from the image's corner, u and v.
+    box : (n, 4) array
+        Left, top, right and bottom edge of the light, px from the image's corner, cut at the image's edges.
+    start, end : (n, 2) arrays
+        Ends of streaks, px from the image's corner; both the same for a source that is no streak.
+    half_width : (n,) array
+        From a streak's middle line to its edge, px.
+    snr, v_mag : (n,) arrays
+        v_mag is NaN for cosmic rays.
+    star_id : (n,) int array
+        0 for what is neither star nor planet.
+    """
+
+    category: NDArray[np.int64]
+    centre: Floats
+    box: Floats
+    start: Floats
+    end: Floats
+    half_width: Floats
+    snr: Floats
+    v_mag: Floats
+    star_id: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.category)
+
+
+def annotate(frame: Frame, least_snr: float) -> Annotations:
+    """Annotations of a frame."""
+    camera = frame.record["camera"]
+    margin = HALF_WIDTH_SIGMAS * float(frame.record["optics"]["psf_sigma_px"])
+    stars, objects = _stars(frame.stars, least_snr), _objects(frame.objects, least_snr)
+    columns: dict[str, Any] = {name: np.concatenate([stars[name], objects[name]]) for name in stars}
+    particle = columns["category"] == CATEGORIES.index("cosmic_ray")
+    half_width = np.where(particle, HALF_PIXEL, margin)
+    # From pixel centres at integers to the image's corner.
+    low, high = (columns.pop(name) + 0.5 for name in ("low", "high"))
+    size = np.array([camera["width"], camera["height"]], dtype=np.float64)
+    box = np.concatenate(
+        [np.clip(low - half_width[:, None], 0, size), np.clip(high + half_width[:, None], 0, size)], axis=1
+    )
+    places = {name: columns.pop(name) + 0.5 for name in ("centre", "start", "end")}
+    found = Annotations(box=box, half_width=half_width, **places, **columns)
+    inside = np.flatnonzero((box[:, 2] > box[:, 0]) & (box[:, 3] > box[:, 1]))
+    return Annotations(**{name: values[inside] for name, values in vars(found).items()})
+
+
+def outlines(found: Annotations, width: int, height: int) -> list[Floats]:
+    """Outline of each source, a (k, 2) polygon, px from the image's corner.
+
+    A streak longer than it is wide is a rectangle along it, anything else an octagon in its box.
+    """
+    way = found.end - found.start
+    length = np.hypot(way[:, 0], way[:, 1])
+    streak = length > 2 * found.half_width
+    along = np.divide(way, length[:, None], out=np.zeros_like(way), where=length[:, None] > 0)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1) * found.half_width[:, None]
+    before, after = (
+        found.start - along * found.half_width[:, None],
+        found.end + along * found.half_width[:, None],
+    )
+    rectangles = np.stack([before + across, after + across, after - across, before - across], axis=1)
+    angle = (np.arange(8) + 0.5) * np.pi / 4
+    # The octagon whose flat sides touch the box.
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.cos(np.pi / 8)
+    middle, half = (found.box[:, :2] + found.box[:, 2:]) / 2, (found.box[:, 2:] - found.box[:, :2]) / 2
+    octagons = middle[:, None] + half[:, None] * unit
+    shapes = []
+    for row in range(len(found)):
+        shape = clipped(rectangles[row], width, height) if streak[row] else octagons[row]
+        shapes.append(shape if len(shape) >= 3 else octagons[row])
+    return shapes
+
+
+def clipped(polygon: Floats, width: float, height: float) -> Floats:
+    """The part of a convex polygon, (k, 2), within the image (Sutherland and Hodgman 1974, CACM 17, 32)."""
+    for axis, limit, sign in ((0, 0.0, 1.0), (0, width, -1.0), (1, 0.0, 1.0), (1, height, -1.0)):
+        depth = sign * (polygon[:, axis] - limit)
+        if not len(polygon) or (depth >= 0).all():
+            continue
+        kept = []
+        for here, there, depth_here, depth_there in zip(
+            polygon, np.roll(polygon, -1, axis=0), depth, np.roll(depth, -1), strict=True
+        ):
+            if depth_here >= 0:
+                kept.append(here)
+            if (depth_here >= 0) != (depth_there >= 0):
+                kept.append(here + (there - here) * depth_here / (depth_here - depth_there))
+        polygon = np.array(kept).reshape(-1, 2)
+    return polygon
+
+
+def area_px(polygon: Floats) -> float:
+    """Area of a polygon, (k, 2)."""
+    u, v = polygon.T
+    return float(abs(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2)
+
+
+def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
+    stars = table.to_pandas()
+    stars = stars[(stars["snr"] >= least_snr) & (stars["fraction_in_frame"] >= LEAST_SHARE)]
+    centre, start, end = (stars[[f"{name}_u_px", f"{name}_v_px"]].to_numpy() for name in ("centroid", "start", "end"))
+    everywhere = np.stack([centre, start, end])
+    kinds = {kind: number for number, kind in enumerate(CATEGORIES)}
+    return {
+        "category": stars["kind"].map(kinds).to_numpy(np.int64),
+        "centre": centre,
+        "start": start,
+        "end": end,
+        "low": everywhere.min(axis=0),
+        "high": everywhere.max(axis=0),
+        "snr": stars["snr"].to_numpy(np.float64),
+        "v_mag": stars["v_mag"].to_numpy(np.float64),
+        "star_id": stars["star_id"].to_numpy(np.int64),
+    }
+
+
+def _objects(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
+    objects = table.to_pandas()
+    seen = (objects["snr"] >= least_snr) & (objects["fraction_in_frame"] > 0) & objects["low_u_px"].notna()
+    objects = objects[seen & objects["kind"].isin(CATEGORIES)]
+    places = {
+        name: objects[[f"{column}_u_px", f"{column}_v_px"]].to_numpy()
+        for name, column in
+        (("centre", "centroid"), ("start", "start"), ("end", "end"), ("low", "low"), ("high", "high"))
+    }  # fmt: skip
+    # The ends of an object's way may lie far from the frame; its light is within its box.
+    for name in ("start", "end"):
+        places[name] = np.where(np.isfinite(places[name]), places[name], places["centre"])
+    kinds = {kind: number for number, kind in enumerate(CATEGORIES)}
+    return {
+        "category": objects["kind"].map(kinds).to_numpy(np.int64),
+        **places,
+        "snr": objects["snr"].to_numpy(np.float64),
+        "v_mag": objects["v_mag"].to_numpy(np.float64),
+        "star_id": np.zeros(len(objects), np.int64),
+    }

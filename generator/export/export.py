@@ -1,0 +1,69 @@
+"""`skybench export`: the forms by name, and the folder that they are written to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+
+from generator.dataset.reader import Dataset
+from generator.errors import GeneratorError
+from generator.export.coco import export_coco
+from generator.export.fits_image import export_fits
+from generator.export.form import ExportOptions, Form, Progress
+from generator.export.plain_files import export_files
+from generator.export.withheld import export_withheld
+from generator.export.yolo import export_yolo
+
+EXPORTS: dict[str, Form] = {
+    "files": export_files,
+    "coco": export_coco,
+    "yolo": export_yolo,
+    "fits": export_fits,
+    "withheld": export_withheld,
+}
+
+
+def export(
+    folder: Path,
+    form: str,
+    out: Path,
+    options: ExportOptions = ExportOptions(),  # noqa: B008 - frozen
+    progress: Progress = lambda frame_id: None,
+) -> None:
+    """Export a finished dataset.
+
+    Parameters
+    ----------
+    folder : Path
+        The dataset.
+    form : str
+        One of EXPORTS.
+    out : Path
+        An empty or new folder.
+    options : ExportOptions
+    progress : callable
+        Called with the id of each frame that is done.
+
+    Raises
+    ------
+    GeneratorError
+        Unknown form, unfinished or damaged dataset, or a folder that cannot be used.
+    """
+    if form not in EXPORTS:
+        raise GeneratorError(f"--to {form}: one of {', '.join(EXPORTS)}")
+    dataset = Dataset.open(folder)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if any(out.iterdir()):
+            raise GeneratorError(f"{out}: is not empty; choose another folder")
+        EXPORTS[form](dataset, out, options, progress)
+    except (KeyError, TypeError, ValueError, pa.ArrowException) as error:
+        raise GeneratorError(
+            f"{folder}: a record or table is not as docs/dataset_format.md says ({type(error).__name__}: {error}); "
+            "run `skybench verify`"
+        ) from error
+    except OSError as error:
+        raise GeneratorError(
+            f"{error.filename or out}: writing failed ({error.strerror}); choose another folder"
+        ) from error
