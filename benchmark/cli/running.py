@@ -25,6 +25,7 @@ from benchmark.report.formatting import number
 from benchmark.run.contestants import Contestant, contestant_of
 from benchmark.run.engine import SolverRun, check_contestants, outcomes, run_all
 from benchmark.run.provenance import DetectionsMode
+from benchmark.run.results import check_writable
 from benchmark.run.sessions import session_pool
 from benchmark.solvers.registry import known_solvers
 from benchmark.stats.metrics import ERROR, FIX
@@ -75,6 +76,7 @@ def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, li
     """
     contestants = check_contestants(_contestants(request.solvers), request.jobs)
     out = request.out or _default_out(request.targets)
+    check_writable(out)
     runs: list[SolverRun] = []
     with progress_bars() as bar:
         sets = [_opened(bar, target, request.choice) for target in request.targets]

@@ -17,6 +17,10 @@ from benchmark.protocol import Answer
 from benchmark.stats.metrics import ERROR, FrameScore
 
 LONGEST_REASON = 200
+LARGEST_COVARIANCE_KM2 = 1e12
+"""Two thousand times the surface of the Earth: more is no claim about a position."""
+FARTHEST_PX = 1e6
+"""No detection lies farther from the image's corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +63,21 @@ def failure(error: Exception | str, time_ms: float) -> Response:
         Until it failed.
     """
     text = error if isinstance(error, str) else f"error: {type(error).__name__}: {error}"
-    answer = Answer(ok=False, reason=" ".join(text.split())[:LONGEST_REASON])
+    answer = Answer(ok=False, reason=plain_words(text, LONGEST_REASON))
     return Response(answer, ERROR, np.empty((0, 2)), np.empty(0), 0.0, time_ms, None)
+
+
+def check_points(uv: NDArray[np.float64], flux: NDArray[np.float64]) -> None:
+    """Refuse detections that are not (n, 2) positions within `FARTHEST_PX` and n fluxes. Raises ValueError."""
+    if uv.ndim != 2 or uv.shape[1] != 2 or flux.shape != (len(uv),):
+        raise ValueError(f"detections of shapes {uv.shape} and {flux.shape}")
+    if not (np.abs(uv) <= FARTHEST_PX).all():
+        raise ValueError(f"a detection is not within {FARTHEST_PX:g} px of the image's corner")
+
+
+def plain_words(text: str, longest: int) -> str:
+    """A text of unknown origin on one line, cut to a number of characters, with what UTF-8 cannot hold as ``?``."""
+    return " ".join(text.encode("utf-8", "replace").decode().split())[:longest]
 
 
 def check_answer(answer: Answer, n_detections: int) -> None:
@@ -69,12 +86,13 @@ def check_answer(answer: Answer, n_detections: int) -> None:
     Raises
     ------
     ValueError
-        A fix without a possible position; matches that are not (m, 2) integers, point to no detection or to one
-        twice; a covariance that is not 2x2, finite and symmetric; a confidence beyond 0 to 1.
+        A fix without a possible position (a longitude within a full turn of Greenwich); matches that are not (m, 2)
+        integers, point to no detection or to one twice; a covariance that is not 2x2, symmetric and within
+        `LARGEST_COVARIANCE_KM2`; a confidence beyond 0 to 1.
     """
     if answer.ok:
         lat, lon = answer.lat_deg, answer.lon_deg
-        if lat is None or lon is None or not (math.isfinite(lat) and math.isfinite(lon)) or abs(lat) > 90.0:
+        if lat is None or lon is None or not (abs(lat) <= 90.0 and abs(lon) <= 360.0):
             raise ValueError(f"fix at impossible position ({lat}, {lon})")
     matches = answer.matches
     if matches.ndim != 2 or matches.shape[1] != 2 or not np.issubdtype(matches.dtype, np.integer):
@@ -85,8 +103,10 @@ def check_answer(answer: Answer, n_detections: int) -> None:
     if len(np.unique(claimed)) != len(claimed):
         raise ValueError("a detection is matched twice")
     cov = answer.cov_km2
-    if cov is not None and not (cov.shape == (2, 2) and np.isfinite(cov).all() and np.allclose(cov, cov.T)):
-        raise ValueError("covariance is not a finite symmetric 2x2 matrix")
+    if cov is not None and not (cov.shape == (2, 2) and (np.abs(cov) <= LARGEST_COVARIANCE_KM2).all()):
+        raise ValueError(f"covariance is not a 2x2 matrix within {LARGEST_COVARIANCE_KM2:g} km^2")
+    if cov is not None and not np.allclose(cov, cov.T):
+        raise ValueError("covariance is not symmetric")
     if answer.confidence is not None and not 0.0 <= answer.confidence <= 1.0:
         raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
 

@@ -29,6 +29,7 @@ from benchmark.run.result_tables import scores_of
 from benchmark.run.results import (
     FRAMES_NAME,
     SUMMARY_NAME,
+    check_writable,
     read_summary,
     read_table,
     result_folder,
@@ -123,6 +124,7 @@ def run(
         Before any frame is solved, but for a damaged image and a solver that does not start.
     """
     contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
+    check_writable(out)
     found = frames if isinstance(frames, FrameSet) else open_frames(str(frames), choice)
     return tuple(run_all(contestants, [found], out, detections, jobs, progress))
 

@@ -11,6 +11,7 @@ import dataclasses
 import json
 import os
 import re
+import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,6 +144,22 @@ def read_table(path: Path) -> pa.Table:
         return pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); {RUN_AGAIN}") from error
+
+
+def check_writable(out: Path) -> None:
+    """Find out whether results can be written to a folder, or one be made there, before there are any; leaves no trace.
+
+    Raises
+    ------
+    ResultsError
+        They cannot.
+    """
+    try:
+        there = next(folder for folder in (out, *out.absolute().parents) if os.path.lexists(folder))
+        with tempfile.TemporaryFile(dir=there) as probe:
+            probe.write(b"\0")
+    except OSError as error:
+        raise ResultsError(f"{out}: cannot be written ({error.strerror}); choose another folder with --out") from error
 
 
 def write_atomically(path: Path, content: bytes) -> None:

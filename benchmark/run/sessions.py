@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import Frame, load_image
-from benchmark.judge.answers import Response, check_answer, failure
+from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.memory import peak_mib, reset_peak
@@ -79,6 +79,7 @@ class PipeSession:
             return failure(f"error: {error}", 0.0)
         try:
             reply = reply_of(exchange.message, frame.frame_id, frame.observation, shared)
+            check_points(reply.uv, reply.flux)
             check_answer(reply.answer, len(reply.uv))
         except ValueError as error:
             return failure(f"error: {error}", exchange.time_ms)
@@ -167,8 +168,7 @@ def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for unknown flux."""
     uv = np.array(detections.uv, dtype=np.float64)
     flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
-    if uv.ndim != 2 or uv.shape[1] != 2 or flux.shape != (len(uv),) or not np.isfinite(uv).all():
-        raise ValueError(f"detections of shapes {uv.shape} and {flux.shape}, or not finite")
+    check_points(uv, flux)
     return uv, flux
 
 

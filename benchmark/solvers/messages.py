@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.frames.dataset import Frame
+from benchmark.judge.answers import LONGEST_REASON, plain_words
 from benchmark.protocol import Answer, Detections, Observation
 from benchmark.solvers.attitude_position import position_of_attitude
 
 PROTOCOL = "skybench-solver/1"
 LARGEST_NUMBER_OF_DETECTIONS = 100_000
-_LONGEST_REASON = 200
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
     status = message.get("status")
     lat = lon = None
     if status == "error":
-        raise ValueError(" ".join(str(message.get("reason", "no reason given")).split())[:_LONGEST_REASON])
+        raise ValueError(plain_words(str(message.get("reason", "no reason given")), LONGEST_REASON))
     if status == "fix":
         lat, lon = _number(message, "lat_deg"), _number(message, "lon_deg")
     elif status == "attitude":
@@ -100,8 +100,8 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
     stages = message.get("time_ms") or {}
     if not isinstance(stages, Mapping) or len(stages) > 50:
         raise ValueError("time_ms must be an object of at most 50 numbers")
-    time_ms = {str(stage)[:50]: _number(stages, stage) for stage in stages}
-    reason = "" if ok else " ".join(str(message.get("reason", "")).split())[:_LONGEST_REASON]
+    time_ms = {plain_words(stage, 50): _number(stages, stage) for stage in stages}
+    reason = "" if ok else plain_words(str(message.get("reason", "")), LONGEST_REASON)
     answer = Answer(ok, reason, lat, lon, cov, confidence, _matches(message.get("matches")), time_ms)
     return Reply(answer, uv, flux, max(time_ms.get("detect", 0.0), 0.0))
 
@@ -112,15 +112,19 @@ def _number_or_none(value: float) -> float | None:
 
 def _number(message: Mapping[str, Any], key: str) -> float:
     value = message.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{key} must be a finite number, found {str(value)[:40]!r}")
-    return float(value)
+    try:
+        proper = not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
+    except OverflowError:  # an integer beyond the range of floating-point numbers
+        proper = False
+    if not proper:
+        raise ValueError(f"{plain_words(key, 50)} must be a finite number, found {plain_words(str(value), 40)!r}")
+    return float(value)  # type: ignore[arg-type]
 
 
 def _array(value: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be numbers of shape {shape}") from error
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, found shape {array.shape}")

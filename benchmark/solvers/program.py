@@ -247,7 +247,7 @@ class ProgramSession:
         except subprocess.TimeoutExpired:
             return "closed its output"
         if code < 0:
-            return f"ended by signal {signal.Signals(-code).name}"
+            return f"ended by signal {_name_of_signal(-code)}"
         return f"ended with exit status {code}"
 
     def _hear(self, words: bytes) -> None:
@@ -269,6 +269,13 @@ class ProgramSession:
 
 class _MisbehavedError(Exception):
     """What a program did that it must not."""
+
+
+def _name_of_signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # real-time signals have no names but their first and last
+        return str(number)
 
 
 def _json_object(line: bytes) -> dict[str, Any]:

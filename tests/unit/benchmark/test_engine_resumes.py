@@ -7,6 +7,7 @@ import pytest
 from unit.benchmark.fake_night import Contestant, Raising, Truth, write_dataset
 from unit.benchmark.stored import detections, stored
 
+from benchmark.errors import ResultsError
 from benchmark.frames.dataset import open_dataset
 from benchmark.run import engine, journal
 
@@ -48,6 +49,14 @@ def interrupted(folder, solver, out, after):
 
     with pytest.raises(StoppedError):
         engine.run(folder, [solver], out, progress=progress)
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_any_frame_is_solved(folder, frames, tmp_path):
+    (tmp_path / "file").write_text("")
+    solver = Counting("truth", frames)
+    with pytest.raises(ResultsError, match=r"file/out: cannot be written \(Not a directory\); choose another folder"):
+        engine.run(folder, [solver], tmp_path / "file" / "out")
+    assert solver.asked == []
 
 
 def test_an_interrupted_run_resumes_and_gives_what_a_whole_one_gives(folder, frames, tmp_path):
