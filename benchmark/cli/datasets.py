@@ -21,6 +21,7 @@ from generator.errors import GeneratorError
 if TYPE_CHECKING:
     from generator.dataset.forecast import Forecast
     from generator.dataset.run import Runner
+    from generator.scenario.file import Scenario
 
 FORMS = ("files", "coco", "yolo", "fits", "withheld")
 """Forms of export, known to the completion of the shell without loading any of them."""
@@ -67,7 +68,9 @@ def plan(
         print_json(identity | asdict(expected) | varied)
         return
     table = Table("", Column(loaded.name, overflow="fold"), show_header=True)
-    table.add_row("frames", f"{loaded.frame_count} ({loaded.combination_count} combinations x {loaded.repeats})")
+    table.add_row("frames", _frames(loaded))
+    if loaded.sequence_count:
+        table.add_row("sequence", _sequence(loaded))
     for name, values in sweeps.items():
         table.add_row(f"sweep {name}", _listing(values))
     for name, distribution in draws.items():
@@ -87,6 +90,19 @@ def plan(
     print_tables(table)
     for warning in expected.warnings:
         Console(stderr=True).print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+
+
+def _frames(scenario: Scenario) -> str:
+    steps = "" if scenario.steps is None else f" sequences x {scenario.steps} frames"
+    return f"{scenario.frame_count} ({scenario.combination_count} combinations x {scenario.repeats}{steps})"
+
+
+def _sequence(scenario: Scenario) -> str:
+    """Times and inertial unit of the first sequence."""
+    spec = scenario.sequence(0)
+    end = scenario.frame(spec.time.count - 1).time.utc_start
+    inertial = "" if spec.imu is None else f"; inertial unit at {spec.imu.rate_hz:g} Hz"
+    return f"every {spec.time.every_s:g} s from {spec.time.utc_start} to {end}{inertial}"
 
 
 def _first_frame(expected: Forecast) -> list[tuple[str, str]]:

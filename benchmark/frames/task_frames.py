@@ -169,10 +169,10 @@ def wanted_shards(
     scenario: Scenario, per_condition: int, split: SplitName, combinations: Sequence[int] | None = None
 ) -> list[Shard]:
     """Shards that hold the first frames of combinations of the scenario, of all unless given."""
-    shards_per_condition = math.ceil(scenario.repeats / SHARD_FRAMES)
+    shards_per_condition = math.ceil(scenario.frames_per_combination / SHARD_FRAMES)
     shards = []
     for combination in range(scenario.combination_count) if combinations is None else combinations:
-        start = combination * scenario.repeats
+        start = combination * scenario.frames_per_combination
         for number, offset in enumerate(range(0, per_condition, SHARD_FRAMES)):
             stop = start + min(offset + SHARD_FRAMES, per_condition)
             shards.append(Shard(combination * shards_per_condition + number, start + offset, stop, split))

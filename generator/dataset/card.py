@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from generator import __version__
 from generator.dataset.archive import read_member
 from generator.dataset.images import decode
-from generator.dataset.layout import CARD, FIGURES, SCENARIO_COPY, DatasetSpec, Shard
+from generator.dataset.layout import CARD, FIGURES, IMU, SCENARIO_COPY, DatasetSpec, Shard
 from generator.files import write_bytes
 from generator.frame.pictures import contact_sheet
 from generator.frame.record import VISIBLE_SNR
@@ -106,6 +106,14 @@ def card_text(
             f"- config_name: objects\n  data_files: [{{split: {spec.split}, path: objects/{spec.split}/*.parquet}}]\n"
         )
     )
+    listed_imu, imu_row = "", ""
+    if scenario.has_imu:
+        listed_imu = (
+            f"- config_name: {IMU}\n  data_files: [{{split: {spec.split}, path: {IMU}/{spec.split}/*.parquet}}]\n"
+        )
+        imu_row = (
+            f"| `{IMU}/{spec.split}/*.parquet` | readings and truth of the inertial unit, one file per sequence |\n"
+        )
     electrons = ", `.exr` (expected electrons)" if spec.exr else ""
     options = f"--split {spec.split} --shard-size {spec.shard_size}" + (" --exr" if spec.exr else "")
     options += f" --codec {spec.codec}" if spec.codec != "png" else ""
@@ -119,7 +127,7 @@ configs:
   data_files: [{{split: {spec.split}, path: frames/{spec.split}/*.parquet}}]
 - config_name: stars
   data_files: [{{split: {spec.split}, path: stars/{spec.split}/*.parquet}}]
-{listed_objects}---
+{listed_objects}{listed_imu}---
 
 # {scenario.name}
 
@@ -153,6 +161,7 @@ gives the same bytes (scenario SHA-256 `{scenario.sha256}`, seed {scenario.seed}
 | `stars/{spec.split}/*.parquet` | one row per frame and star or planet |
 | `objects/{spec.split}/*.parquet` | one row per frame and satellite, aircraft, meteor, Moon or cosmic ray |
 | `manifest.json` | every file with its size and SHA-256 |
+{imu_row}| `manifest.json` | every file with its size and SHA-256 |
 | `croissant.json` | Croissant 1.1 |
 | `{SCENARIO_COPY}` | the recipe |
 {_inputs(scenario)}

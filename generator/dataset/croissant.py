@@ -10,11 +10,12 @@ import pyarrow as pa
 
 from generator import __version__
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.layout import CROISSANT, TABLES, DatasetSpec
+from generator.dataset.layout import CROISSANT, IMU, TABLES, DatasetSpec
 from generator.dataset.shard import StoredFile
 from generator.files import write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
+from generator.imu.table import IMU_SCHEMA
 from generator.scenario.file import Scenario
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
@@ -43,6 +44,7 @@ _TYPES = {pa.bool_(): "sc:Boolean", pa.string(): "sc:Text"}
 
 def croissant(scenario: Scenario, spec: DatasetSpec, files: list[StoredFile]) -> dict[str, Any]:
     """Describe a dataset: its files, and the columns of its tables."""
+    schemas = dict(zip(TABLES, SCHEMAS, strict=True)) | ({IMU: IMU_SCHEMA} if scenario.has_imu else {})
     distribution: list[dict[str, Any]] = [
         {
             "@type": "cr:FileObject",
@@ -64,7 +66,7 @@ def croissant(scenario: Scenario, spec: DatasetSpec, files: list[StoredFile]) ->
             "encodingFormat": "application/x-parquet",
             "includes": f"{table}/{spec.split}/*.parquet",
         }
-        for table in TABLES
+        for table in schemas
     ]
     return {
         "@context": _CONTEXT,
@@ -82,7 +84,7 @@ def croissant(scenario: Scenario, spec: DatasetSpec, files: list[StoredFile]) ->
         "rai:dataCollection": "Rendered by skybench; every frame follows from the scenario file and its index.",
         "rai:dataLimitation": "Synthetic: see docs/physics.md of skybench for each model and its limits.",
         "distribution": distribution,
-        "recordSet": [_record_set(table, schema) for table, schema in zip(TABLES, SCHEMAS, strict=True)],
+        "recordSet": [_record_set(table, schema) for table, schema in schemas.items()],
     }
 
 

@@ -10,12 +10,13 @@ from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
 from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
-from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
+from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import make_manifest, write_manifest
 from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
 from generator.dataset.shard import ShardReport, StoredFile, read_receipt, stored_file
 from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
+from generator.imu.table import write_imu_table
 from generator.scenario.file import Scenario
 
 UNFINISHED_PREFIX = ".shard-"
@@ -103,12 +104,15 @@ def _finish(
             (build / SCENARIO_COPY).write_bytes(target.read(SCENARIO_COPY) or b"")
             shards = divide(scenario, spec, first, stop)
             figures = write_card(build, scenario, spec, shards, lambda place: target.fetch(place, Path(scratch)))
+            readings = imu_places(scenario, spec.split, first, stop)
+            for sequence, place in readings.items():
+                write_imu_table(build / place, scenario, range(sequence, sequence + 1))
             described = [*stored, *stored_inputs(target, scenario)]
-            described += [stored_file(build, place) for place in (SCENARIO_COPY, CARD, *figures)]
+            described += [stored_file(build, place) for place in (SCENARIO_COPY, CARD, *figures, *readings.values())]
             write_croissant(build, scenario, spec, described)
             described.append(stored_file(build, CROISSANT))
             write_manifest(build, make_manifest(scenario, spec, first, stop, described))
-            for place in (CARD, *figures, CROISSANT, MANIFEST):
+            for place in (*readings.values(), CARD, *figures, CROISSANT, MANIFEST):
                 target.put(build / place, place)
     except OSError as error:
         raise GeneratorError(

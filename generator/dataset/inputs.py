@@ -8,14 +8,14 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from generator.dataset.layout import CARD, CROISSANT, FIGURES, MANIFEST, SCENARIO_COPY, TABLES
+from generator.dataset.layout import CARD, CROISSANT, FIGURES, IMU, MANIFEST, SCENARIO_COPY, TABLES
 from generator.dataset.shard import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.scenario.file import Scenario
 from generator.scenario.strict import InputFile
 
-OWN_NAMES = (*TABLES, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
+OWN_NAMES = (*TABLES, IMU, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
 """Names at a dataset's root, which a scenario's own files may not have."""
 _SAFE_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 

@@ -19,6 +19,8 @@ SHARDS_OF_A_SMALL_SET = 32
 CODECS = ("png", "jxl")
 TABLES = ("frames", "stars", "objects")
 """Tables of a dataset; each is a folder of Parquet files, one per shard."""
+IMU = "imu"
+"""Table of the inertial unit of sequences, a folder of Parquet files, one per sequence."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,13 @@ class Shard:
     def log(self) -> str:
         """Path of the log."""
         return f"logs/{self.split}/{self.stem}.log"
+
+
+def imu_places(scenario: Scenario, split: str, first: int, stop: int) -> dict[int, str]:
+    """Paths of the tables of inertial units that belong to frames first to stop - 1, by sequence."""
+    if not scenario.has_imu:
+        return {}
+    return {sequence: f"{IMU}/{split}/sequence-{sequence:06d}.parquet" for sequence in scenario.sequences(first, stop)}
 
 
 def natural_shard_size(frame_count: int) -> int:

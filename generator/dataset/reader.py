@@ -34,7 +34,7 @@ from PIL import Image
 from generator.dataset.archive import Place, StoredFrame, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.images import decode
-from generator.dataset.layout import CODECS, MANIFEST
+from generator.dataset.layout import CODECS, IMU, MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.shard import StoredFile, stored_file
 from generator.dataset.target import open_target
@@ -42,9 +42,10 @@ from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
+from generator.imu.table import IMU_SCHEMA
 
 Sample = TypeVar("Sample")
-SCHEMAS = {"frames": FRAME_SCHEMA, "stars": STAR_SCHEMA, "objects": OBJECT_SCHEMA}
+SCHEMAS = {"frames": FRAME_SCHEMA, "stars": STAR_SCHEMA, "objects": OBJECT_SCHEMA, IMU: IMU_SCHEMA}
 
 
 @dataclass(frozen=True)
@@ -191,11 +192,11 @@ class Dataset:
         return MappedDataset(self, function)
 
     def paths(self, table: str) -> list[Path]:
-        """Files of a table (one of TABLES) or of the images (``data``), in the order of the shards."""
+        """Files of a table (one of TABLES, or IMU) or of the images (``data``), in the order of the shards."""
         return [self._local(file) for file in self._listed(table)]
 
     def table(self, name: str) -> pa.Table:
-        """The whole table ``frames``, ``stars`` or ``objects``. Raises GeneratorError."""
+        """The whole table ``frames``, ``stars``, ``objects`` or ``imu``. Raises GeneratorError."""
         parts = [_table(path, *_state(path)) for path in self.paths(name)]
         try:
             return pa.concat_tables(parts) if parts else SCHEMAS[name].empty_table()
@@ -213,6 +214,10 @@ class Dataset:
     def objects(self) -> pa.Table:
         """The table of flying objects, the Moon and cosmic rays."""
         return self.table("objects")
+
+    def imu(self) -> pa.Table:
+        """The table of the sequences' inertial unit; without rows where the scenario has none."""
+        return self.table(IMU)
 
     def stored_frames(self) -> Iterator[StoredFrame]:
         """All frames in order, as stored.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from generator.dataset.layout import CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide
+from generator.dataset.layout import CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.reader import Dataset
 from generator.dataset.shard import StoredFile, stored_file
@@ -60,6 +60,7 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
     listed = {file.path for file in manifest.files}
     wanted = [place for shard in shards for place in shard.files] + [SCENARIO_COPY, CROISSANT]
     wanted += [file.path for file in scenario.files]
+    wanted += imu_places(scenario, spec.split, manifest.first, manifest.stop).values()
     return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
 
 
@@ -83,6 +84,7 @@ def _content_problems(dataset: Dataset) -> list[str]:
     try:
         dataset.stars()
         dataset.objects()
+        dataset.imu()
         frames = dataset.frames().to_pylist()
         stored = list(dataset.stored_frames())
     except (GeneratorError, OSError, pa.ArrowException) as error:

@@ -15,14 +15,17 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
+from generator.imu.table import write_imu_table
 from generator.scenario.file import Scenario
 
 STARS_FILE = "stars.parquet"
 OBJECTS_FILE = "objects.parquet"
+IMU_FILE = "imu.parquet"
+"""Readings of the inertial unit of a scenario's sequences."""
 UNFINISHED = ".unfinished"
 """Folder inside: tables of single frames, until all frames are there."""
 SCHEMAS = {STARS_FILE: STAR_SCHEMA, OBJECTS_FILE: OBJECT_SCHEMA}
-_TEMPORARY = (".frame-", ".stars-", ".objects-")
+_TEMPORARY = (".frame-", ".stars-", ".objects-", ".imu-")
 _OWN_PREFIXES = ("frame-", *_TEMPORARY)
 
 
@@ -57,7 +60,7 @@ class FrameFolder:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            known = (*SCHEMAS, UNFINISHED)
+            known = (*SCHEMAS, IMU_FILE, UNFINISHED)
             strangers = [
                 path.name
                 for path in self.folder.iterdir()
@@ -81,7 +84,7 @@ class FrameFolder:
 
     def _clear(self) -> None:
         # The tables go first: a folder never looks finished while frames are missing.
-        for name in SCHEMAS:
+        for name in (*SCHEMAS, IMU_FILE):
             (self.folder / name).unlink(missing_ok=True)
         shutil.rmtree(self.folder / UNFINISHED, ignore_errors=True)
         for prefix in _OWN_PREFIXES:
@@ -154,6 +157,11 @@ class FrameFolder:
         if objects.num_rows:
             self._put_rows(index, OBJECTS_FILE, objects)
         self._put_rows(index, STARS_FILE, stars)
+
+    def write_imu(self) -> None:
+        """Write the table of the sequences' inertial unit, if the scenario has one and the folder lacks it."""
+        if self.scenario.has_imu and not (self.folder / IMU_FILE).is_file():
+            write_imu_table(self.folder / IMU_FILE, self.scenario, range(self.scenario.sequence_count))
 
     def finish(self) -> None:
         """Write the tables of all frames; the stars last, which marks the folder as complete."""

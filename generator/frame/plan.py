@@ -29,6 +29,7 @@ from generator.places.tycho2 import load_with_tycho2
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario
 from generator.scenario.model import AtmosphereSpec, FrameSpec
+from generator.scenario.sequence import Passage
 from generator.seeds import random_stream
 from generator.sky.state import SkyState, sky_state
 
@@ -78,6 +79,8 @@ class FramePlan:
         Along the line of sight to each star; 0 without cloud.
     scintillation : (n,) array
         Factor on each star's light; 1 where scintillation is off.
+    passage : Passage or None
+        The frame's part of its sequence; None for a frame by itself.
     """
 
     scenario: Scenario
@@ -99,6 +102,7 @@ class FramePlan:
     sky: SkyState
     cloud_optical_depth: Floats
     scintillation: Floats
+    passage: Passage | None = None
 
     @property
     def dimmed_v_mag(self) -> Floats:
@@ -126,7 +130,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
-    motion = plan_motion(spec, scenario.seed, index)
+    passage = scenario.passage(index)
+    carried = passage.R_cam if passage is not None and passage.moves else None
+    motion = plan_motion(spec, scenario.seed, index, carried)
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
     places = intermediate_places(stars, site, utc_mid, orientation)
     middle = observed_places(places, site, utc_mid, orientation, air)
@@ -163,6 +169,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         sky=sky,
         cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(middle.enu),
         scintillation=scintillation,
+        passage=passage,
     )
 
 

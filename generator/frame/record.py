@@ -20,6 +20,7 @@ from generator.optics.motion import Motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.places.ephemeris import PLANET_ID_BASE
 from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.sequence import Passage
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
 FORMAT = "skybench-frame/1"
@@ -88,6 +89,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
         },
         "camera": camera_object(camera),
         "attitude": attitude_object(plan.motion),
+        **({} if plan.passage is None else {"sequence": sequence_object(plan.passage)}),
         "optics": {
             "aperture_mm": camera.aperture_mm,
             "transmission": camera.transmission,
@@ -165,6 +167,16 @@ def attitude_object(motion: Motion) -> dict[str, Any]:
         "imu_time_s": [] if imu is None else imu.time_s.tolist(),
         "imu_rate_deg_s": [] if imu is None else imu.rate_deg_s.tolist(),
         "imu_bias_deg_s": [0.0, 0.0, 0.0] if imu is None else imu.bias_deg_s.tolist(),
+    }
+
+
+def sequence_object(passage: Passage) -> dict[str, Any]:
+    """Place of a frame in its sequence, and its velocity over ground."""
+    return {
+        "index": passage.sequence,
+        "step": passage.step,
+        "start_s": passage.start_s,
+        "velocity_enu_m_s": (np.round(passage.velocity_enu_m_s, 9) + 0.0).tolist(),
     }
 
 

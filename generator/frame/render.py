@@ -187,6 +187,7 @@ def render_dataset(
             write_frame(folder, frame, with_exr)
             place.add(index, frame.stars, frame.objects)
             progress(index)
+        place.write_imu()
         if missing:
             place.finish()
     except OSError as error:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Stream = Callable[[str], np.random.Generator]
+Path = Callable[[Floats], Rotation]
 
 MOST_TONES = 4000
 
@@ -72,8 +73,16 @@ class Motion:
     imu: ImuReading | None
 
 
-def plan_motion(spec: FrameSpec, seed: int, index: int) -> Motion:
+def plan_motion(spec: FrameSpec, seed: int, index: int, path: Path | None = None) -> Motion:
     """Attitudes of frame `index` of a scenario with root `seed`.
+
+    Parameters
+    ----------
+    spec : FrameSpec
+    seed, index : int
+    path : callable, optional
+        Attitudes (east-north-up to camera) at times (k) after the start of the exposure, of a camera that is carried along a
+        path; its own motion adds to them. The frame's attitude unless given.
 
     Raises
     ------
@@ -86,6 +95,8 @@ def plan_motion(spec: FrameSpec, seed: int, index: int) -> Motion:
     def stream(name: str) -> np.random.Generator:
         return random_stream(seed, f"motion.{name}", index)
 
+    if path is not None:
+        return _carried(motion, path, duration, stream)
     if motion.still:
         time = np.zeros(1)
         follow = Slerp([0.0, duration], Rotation.concatenate([nominal, nominal]))
@@ -97,6 +108,14 @@ def plan_motion(spec: FrameSpec, seed: int, index: int) -> Motion:
     follow = Slerp(time, turned)
     imu = None if motion.imu is None else _imu_reading(motion.imu, follow, duration, stream)
     return Motion(time, turned.as_matrix(), follow([duration / 2]).as_matrix()[0], imu)
+
+
+def _carried(motion: MotionSpec, path: Path, duration_s: float, stream: Stream) -> Motion:
+    """Attitudes on a path, exact at the middle where the camera has no motion of its own."""
+    check_motion(motion, duration_s)
+    time, middle = np.linspace(0.0, duration_s, motion.samples), np.array([duration_s / 2])
+    own = body_rotation(motion, time, duration_s, stream)
+    return Motion(time, (own * path(time)).as_matrix(), (Slerp(time, own)(middle) * path(middle)).as_matrix()[0], None)
 
 
 def body_rotation(motion: MotionSpec, time_s: Floats, duration_s: float, stream: Stream) -> Rotation:

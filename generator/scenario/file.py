@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import hashlib
 import json
@@ -12,14 +11,16 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from generator import __version__
 from generator.errors import ScenarioError
-from generator.scenario.model import FrameSpec
+from generator.scenario.messages import HEADER_KEYS, message
+from generator.scenario.model import FrameSpec, SceneSpec
+from generator.scenario.sequence import Passage, SequenceSpec, frame_of, passage_of
 from generator.scenario.strict import InputFile
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 from generator.seeds import random_stream
@@ -28,11 +29,11 @@ LARGEST_FILE_BYTES = 1_000_000
 """Hundreds of times the size of a long scenario."""
 LARGEST_FRAME_COUNT = 10_000_000
 """Indices of at most seven digits."""
-HEADER_KEYS = ("name", "description", "seed", "frames")
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
-_UNIT_SUFFIX = re.compile(
-    r"_(deg|rad|arcsec|arcmin|nm|um|mm|cm|m|km|s|ms|us|min|h|px|e|e_s|dn|mag|hpa|pa|mbar|c|k|f|du)$"
-)
+SEQUENCE_KEYS = ("path", "imu")
+TIME_KEYS = ("every_s", "count")
+"""Keys, at the top and in `time`, that make frames a sequence."""
+Spec = TypeVar("Spec", bound=SceneSpec)
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -70,7 +71,7 @@ class Scenario:
     seed : int
         Root of all random streams.
     repeats : int
-        Frames per combination of swept values (the file's key ``frames``).
+        Frames, or sequences, per combination of swept values (the file's key ``frames``).
     template : dict
         The tree of frame values, sweeps and distributions included.
     axes : tuple of tuples of Sweep
@@ -81,6 +82,8 @@ class Scenario:
         File name, for messages.
     files : tuple of InputFile
         Files that it names; their hashes are part of its own.
+    steps : int or None
+        Frames of each sequence; None for frames by themselves.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Scenario:
     draws: tuple[Draw, ...]
     source: str = field(compare=False)
     files: tuple[InputFile, ...] = ()
+    steps: int | None = None
 
     @property
     def combination_count(self) -> int:
@@ -99,9 +103,28 @@ class Scenario:
         return math.prod(len(axis[0].values) for axis in self.axes)
 
     @property
+    def frames_per_combination(self) -> int:
+        """Frames of one combination of swept values: repeats, times the frames of a sequence."""
+        return self.repeats * (self.steps or 1)
+
+    @property
     def frame_count(self) -> int:
-        """Number of frames: combinations times repeats."""
-        return self.combination_count * self.repeats
+        """Number of frames: combinations times repeats, times the frames of a sequence."""
+        return self.combination_count * self.frames_per_combination
+
+    @property
+    def sequence_count(self) -> int:
+        """Number of sequences; 0 for frames by themselves."""
+        return 0 if self.steps is None else self.combination_count * self.repeats
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether its sequences have an inertial unit."""
+        return self.steps is not None and self.template.get("imu") is not None
+
+    def sequences(self, first: int, stop: int) -> range:
+        """Numbers of the sequences to which frames first to stop - 1 belong."""
+        return range(0) if self.steps is None else range(first // self.steps, (stop - 1) // self.steps + 1)
 
     def frame(self, index: int) -> FrameSpec:
         """Return frame `index` (0 to frame_count - 1) with every value fixed; repeats of a combination stand together.
@@ -113,22 +136,59 @@ class Scenario:
         ScenarioError
             The values are not acceptable.
         """
+        self._check_index(index)
+        if self.steps is None:
+            return self._read(self._values(index), FrameSpec)
+        return frame_of(self.sequence(index // self.steps), index % self.steps)
+
+    def sequence(self, number: int) -> SequenceSpec:
+        """Return sequence `number` (0 to sequence_count - 1) with every value fixed: drawn once for all of its frames.
+
+        Raises
+        ------
+        IndexError
+            There is no such sequence.
+        ScenarioError
+            The values are not acceptable.
+        """
+        if not 0 <= number < self.sequence_count:
+            raise IndexError(f"scenario '{self.name}' has {self.sequence_count} sequences, not one of number {number}")
+        return self._read(self._values(number), SequenceSpec)
+
+    def passage(self, index: int) -> Passage | None:
+        """Return frame `index` as part of its sequence; None for a frame by itself. Raises as :meth:`frame`."""
+        self._check_index(index)
+        if self.steps is None:
+            return None
+        number, step = divmod(index, self.steps)
+        return passage_of(self.sequence(number), number, step)
+
+    def _check_index(self, index: int) -> None:
         if not 0 <= index < self.frame_count:
             raise IndexError(f"scenario '{self.name}' has frames 0 to {self.frame_count - 1}, not {index}")
-        chosen = self._swept(index // self.repeats)
+
+    def _values(self, number: int) -> dict[str, Any]:
+        """Tree of values of a frame or sequence, with its sweeps and draws; repeats of a combination stand together."""
+        chosen = self._swept(number // self.repeats)
         for draw in self.draws:
             if not draw.distribution.needs_site:
-                chosen[draw.path] = draw.distribution.draw(random_stream(self.seed, draw.stream, index), None)
+                chosen[draw.path] = draw.distribution.draw(random_stream(self.seed, draw.stream, number), None)
         for draw in self.draws:
             if draw.distribution.needs_site:
-                observer = _observer(_resolve(self.template.get("site"), chosen, ("site",)))
+                observer = _observer(self.template, chosen)
                 try:
-                    value = draw.distribution.draw(random_stream(self.seed, draw.stream, index), observer)
+                    value = draw.distribution.draw(random_stream(self.seed, draw.stream, number), observer)
                 except ScenarioError as error:
-                    raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: frame {index}: {error}") from error
+                    what = "frame" if self.steps is None else "sequence"
+                    raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: {what} {number}: {error}") from error
                 chosen[draw.path] = value
+        tree: dict[str, Any] = _resolve(self.template, chosen)
+        return tree
+
+    def _read(self, tree: dict[str, Any], kind: type[Spec]) -> Spec:
+        """Validate a tree of values whose files are as they were when the scenario was read."""
         files: list[InputFile] = []
-        spec = _validate(_resolve(self.template, chosen), self.source, files)
+        spec = _validate(tree, self.source, kind, files)
         known = {file.path: file.sha256 for file in self.files}
         for file in files:
             if known.get(file.path) != file.sha256:
@@ -163,27 +223,32 @@ class Scenario:
         named = {file.path: file for file in found}
         return tuple(named[path] for path in sorted(named))
 
-    def _representatives(self, files: list[InputFile]) -> Iterator[FrameSpec]:
-        """Validated frames in which every swept value, and both ends of every distribution, occur; adds to `files`."""
+    def _representatives(self, files: list[InputFile]) -> Iterator[SceneSpec]:
+        """Validated frames or sequences, with every swept value and both ends of every distribution; adds to `files`."""
         ends = [draw.distribution.typical() for draw in self.draws]
         first = {draw.path: values[0] for draw, values in zip(self.draws, ends, strict=True)}
         stride = 1
         for axis in reversed(self.axes):
             for position in range(len(axis[0].values)):
-                yield _validate(_resolve(self.template, self._swept(position * stride) | first), self.source, files)
+                values = _resolve(self.template, self._swept(position * stride) | first)
+                yield _validate(values, self.source, self._kind, files)
             stride *= len(axis[0].values)
-        for draw, values in zip(self.draws, ends, strict=True):
-            for value in values:
-                yield _validate(
-                    _resolve(self.template, self._swept(0) | first | {draw.path: value}), self.source, files
-                )
-        yield _validate(_resolve(self.template, self._swept(0) | first), self.source, files)
+        for draw, limits in zip(self.draws, ends, strict=True):
+            for limit in limits:
+                values = _resolve(self.template, self._swept(0) | first | {draw.path: limit})
+                yield _validate(values, self.source, self._kind, files)
+        yield _validate(_resolve(self.template, self._swept(0) | first), self.source, self._kind, files)
+
+    @property
+    def _kind(self) -> type[FrameSpec] | type[SequenceSpec]:
+        return FrameSpec if self.steps is None else SequenceSpec
 
     @functools.cached_property
     def sha256(self) -> str:
         """Hash of the scenario's content: values with all defaults filled in, and skybench's version."""
         first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
-        complete = _validate(_resolve(self.template, self._swept(0) | first), self.source).model_dump(mode="json")
+        spec = _validate(_resolve(self.template, self._swept(0) | first), self.source, self._kind)
+        complete = spec.model_dump(mode="json")
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
         for path in [*self._swept(0), *first]:
@@ -245,10 +310,25 @@ def parse_scenario(text: str, source: str) -> Scenario:
     if not isinstance(repeats, int) or isinstance(repeats, bool) or repeats < 1:
         raise ScenarioError(f"{source}: frames: found {describe(repeats)}, expected a positive integer")
     sweeps, draws = find_variations(tree, source)
-    scenario = Scenario(name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source)
+    scenario = Scenario(
+        name, description, seed, repeats, tree, _axes(sweeps, source), tuple(draws), source, steps=_steps(tree, source)
+    )
     if scenario.frame_count > LARGEST_FRAME_COUNT:
         raise ScenarioError(f"{source}: it makes {scenario.frame_count} frames, more than {LARGEST_FRAME_COUNT}")
     return dataclasses.replace(scenario, files=scenario.check())
+
+
+def _steps(tree: dict[str, Any], source: str) -> int | None:
+    """Frames of each sequence that a scenario's tree describes; None for frames by themselves."""
+    time = tree.get("time")
+    if not any(key in tree for key in SEQUENCE_KEYS) and not (isinstance(time, dict) and set(time) & set(TIME_KEYS)):
+        return None
+    count = time.get("count") if isinstance(time, dict) else None
+    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+        raise ScenarioError(
+            f"{source}: time.count: found {describe(count)}, expected the number of frames of each sequence"
+        )
+    return count
 
 
 def _axes(sweeps: list[Sweep], source: str) -> tuple[tuple[Sweep, ...], ...]:
@@ -289,70 +369,30 @@ def _forget(tree: Any, path: KeyPath) -> None:
         tree[int(last)] = None
 
 
-def _observer(site: Any) -> Observer | None:
-    """The site's position, when it has one."""
-    if not isinstance(site, dict):
-        return None
-    latitude, longitude = site.get("latitude_deg"), site.get("longitude_deg")
-    if not isinstance(latitude, int | float) or not isinstance(longitude, int | float):
-        return None
-    return Observer(float(latitude), float(longitude))
+def _observer(template: dict[str, Any], chosen: dict[KeyPath, Any]) -> Observer | None:
+    """Where the camera stands, at the start of its path if it has one; None where the file does not say."""
+    for place in (("site",), ("path", "waypoints", "0")):
+        node: Any = template
+        for key in place:
+            if isinstance(node, list):
+                node = node[int(key)] if int(key) < len(node) else None
+            else:
+                node = node.get(key) if isinstance(node, dict) else None
+        found = _resolve(node, chosen, place)
+        if isinstance(found, dict):
+            latitude, longitude = found.get("latitude_deg"), found.get("longitude_deg")
+            if isinstance(latitude, int | float) and isinstance(longitude, int | float):
+                return Observer(float(latitude), float(longitude))
+    return None
 
 
-def _validate(tree: dict[str, Any], source: str, files: list[InputFile] | None = None) -> FrameSpec:
-    """Check a frame's tree of values; the files that it names are added to `files`."""
+def _validate(tree: dict[str, Any], source: str, kind: type[Spec], files: list[InputFile] | None = None) -> Spec:
+    """Check a tree of values of a frame or sequence; the files that it names are added to `files`."""
     try:
-        return FrameSpec.model_validate(
+        return kind.model_validate(
             tree, context={"folder": Path(source).parent, "files": [] if files is None else files}
         )
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
         problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
-        raise ScenarioError("\n".join(_message(problem, source) for problem in problems)) from error
-
-
-def _message(problem: Any, source: str) -> str:
-    """One line: file, key path, what was found, what is allowed."""
-    location = problem["loc"]
-    where = ".".join(str(part) for part in location)
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind == "extra_forbidden":
-        return f"{source}: {where}: unknown key{_suggestion(location)}"
-    if kind == "missing":
-        return f"{source}: {where}: missing; every scenario needs it"
-    if kind == "value_error":
-        return f"{source}: {where}: {context['error']}" if where else f"{source}: {context['error']}"
-    bounds = {"greater_than_equal": ("ge", ">="), "greater_than": ("gt", ">"), "less_than_equal": ("le", "<="),
-              "less_than": ("lt", "<")}  # fmt: skip
-    if kind in bounds:
-        limit, sign = bounds[kind]
-        expected = f"a value {sign} {context[limit]}"
-    else:
-        expected = problem["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    unit = _UNIT_SUFFIX.search(str(location[-1])) if location else None
-    if isinstance(problem["input"], str) and unit and kind.startswith(("float", "int")):
-        expected += f" in {unit.group(1)}, without a unit of its own"
-    return f"{source}: {where}: found {describe(problem['input'])}, expected {expected}"
-
-
-def _suggestion(location: tuple[Any, ...]) -> str:
-    """Name the keys allowed where an unknown key was found, the most similar first."""
-    model: Any = FrameSpec
-    for part in location[:-1]:
-        fields = getattr(model, "model_fields", {})
-        model = fields[part].annotation if part in fields else None
-        choices = [choice for choice in get_args(model) if isinstance(choice, type) and issubclass(choice, BaseModel)]
-        model = choices[0] if choices else model
-    if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        return ""
-    known = [field.alias or name for name, field in model.model_fields.items()]
-    if model is FrameSpec:
-        known += HEADER_KEYS
-    wanted = str(location[-1])
-    stem = _UNIT_SUFFIX.sub("", wanted)
-    for key in known:
-        if _UNIT_SUFFIX.sub("", key) == stem and key != wanted:
-            unit = _UNIT_SUFFIX.search(key)
-            return f"; this quantity is '{key}'" + (f", in {unit.group(1)}" if unit else ", without a unit")
-    close = difflib.get_close_matches(wanted, known, n=1)
-    return (f"; did you mean '{close[0]}'?" if close else "") + f" Allowed: {', '.join(known)}"
+        raise ScenarioError("\n".join(message(problem, source) for problem in problems)) from error

@@ -203,11 +203,9 @@ NAMED_ATTITUDES = {"zenith-north-up": Pointing(azimuth_deg=180.0, altitude_deg=9
 Attitude = Annotated[Pointing, BeforeValidator(_named_attitude)]
 
 
-class FrameSpec(Strict):
-    """One frame, every value fixed."""
+class SceneSpec(Strict):
+    """What a single frame and a sequence of frames have in common."""
 
-    site: SiteSpec
-    time: TimeSpec
     attitude: Attitude = NAMED_ATTITUDES["zenith-north-up"]
     """``zenith-north-up``, or azimuth, altitude and roll."""
     camera: CameraSpec
@@ -222,6 +220,13 @@ class FrameSpec(Strict):
     @classmethod
     def _fill_from_preset(cls, tree: object) -> object:
         return with_preset(tree)
+
+
+class FrameSpec(SceneSpec):
+    """One frame, every value fixed."""
+
+    site: SiteSpec
+    time: TimeSpec
 
     @model_validator(mode="after")
     def _motion_covers_the_exposure(self) -> FrameSpec:
@@ -248,3 +253,15 @@ def pointing_matrix(pointing: Pointing) -> NDArray[np.float64]:
     turned_right = np.cos(roll) * right - np.sin(roll) * up
     turned_down = -(np.sin(roll) * right + np.cos(roll) * up)
     return np.stack([turned_right, turned_down, boresight])
+
+
+def pointing_of(R_cam: NDArray[np.float64]) -> Pointing:
+    """Boresight and roll of a rotation ENU to camera (3, 3); the inverse of :func:`pointing_matrix`."""
+    east, north, up = R_cam[2]
+    level = float(np.hypot(east, north))
+    # At the zenith and nadir azimuth and roll are one angle; the named attitude's azimuth is as good as any.
+    azimuth_deg = float(np.degrees(np.arctan2(east, north))) % 360 if level > 1e-12 else 180.0
+    altitude_deg = float(np.degrees(np.arctan2(up, level)))
+    level_right, level_down, _ = pointing_matrix(Pointing(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg))
+    roll = np.arctan2(level_down @ R_cam[0], level_right @ R_cam[0])
+    return Pointing(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg, roll_deg=float(np.degrees(roll)))

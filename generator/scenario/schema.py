@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from generator.scenario.file import HEADER_KEYS
-from generator.scenario.model import FrameSpec
+from generator.scenario.messages import HEADER_KEYS
+from generator.scenario.model import TimeSpec
+from generator.scenario.sequence import SequenceSpec
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
@@ -55,10 +56,14 @@ def scenario_schema() -> dict[str, Any]:
     Every value may also be a variation (sweep or distribution); names of curves and attitudes are accepted where the models
     accept them. The schema serves editors; ``skybench plan`` validates completely.
     """
-    frame = FrameSpec.model_json_schema()
-    definitions = {name: _with_variations(model) for name, model in frame.pop("$defs").items()}
+    sequence = SequenceSpec.model_json_schema()
+    definitions = {name: _with_variations(model) for name, model in sequence.pop("$defs").items()}
     definitions["Variation"] = _VARIATION
-    schema = _with_variations(frame)
+    # A frame by itself has a subset of the keys of a sequence.
+    frame_time = definitions["SequenceTimeSpec"]
+    frame_time["required"] = [key for key in frame_time["required"] if key in TimeSpec.model_fields]
+    frame_time["dependentRequired"] = {"every_s": ["count"], "count": ["every_s"]}
+    schema = _with_variations(sequence)
     header = {
         "name": {"type": "string", "pattern": "^[a-z0-9][a-z0-9_-]{0,63}$", "description": "Name of the scenario."},
         "description": {"type": "string", "description": "For people."},
@@ -73,7 +78,7 @@ def scenario_schema() -> dict[str, Any]:
             "type": "integer",
             "minimum": 1,
             "default": 1,
-            "description": "Frames per combination of swept values.",
+            "description": "Frames, or sequences, per combination of swept values.",
         },
     }
     assert tuple(header) == HEADER_KEYS
@@ -83,6 +88,7 @@ def scenario_schema() -> dict[str, Any]:
         "type": "object",
         "properties": header | schema["properties"],
         "required": ["name", *schema["required"]],
+        "anyOf": [{"required": ["site"]}, {"required": ["path"]}],
         "additionalProperties": False,
         "$defs": definitions,
     }

@@ -6,13 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.colour_science import colour_demosaicing, srgb_encoded
-from generator.scenario.sensor_spec import SensorSpec
+from generator.scenario.sensor_spec import LARGEST_FACTOR, SensorSpec
 
 Floats = NDArray[np.float64]
 
 MARGIN_PX = 2
 """Mirrored pixels around the frame, an even number, such that the pattern starts with the same colours; the kernels of
 bilinear demosaicing reach one pixel."""
+AUTO_LEVEL = 0.04
+"""Linear level of the sky of an automatic exposure, a grey of 56 of 255 after sRGB's transfer curve."""
+AUTO_PERCENTILE = 99
+"""Brighter pixels are stars."""
 ROWS_AT_ONCE = 64
 """Rows encoded in one step: what they need fits into the processor's cache, which is eight times as fast."""
 
@@ -40,10 +44,12 @@ def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
         raise ValueError("the sensor has no develop section")
     largest = 2**sensor.bits - 1 - sensor.black_level_dn
     light = np.clip((dn.astype(np.float64) - sensor.black_level_dn) / largest, 0, 1)
-    gain = np.array(sensor.develop.exposure)
+    balance = np.ones(1)
     if sensor.colour is not None:
         light = demosaic(light, sensor.colour.pattern)
-        gain = gain * np.array(sensor.develop.white_balance or grey_world(light))
+        balance = np.array(sensor.develop.white_balance or grey_world(light))
+    exposure = sensor.develop.exposure
+    gain = balance * (automatic_exposure(light * balance) if exposure == "auto" else exposure)
     picture = np.empty(light.shape, np.uint8)
     for start in range(0, len(light), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
@@ -51,6 +57,22 @@ def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
         shown = srgb_encoded(linear) if sensor.develop.gamma == "srgb" else linear
         picture[rows] = np.rint(255 * shown)
     return picture
+
+
+def automatic_exposure(light: Floats) -> float:
+    """Factor that brings the sky of a frame to AUTO_LEVEL; at least 1, such that white stays white.
+
+    The sky's level is the mean of the pixels from the median to the 99th percentile, which leaves stars out and weighs noise:
+    a mean follows slow changes without steps, so that a video of frames that are developed one by one does not flicker.
+
+    Parameters
+    ----------
+    light : (height, width) or (height, width, 3) array
+        Shares of full scale, linear, white balance applied.
+    """
+    values = np.sort(light, axis=None)
+    sky = values[len(values) // 2 : max(len(values) // 2 + 1, int(AUTO_PERCENTILE / 100 * len(values)))]
+    return float(np.clip(AUTO_LEVEL / max(float(sky.mean()), AUTO_LEVEL / LARGEST_FACTOR), 1.0, LARGEST_FACTOR))
 
 
 def demosaic(light: Floats, pattern: str) -> Floats:

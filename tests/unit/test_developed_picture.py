@@ -7,6 +7,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from small_scenes import small_scenario
 
 from generator.colour_science import srgb_encoded
+from generator.errors import ScenarioError
 from generator.frame.render import render_dataset, render_frame
 from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.colour import filter_array
@@ -62,6 +63,44 @@ def test_white_balance_makes_the_sky_grey_or_takes_the_given_factors() -> None:
     given = {"gamma": "linear", "white_balance": (1.0, 1.0, 2.0)}
     picture = develop(dn, SensorSpec(colour={"pattern": "RGGB"}, black_level_dn=0, develop=given))
     assert picture[20, 20].tolist() == [round(255 * value / 4095) for value in (200, 400, 200)]
+
+
+def test_automatic_exposure_shows_the_sky_at_one_level_whatever_its_light() -> None:
+    random = np.random.default_rng(1)
+    sensor = SensorSpec(bits=12, black_level_dn=64, develop={"exposure": "auto"})
+    means = []
+    for sky_dn in (4, 40, 160):
+        dn = np.rint(random.normal(64 + sky_dn, 0.05 * sky_dn + 0.3, (60, 80))).astype(np.uint16)
+        dn[::20, ::20] = 4095
+        picture = develop(dn, sensor)
+        assert (picture[::20, ::20] == 255).all()
+        means.append(float(np.median(picture)))
+    assert means == pytest.approx([56] * 3, abs=5)
+    bright = develop(np.full((60, 80), 2000, np.uint16), sensor)  # never darker than without
+    assert (
+        bright == develop(np.full((60, 80), 2000, np.uint16), SensorSpec(bits=12, black_level_dn=64, develop={}))
+    ).all()
+    assert not develop(np.full((60, 80), 64, np.uint16), sensor).any()
+
+
+def test_automatic_exposure_of_a_colour_sensor_weighs_its_balanced_colours() -> None:
+    array = filter_array("RGGB", 40, 40)
+    sensor = SensorSpec(colour={"pattern": "RGGB"}, black_level_dn=0, develop={"exposure": "auto", "gamma": "linear"})
+    for factor in (1, 3):
+        picture = develop(np.choose(array, [10, 40, 20]).astype(np.uint16) * np.uint16(factor), sensor)
+        assert picture[20, 20] == pytest.approx([255 * 0.04] * 3, abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("bright", "sensor.develop.exposure: found str 'bright', expected 'auto'"),
+        (0, "exposure: found int 0, expected a value > 0"),
+    ],
+)
+def test_other_exposures_are_refused(value, message) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        small_scenario(sensor__develop={"exposure": value})
 
 
 def test_head_up_display_covers_its_mask_and_nothing_else(tmp_path) -> None:
