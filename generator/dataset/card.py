@@ -160,7 +160,6 @@ gives the same bytes (scenario SHA-256 `{scenario.sha256}`, seed {scenario.seed}
 | `frames/{spec.split}/*.parquet` | one row per frame |
 | `stars/{spec.split}/*.parquet` | one row per frame and star or planet |
 | `objects/{spec.split}/*.parquet` | one row per frame and satellite, aircraft, meteor, Moon or cosmic ray |
-| `manifest.json` | every file with its size and SHA-256 |
 {imu_row}| `manifest.json` | every file with its size and SHA-256 |
 | `croissant.json` | Croissant 1.1 |
 | `{SCENARIO_COPY}` | the recipe |

@@ -223,7 +223,7 @@ def test_frames_have_the_same_bytes_alone_and_their_records_say_where_they_stand
     render_dataset(scenario, tmp_path / "all", exr=False)
     alone = render_frame(moving(imu={"rate_hz": 20}), 2)
     assert (tmp_path / "all/frame-00002.png").read_bytes() == png_bytes(alone.dn)
-    record = record_bytes(frame_record(alone.plan, alone.expected, alone.stars.num_rows))
+    record = record_bytes(frame_record(alone.plan, alone.expected, alone.stars))
     assert (tmp_path / "all/frame-00002.json").read_bytes() == record
     sequence = json.loads(record)["sequence"]
     assert (sequence["index"], sequence["step"], sequence["start_s"]) == (0, 2, 5.0)
