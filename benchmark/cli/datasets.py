@@ -21,7 +21,7 @@ from generator.errors import GeneratorError
 if TYPE_CHECKING:
     from generator.dataset.forecast import Forecast
     from generator.dataset.run import Runner
-    from generator.scenario.file import Scenario
+    from generator.scenario.file import Scenario as LoadedScenario
 
 FORMS = ("files", "coco", "yolo", "fits", "withheld")
 """Forms of export, known to the completion of the shell without loading any of them."""
@@ -64,6 +64,7 @@ def plan(
     files = {file.path: file.sha256 for file in loaded.files}
     if as_json:
         identity = {"name": loaded.name, "sha256": loaded.sha256, "seed": loaded.seed}
+        identity |= {"sequences": loaded.sequence_count, "frames_per_sequence": loaded.steps}
         varied = {"sweeps": {key: list(values) for key, values in sweeps.items()}, "draws": draws, "files": files}
         print_json(identity | asdict(expected) | varied)
         return
@@ -92,12 +93,12 @@ def plan(
         Console(stderr=True).print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
 
 
-def _frames(scenario: Scenario) -> str:
+def _frames(scenario: LoadedScenario) -> str:
     steps = "" if scenario.steps is None else f" sequences x {scenario.steps} frames"
     return f"{scenario.frame_count} ({scenario.combination_count} combinations x {scenario.repeats}{steps})"
 
 
-def _sequence(scenario: Scenario) -> str:
+def _sequence(scenario: LoadedScenario) -> str:
     """Times and inertial unit of the first sequence."""
     spec = scenario.sequence(0)
     end = scenario.frame(spec.time.count - 1).time.utc_start

@@ -29,7 +29,7 @@ from generator.places.tycho2 import load_with_tycho2
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario
 from generator.scenario.model import AtmosphereSpec, FrameSpec
-from generator.scenario.sequence import Passage
+from generator.scenario.sequences.sequence import Passage
 from generator.seeds import random_stream
 from generator.sky.state import SkyState, sky_state
 

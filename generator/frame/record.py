@@ -20,7 +20,7 @@ from generator.optics.motion import Motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.places.ephemeris import PLANET_ID_BASE
 from generator.scenario.camera_spec import CameraSpec
-from generator.scenario.sequence import Passage
+from generator.scenario.sequences.sequence import Passage
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
 FORMAT = "skybench-frame/1"

@@ -19,8 +19,8 @@ from generator.imu.noise import ErrorModel, drifting_bias, white_noise
 from generator.places.times import SECONDS_PER_DAY, Instant
 from generator.places.trajectory import Trajectory
 from generator.scenario.file import Scenario
-from generator.scenario.path_spec import AccelerometerSpec, GyroSpec
-from generator.scenario.sequence import trajectory_of
+from generator.scenario.sequences.path_spec import AccelerometerSpec, GyroSpec
+from generator.scenario.sequences.sequence import trajectory_of
 from generator.seeds import random_stream
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,7 @@ from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario.messages import HEADER_KEYS, message
 from generator.scenario.model import FrameSpec, SceneSpec
-from generator.scenario.sequence import Passage, SequenceSpec, frame_of, passage_of
+from generator.scenario.sequences.sequence import Passage, SequenceSpec, frame_of, passage_of
 from generator.scenario.strict import InputFile
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 from generator.seeds import random_stream

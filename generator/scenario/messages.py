@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from generator.scenario.sequence import SequenceSpec
+from generator.scenario.sequences.sequence import SequenceSpec
 from generator.scenario.variation import describe
 
 HEADER_KEYS = ("name", "description", "seed", "frames")

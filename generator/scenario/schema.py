@@ -6,7 +6,7 @@ from typing import Any
 
 from generator.scenario.messages import HEADER_KEYS
 from generator.scenario.model import TimeSpec
-from generator.scenario.sequence import SequenceSpec
+from generator.scenario.sequences.sequence import SequenceSpec
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}

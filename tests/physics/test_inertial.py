@@ -11,7 +11,7 @@ from generator.imu.table import mean_readings
 from generator.places.trajectory import Knots, Trajectory
 from generator.places.wgs84 import SEMI_MAJOR_M, SEMI_MINOR_M, normal_gravity_m_s2
 from generator.scenario.model import Pointing, pointing_matrix, pointing_of
-from generator.scenario.path_file import knots_of
+from generator.scenario.sequences.path_file import knots_of
 
 EARTH_RAD_S = 7.292115e-5
 A, E2 = 6378137.0, 6.69437999014e-3  # WGS84, NIMA TR8350.2

@@ -8,7 +8,7 @@ from scipy import stats
 
 from generator.imu.noise import ErrorModel, drifting_bias, flicker, white_noise
 from generator.imu.table import force_errors, gyro_errors
-from generator.scenario.path_spec import AccelerometerSpec, GyroSpec
+from generator.scenario.sequences.path_spec import AccelerometerSpec, GyroSpec
 from generator.seeds import random_stream
 
 FALSE_ALARM = 1e-4

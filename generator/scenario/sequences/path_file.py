@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from generator.csv_table import CsvError, read_csv
 from generator.places.trajectory import Knots
 from generator.scenario.model import Pointing, SiteSpec, pointing_matrix
-from generator.scenario.path_spec import ATTITUDE, HIGHEST_LATITUDE_DEG, POSITION, PathSpec
+from generator.scenario.sequences.path_spec import ATTITUDE, HIGHEST_LATITUDE_DEG, POSITION, PathSpec
 from generator.scenario.strict import InputFile
 
 Floats = NDArray[np.float64]

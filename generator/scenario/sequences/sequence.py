@@ -16,8 +16,8 @@ from generator.places.trajectory import Trajectory
 from generator.places.wgs84 import enu_axes, normal_vector
 from generator.scenario.gyro_log import check_motion
 from generator.scenario.model import FrameSpec, Pointing, SceneSpec, SiteSpec, TimeSpec, pointing_of
-from generator.scenario.path_file import TIME, knots_of, path_columns
-from generator.scenario.path_spec import POSITION, InertialSpec, PathSpec
+from generator.scenario.sequences.path_file import TIME, knots_of, path_columns
+from generator.scenario.sequences.path_spec import POSITION, InertialSpec, PathSpec
 
 Floats = NDArray[np.float64]
 

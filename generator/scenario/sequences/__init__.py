@@ -1,0 +1,1 @@
+"""Scenarios of sequences: frames at equal intervals, paths through waypoints or files, and inertial units."""
