@@ -1,4 +1,4 @@
-"""A dataset as FITS images with a world coordinate system."""
+"""A dataset as FITS images with a world coordinate system, or a table of directions where no system follows the lens."""
 
 from __future__ import annotations
 
@@ -6,82 +6,121 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from astropy import units as u
-from astropy.coordinates import SkyCoord
 from astropy.io import fits
-from astropy.wcs.utils import fit_wcs_from_points
+from numpy.typing import NDArray
 
-from generator.dataset.reader import Dataset
+from generator.dataset.reader import Dataset, Frame
 from generator.export.form import ExportOptions, Progress
+from generator.export.pixel_directions import pixel_directions
+from generator.export.sky_wcs import LARGEST_RESIDUAL_PX, SkyFit, equatorial_deg, fit_sky
 from generator.files import atomic_path, path_within
+from generator.sky.component import blas_threads
 
-SIP_DEGREE = 3
-"""Highest order of the distortion polynomials; the leading radial distortion of a lens is cubic."""
-TANGENT_ROUNDS = 5
-"""Fits that bring the tangent point to the principal point."""
-LARGEST_WCS_RESIDUAL_PX = 0.5
-"""Rms beyond which a world coordinate system would mislead more than help."""
-FEWEST_WCS_STARS = 60
-"""Three for each of the 20 numbers of the fit."""
-WIDEST_WCS_FIELD_DEG = 130.0
-"""Diagonal; at its corners a gnomonic projection is stretched by a factor of 5.6 in radius."""
+Floats = NDArray[np.float64]
+
+DIRECTIONS = "DIRECTIONS"
+"""Name of the extension with the table."""
+LATTICE_PX, FINE_LATTICE_PX = 8, 4
+"""Steps of the table's lattice, the finer for short focal lengths: linear interpolation is off by step^2 / 8 f."""
+SHORT_FOCAL_PX = 250.0
+MEANING = (
+    "World coordinates: ICRS place of date (proper motion applied, no parallax) of",
+    "the star whose light falls on a pixel in mid-exposure. Light deflection,",
+    "aberration, the Earth's rotation and refraction are part of the system.",
+    "The first line of the image is its top: display it with the origin above.",
+)
 
 
 def export_fits(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
-    """Write one FITS image a frame, with a TAN-SIP world coordinate system fitted to the truth.
+    """Write one FITS image a frame.
 
-    The system maps pixels to ICRS places of the stars, so that refraction and aberration are part of it. It is left out,
-    and the header's keyword WCSFIT gives the reason, if the field is too wide for a gnomonic projection, has too few stars,
-    or if the residual of the fit exceeds LARGEST_WCS_RESIDUAL_PX.
+    The header's WCSFIT is ``SIP`` or ``linear`` for a system that is within LARGEST_RESIDUAL_PX of the directions that the
+    generator gives to pixels (WCSRES: largest distance, px), above the altitude WCSALT. Where that is not the horizon, or
+    where there is no such system (``none``), the extension DIRECTIONS has the directions of a lattice of pixels.
     """
     del options
-    for frame in dataset:
-        record = frame.record
-        header = fits.Header()
-        header["DATE-OBS"] = (record["time"]["utc_start"].rstrip("Z"), "UTC, exposure start")
-        header["EXPTIME"] = (record["time"]["exposure_s"], "s")
-        header["SITELAT"] = (record["site"]["latitude_deg"], "deg, WGS84")
-        header["SITELONG"] = (record["site"]["longitude_deg"], "deg, east positive")
-        header["SITEELEV"] = (record["site"]["height_m"], "m")
-        header["GAIN"] = (record["sensor"]["gain_e_per_dn"], "e/DN")
-        header["BLKLEVEL"] = (record["sensor"]["black_level_dn"], "DN")
-        header["SCENARIO"] = (dataset.manifest.scenario, "skybench scenario")
-        header["FRAMEIDX"] = (record["index"], "index of the frame")
-        header.update(_world_coordinates(frame.stars.to_pandas(), record["camera"]))
-        with atomic_path(path_within(out, f"{frame.frame_id}.fits")) as temporary:
-            # FITS counts lines from the bottom; the image is stored as it is, top line first, and the system fits it so.
-            fits.PrimaryHDU(frame.image, header).writeto(temporary, overwrite=True)
-        progress(frame.frame_id)
+    # The fits are small, and threads would wait for each other.
+    with blas_threads().limit(limits=1, user_api="blas"):
+        for frame in dataset:
+            with atomic_path(path_within(out, f"{frame.frame_id}.fits")) as temporary:
+                fits_file(frame).writeto(temporary, overwrite=True)
+            progress(frame.frame_id)
 
 
-def _world_coordinates(stars: pd.DataFrame | None, camera: dict[str, Any]) -> fits.Header:
-    """Header cards of a fitted TAN-SIP system, or the reason why there is none."""
+def fits_file(frame: Frame) -> fits.HDUList:
+    """A frame's image with its header, and the table of directions where it is needed."""
+    record = frame.record
+    camera = record["camera"]
+    header = _header(record)
+
+    def directions(u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
+        return pixel_directions(record, u_px, v_px)
+
+    centre = (float(camera["cx_px"]), float(camera["cy_px"]))
+    found = fit_sky(directions, camera["model"], camera["width"], camera["height"], centre)
+    good = found is not None and found.residual_px <= LARGEST_RESIDUAL_PX
+    if found is not None and good:
+        _describe(header, found)
+    else:
+        reason = "hardly any sky in the frame" if found is None else f"SIP leaves {found.residual_px:.2f} px"
+        header["WCSFIT"] = ("none", reason)
+    # The primary HDU is numbered upwards in FITS; the image is stored as it is, and the system fits it so.
+    parts: list[Any] = [fits.PrimaryHDU(frame.image, header)]
+    if found is not None and (not good or found.lowest_altitude_deg > 0):
+        parts.append(_table(record))
+    return fits.HDUList(parts)
+
+
+def _header(record: dict[str, Any]) -> fits.Header:
+    """Cards of time, place and sensor."""
+    time, site, sensor = record["time"], record["site"], record["sensor"]
     header = fits.Header()
-    if stars is not None:
-        stars = (
-            stars[(stars["fraction_in_frame"] > 0.99) & (stars["altitude_deg"] > 15)].sort_values("v_mag").head(2000)
-        )
-    if stars is None or len(stars) < FEWEST_WCS_STARS:
-        header["WCSFIT"] = ("none", "too few stars in the field")
-        return header
-    corner = np.hypot(camera["width"], camera["height"]) / 2 / camera["f_px"]
-    if camera["model"] not in ("pinhole", "brown_conrady") or 2 * np.degrees(np.arctan(corner)) > WIDEST_WCS_FIELD_DEG:
-        header["WCSFIT"] = ("none", "the field is too wide for TAN-SIP")
-        return header
-    pixels = (stars["u_px"].to_numpy(), stars["v_px"].to_numpy())
-    places = SkyCoord(stars["ra_deg"].to_numpy() * u.deg, stars["dec_deg"].to_numpy() * u.deg)
-    # The tangent point must lie at the principal point; otherwise the distortion terms would have to absorb the offset.
-    tangent: Any = "center"
-    for _ in range(TANGENT_ROUNDS):
-        system = fit_wcs_from_points(pixels, places, proj_point=tangent)
-        tangent = system.pixel_to_world(camera["cx_px"], camera["cy_px"])
-    system = fit_wcs_from_points(pixels, places, proj_point=tangent, sip_degree=SIP_DEGREE)
-    apart = system.pixel_to_world(*pixels).separation(places).to_value(u.rad)
-    residual = float(np.sqrt(np.mean(apart**2))) * camera["f_px"]
-    if not residual < LARGEST_WCS_RESIDUAL_PX:
-        header["WCSFIT"] = ("none", f"TAN-SIP leaves {residual:.2f} px")
-        return header
-    header.update(system.to_header(relax=True))
-    header["WCSFIT"] = (round(residual, 5), "rms of the fit, px")
+    header["TIMESYS"] = "UTC"
+    header["DATE-OBS"] = (time["utc_start"].rstrip("Z"), "exposure start")
+    header["DATE-AVG"] = (time["utc_mid"].rstrip("Z"), "mid-exposure")
+    header["EXPTIME"] = (time["exposure_s"], "s")
+    header["SITELAT"] = (site["latitude_deg"], "deg, WGS84")
+    header["SITELONG"] = (site["longitude_deg"], "deg, east positive")
+    header["SITEELEV"] = (site["height_m"], "m")
+    header["GAIN"] = (sensor["gain_e_per_dn"], "e/DN")
+    header["BLKLEVEL"] = (sensor["black_level_dn"], "DN")
+    if sensor["bayer_pattern"] is not None:
+        header["BAYERPAT"] = (sensor["bayer_pattern"], "of the first 2 x 2 pixels, top line first")
+    header["SCENARIO"] = (record["scenario"]["name"], "skybench scenario")
+    header["FRAMEIDX"] = (record["index"], "index of the frame")
     return header
+
+
+def _describe(header: fits.Header, found: SkyFit) -> None:
+    header.update(found.header())
+    header["WCSFIT"] = ("SIP" if found.order > 1 else "linear", f"polynomials of order {found.order}")
+    header["WCSRES"] = (round(found.residual_px, 5), "largest distance from pixels' directions, px")
+    header["WCSALT"] = (found.lowest_altitude_deg, "deg, lowest altitude for which WCSRES holds")
+    for line in MEANING:
+        header["COMMENT"] = line
+
+
+def _table(record: dict[str, Any]) -> fits.BinTableHDU:
+    """Directions of a lattice of pixels, line by line from the top; NaN where the lens or the sky ends."""
+    camera = record["camera"]
+    step = FINE_LATTICE_PX if camera["f_px"] < SHORT_FOCAL_PX else LATTICE_PX
+    # The last places lie on or beyond the last pixels, so that every pixel is between four of them.
+    across, down = (np.arange(-(-(camera[side] - 1) // step) + 1) * float(step) for side in ("width", "height"))
+    v, u = (axis.ravel() for axis in np.meshgrid(down, across, indexing="ij"))
+    icrs, altitude_deg = pixel_directions(record, u, v)
+    icrs[~(altitude_deg > 0)] = np.nan
+    ra_deg, dec_deg = equatorial_deg(icrs).T
+    columns = [
+        fits.Column("u_px", "E", unit="pixel", array=u),
+        fits.Column("v_px", "E", unit="pixel", array=v),
+        fits.Column("ra_deg", "D", unit="deg", array=ra_deg),
+        fits.Column("dec_deg", "D", unit="deg", array=dec_deg),
+        fits.Column("altitude_deg", "E", unit="deg", array=altitude_deg),
+    ]
+    table = fits.BinTableHDU.from_columns(columns, name=DIRECTIONS)
+    table.header["NACROSS"] = (len(across), "places along u; u runs fastest")
+    table.header["NDOWN"] = (len(down), "places along v")
+    table.header["STEP"] = (step, "px between places, from 0")
+    for line in MEANING[:3]:
+        table.header["COMMENT"] = line
+    return table

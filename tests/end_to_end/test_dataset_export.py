@@ -17,15 +17,20 @@ from astropy.io import fits
 from astropy.utils.exceptions import AstropyWarning
 from astropy.wcs import WCS
 from PIL import Image
+from scipy.interpolate import RegularGridInterpolator
+from small_scenes import small_scenario
 
 from benchmark.cli.datasets import FORMS
-from generator.dataset.reader import Dataset
+from generator.dataset.reader import Dataset, Frame
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
 from generator.export.annotations import CATEGORIES, clipped
 from generator.export.export import EXPORTS, export
+from generator.export.fits_image import fits_file
 from generator.export.form import ExportOptions
 from generator.export.withheld import withheld_name
+from generator.frame.record import frame_record, record_bytes
+from generator.frame.render import png_bytes, render_frame
 
 
 @pytest.fixture
@@ -123,26 +128,83 @@ def test_polygons_are_cut_at_the_image() -> None:
 
 
 def test_fits_world_coordinates_lead_back_to_the_stars(dataset, tmp_path) -> None:
-    """Astropy's own reading of the header puts the truth stars within 0.3 px of their true places."""
+    """Astropy's own reading of the header puts the truth's stars within 0.1 px of their places, both ways."""
     export(dataset, "fits", tmp_path / "out")
-    stars = Dataset.open(dataset).stars().to_pandas()
-    rows = stars[(stars["index"] == 0) & (stars["fraction_in_frame"] > 0.99)]
-    with fits.open(tmp_path / "out/frame-00000.fits") as file, Image.open(export_png(dataset, tmp_path)) as image:
+    frame = Dataset.open(dataset)[0]
+    with fits.open(tmp_path / "out/frame-00000.fits") as file:
         header = file[0].header
-        np.testing.assert_array_equal(file[0].data, np.array(image))
-    assert header["WCSFIT"] < 0.1
-    assert header["CTYPE1"] == "RA---TAN-SIP"
+        np.testing.assert_array_equal(file[0].data, frame.image)
+        assert len(file) == 1
+    assert header["WCSFIT"] == "SIP"
+    assert header["WCSALT"] == 0
+    assert distance_px(header, frame.record, frame.stars.to_pandas()) < 0.1
+
+
+def distance_px(header: fits.Header, record: dict, stars: pd.DataFrame) -> float:
+    """Largest distance of a system from the truth's stars, px, either way."""
+    rows = stars[(stars["kind"] == "star") & (stars["fraction_in_frame"] > 0.9)]
+    rows = rows[rows["altitude_deg"] > header["WCSALT"]]
+    assert len(rows) > 30
+    place = rows[["u_px", "v_px"]].to_numpy()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AstropyWarning)
-        found = WCS(header).pixel_to_world(rows["u_px"].to_numpy(), rows["v_px"].to_numpy())
+        system = WCS(header)
     truth = SkyCoord(rows["ra_deg"].to_numpy(), rows["dec_deg"].to_numpy(), unit="deg")
-    focal_px = 120 / np.tan(np.radians(30))
-    assert found.separation(truth).radian.max() * focal_px < 0.3
+    there = np.stack(system.world_to_pixel(truth), axis=1) - place
+    back = np.stack(system.world_to_pixel(system.pixel_to_world(*place.T)), axis=1) - place
+    apart = system.pixel_to_world(*place.T).separation(truth).radian * record["camera"]["f_px"]
+    assert header["WCSRES"] < 0.1
+    return max(np.hypot(*there.T).max(), np.hypot(*back.T).max(), apart.max())
 
 
-def export_png(dataset: Path, tmp_path: Path) -> Path:
-    export(dataset, "files", tmp_path / "png")
-    return tmp_path / "png" / "frame-00000.png"
+STARS_OF_A_LENS = {
+    "brown_conrady": {"width": 540, "height": 360, "f_px": 450, "k": [-0.2, 0.05], "p": [1e-3, -5e-4]},
+    "equisolid": {"width": 300, "height": 300, "f_px": 150},
+}
+
+
+@pytest.mark.parametrize("model", STARS_OF_A_LENS)
+def test_systems_of_lenses_with_distortion(model) -> None:
+    """A lens with distortion that looks down to the horizon, and a fisheye; nothing is rendered but the truth."""
+    frame = frame_of(model, {"azimuth_deg": 200, "altitude_deg": 50, "roll_deg": 20})
+    header = fits_file(frame)[0].header
+    assert header["CTYPE1"] == {"brown_conrady": "RA---TAN-SIP", "equisolid": "RA---ZEA-SIP"}[model]
+    assert distance_px(header, frame.record, frame.stars.to_pandas()) < 0.1
+
+
+def test_a_table_has_the_directions_down_to_the_horizon() -> None:
+    """A fisheye that sees the horizon: its system begins above it, the table goes on."""
+    frame = frame_of("equisolid", {"azimuth_deg": 200, "altitude_deg": 50, "roll_deg": 20})
+    image, table = fits_file(frame)
+    assert image.header["WCSALT"] > 0
+    shape = (table.header["NDOWN"], table.header["NACROSS"])
+    lattice = {name: table.data[name].astype(float).reshape(shape) for name in table.columns.names}
+    ra, dec = np.radians(lattice["ra_deg"]), np.radians(lattice["dec_deg"])
+    vectors = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+    follow = RegularGridInterpolator((lattice["v_px"][:, 0], lattice["u_px"][0]), vectors)
+    stars = frame.stars.to_pandas()
+    stars = stars[(stars["kind"] == "star") & (stars["fraction_in_frame"] > 0.9)]
+    found = follow(stars[["v_px", "u_px"]].to_numpy())
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    ra, dec = np.radians(stars["ra_deg"].to_numpy()), np.radians(stars["dec_deg"].to_numpy())
+    truth = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+    known = np.isfinite(found).all(axis=1)
+    assert known.mean() > 0.95
+    assert stars["altitude_deg"][known].min() < image.header["WCSALT"]
+    assert np.linalg.norm(found - truth, axis=1)[known].max() * frame.record["camera"]["f_px"] < 0.1
+
+
+def frame_of(model: str, attitude: dict[str, float]) -> Frame:
+    """A rendered frame of a lens as a dataset has it."""
+    overrides = {f"camera__{key}": value for key, value in STARS_OF_A_LENS[model].items()}
+    scenario = small_scenario(
+        **overrides, camera__model=model, camera__hfov_deg=None, attitude=attitude, sky__bortle=None,
+        stars={"limiting_magnitude": 5.5},
+    )  # fmt: skip
+    rendered = render_frame(scenario, 0)
+    record = record_bytes(frame_record(rendered.plan, rendered.expected, rendered.stars))
+    members = {"png": png_bytes(rendered.dn), "json": record}
+    return Frame("frame-00000", members, Path("made"), rendered.stars, rendered.objects)
 
 
 def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:
