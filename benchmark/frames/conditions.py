@@ -42,6 +42,8 @@ class FrameConditions:
         Mean rate at which the camera turns during the exposure.
     fov_deg : float or None
         Angle between the middles of the image's left and right edges.
+    azimuth_deg, altitude_deg, roll_deg : float or None
+        Pointing of the boresight, apparent, at mid-exposure (docs/conventions.md).
     """
 
     latitude_deg: float
@@ -56,12 +58,16 @@ class FrameConditions:
     cloud_optical_depth: float | None = None
     rate_deg_s: float | None = None
     fov_deg: float | None = None
+    azimuth_deg: float | None = None
+    altitude_deg: float | None = None
+    roll_deg: float | None = None
 
 
 def read_conditions(
     path: Path,
     record: Mapping[str, Any],
     camera: CameraRecord,
+    R_cam: NDArray[np.float64],
     n_in_field: int,
     cloud_optical_depth: NDArray[np.float64] | None,
 ) -> FrameConditions:
@@ -72,6 +78,8 @@ def read_conditions(
     path : Path
     record : mapping
     camera : CameraRecord
+    R_cam : ndarray, shape (3, 3)
+        East-north-up to camera.
     n_in_field : int
     cloud_optical_depth : ndarray, shape (n_in_field,), or None
         Of cloud before each truth star.
@@ -80,6 +88,7 @@ def read_conditions(
     ------
     DatasetError
     """
+    pointing = celnav.Pointing.of(R_cam)
     bortle = value(path, record, "sky.bortle")
     zenith = value(path, record, "sky.zenith_mag_arcsec2")
     return FrameConditions(
@@ -95,6 +104,9 @@ def read_conditions(
         cloud_optical_depth=_mean_or_none(cloud_optical_depth),
         rate_deg_s=_rate_deg_s(path, record),
         fov_deg=_fov_deg(path, camera),
+        azimuth_deg=pointing.azimuth_deg,
+        altitude_deg=pointing.altitude_deg,
+        roll_deg=pointing.roll_deg,
     )
 
 

@@ -276,7 +276,9 @@ def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars
         index=integer(path, record, "index"),
         image_path=path.with_suffix(".png"),
         observation=observation,
-        conditions=read_conditions(path, record, observation.camera, n_in_field, stars.cloud_optical_depth),
+        conditions=read_conditions(
+            path, record, observation.camera, observation.R_cam, n_in_field, stars.cloud_optical_depth
+        ),
         truth=stars,
     )
 

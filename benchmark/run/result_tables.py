@@ -18,6 +18,9 @@ CONDITION_UNITS = {
     "cloud_optical_depth": "1",
     "rate_deg_s": "deg s-1",
     "fov_deg": "deg",
+    "azimuth_deg": "deg",
+    "altitude_deg": "deg",
+    "roll_deg": "deg",
 }
 """Circumstances with a column of their own, and its unit."""
 

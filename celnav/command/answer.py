@@ -97,9 +97,11 @@ def match_names(fix: Fix) -> list[str]:
 
 def length_text(metres: float) -> str:
     """Write a length with two significant digits, in m or km."""
+    if not metres > 0:
+        return "0 m"
     value, unit = (metres, "m") if metres < 995 else (metres / 1000, "km")
-    decimals = max(0, 1 - math.floor(math.log10(value))) if value > 0 else 0
-    return f"{round(value, 1 - math.floor(math.log10(value))) if value > 0 else 0:.{min(decimals, 2)}f} {unit}"
+    value = float(f"{value:.1e}")
+    return f"{value:.{min(max(0, 1 - math.floor(math.log10(value))), 2)}f} {unit}"
 
 
 def degree_decimals(sigma_km: float) -> int:

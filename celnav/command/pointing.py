@@ -64,20 +64,15 @@ class Pointing:
         """Return the pointing of a rotation from east-north-up to the camera, shape (3, 3).
 
         Azimuth is 0 to 360, roll above -180 to 180. At the zenith and the nadir, where only their sum or difference has a
-        meaning, roll is 0: a camera at the zenith with north up has the azimuth 180.
+        meaning, azimuth is 180: a camera at the zenith with north up has the roll 0.
         """
-        right, down, boresight = np.asarray(R_cam, dtype=np.float64)
+        right, _, boresight = np.asarray(R_cam, dtype=np.float64)
         horizontal = math.hypot(boresight[0], boresight[1])
         altitude = math.atan2(boresight[2], horizontal)
-        if horizontal < _POLE:
-            # The top of the image is where the vertical circle through the boresight goes on.
-            sign = math.copysign(1.0, boresight[2])
-            azimuth, roll = math.atan2(sign * down[0], sign * down[1]), 0.0
-        else:
-            azimuth = math.atan2(boresight[0], boresight[1])
-            across = np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
-            up = np.cross(across, boresight)
-            roll = math.atan2(-float(right @ up), float(right @ across))
+        azimuth = math.atan2(boresight[0], boresight[1]) if horizontal > _POLE else math.pi
+        across = np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
+        up = np.cross(across, boresight)
+        roll = math.atan2(-float(right @ up), float(right @ across))
         return cls(math.degrees(azimuth) % 360.0 % 360.0, math.degrees(altitude), _half_open(math.degrees(roll)))
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+
+from generator.frame.record import pointing_object
 
 _UNITS = {
     "_deg": "deg", "_m": "m", "_s": "s", "_arcsec": "arcsec", "_px": "px", "_mm": "mm", "_hpa": "hPa", "_c": "deg C",
@@ -34,6 +37,9 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("cy_px", "camera.cy_px", pa.float64()),
     ("k", "camera.k", pa.list_(pa.float64())),
     ("p", "camera.p", pa.list_(pa.float64())),
+    ("azimuth_deg", "attitude.azimuth_deg", pa.float64()),
+    ("altitude_deg", "attitude.altitude_deg", pa.float64()),
+    ("roll_deg", "attitude.roll_deg", pa.float64()),
     ("R_cam", "attitude.R_cam", pa.list_(pa.float64(), 9)),
     ("pressure_hpa", "atmosphere.pressure_hpa", pa.float64()),
     ("temperature_c", "atmosphere.temperature_c", pa.float64()),
@@ -47,8 +53,8 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("n_in_field", "stars.n_in_field", pa.int32()),
     ("n_visible", "stars.n_visible", pa.int32()),
 )
-_LATER = {"n_visible"}
-"""Columns that frame records of early development versions lack."""
+_LATER = {"n_visible", "azimuth_deg", "altitude_deg", "roll_deg"}
+"""Columns that frame records of early development versions lack; pointing then follows from the matrix."""
 
 
 def unit_of(column: str) -> str:
@@ -72,6 +78,8 @@ FRAME_SCHEMA = pa.schema(
 def frame_row(record: dict[str, Any], split: str, shard: str, image: str, image_bytes: bytes) -> dict[str, Any]:
     """Row of the table of frames (schema: FRAME_SCHEMA) for a frame record and its encoded image."""
     row: dict[str, Any] = {}
+    attitude = record["attitude"]
+    record = record | {"attitude": pointing_object(np.asarray(attitude["R_cam"])) | attitude}
     for column, place, _ in _COLUMNS:
         value: Any = record
         for key in place.split("."):

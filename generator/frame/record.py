@@ -20,6 +20,7 @@ from generator.optics.motion import Motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.places.ephemeris import PLANET_ID_BASE
 from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.model import pointing_of
 from generator.scenario.sequences.sequence import Passage
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
@@ -157,11 +158,19 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
     }
 
 
+def pointing_object(R_cam: NDArray[np.float64]) -> dict[str, float]:
+    """Azimuth, altitude and roll of a rotation ENU to camera (3, 3), to 4 microarcseconds: further digits are rounding."""
+    angles = pointing_of(R_cam).model_dump()
+    rounded = {name: round(angle, 9) + 0.0 for name, angle in angles.items()}
+    return rounded | {"azimuth_deg": rounded["azimuth_deg"] % 360.0}
+
+
 def attitude_object(motion: Motion) -> dict[str, Any]:
     """Attitude at mid-exposure, its samples over the shutter's time, and the gyroscope's reading."""
     imu = motion.imu
     return {
         "R_cam": (np.round(motion.R_mid, 15) + 0.0).tolist(),
+        **pointing_object(motion.R_mid),
         "sample_time_s": motion.time_s.tolist(),
         "sample_R_cam": (np.round(motion.R_cam, 15) + 0.0).tolist(),
         "imu_time_s": [] if imu is None else imu.time_s.tolist(),

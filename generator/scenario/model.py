@@ -256,7 +256,10 @@ def pointing_matrix(pointing: Pointing) -> NDArray[np.float64]:
 
 
 def pointing_of(R_cam: NDArray[np.float64]) -> Pointing:
-    """Boresight and roll of a rotation ENU to camera (3, 3); the inverse of :func:`pointing_matrix`."""
+    """Boresight and roll of a rotation ENU to camera (3, 3); the inverse of :func:`pointing_matrix`.
+
+    Azimuth is 0 to 360, roll -180 to 180; at the zenith and the nadir azimuth is 180.
+    """
     east, north, up = R_cam[2]
     level = float(np.hypot(east, north))
     # At the zenith and nadir azimuth and roll are one angle; the named attitude's azimuth is as good as any.

@@ -186,6 +186,9 @@ def test_loads_with_pandas_and_pyarrow(dataset) -> None:
     frames = pd.read_parquet(dataset / "frames" / "train")
     assert len(frames) == 12
     assert frames["bortle"].tolist() == [2] * 4 + [5] * 4 + [8] * 4
+    assert frames[["azimuth_deg", "altitude_deg", "roll_deg"]].drop_duplicates().to_numpy().tolist() == [
+        [180.0, 90.0, 0.0]
+    ]
     stars = pyarrow.dataset.dataset(dataset / "stars" / "train", format="parquet").to_table()
     assert stars.num_rows == frames["n_in_field"].sum()
     assert stars.schema.field("u_px").metadata[b"unit"] == b"px"

@@ -10,6 +10,7 @@ from small_scenes import small_scenario
 import celnav
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
+from generator.scenario.model import Pointing, pointing_matrix, pointing_of
 
 WIDTH, HEIGHT = 270, 180
 
@@ -86,3 +87,17 @@ def test_star_ids_are_hip_or_minus_hr(sky) -> None:
     stars = plan.stars
     assert (stars.star_id[stars.hip > 0] == stars.hip[stars.hip > 0]).all()
     assert (stars.star_id[stars.hip == 0] == -stars.hr[stars.hip == 0]).all()
+
+
+@pytest.mark.parametrize(
+    "angles", [(0, 0, 0), (120, 48, 7), (301.5, -20, -170), (180, 90, 0), (33, 89.9999, 12), (180, -90, 20)]
+)
+def test_pointing_means_the_same_to_both(angles) -> None:
+    azimuth_deg, altitude_deg, roll_deg = map(float, angles)
+    mine = Pointing(azimuth_deg=azimuth_deg, altitude_deg=altitude_deg, roll_deg=roll_deg)
+    matrix = pointing_matrix(mine)
+    np.testing.assert_allclose(celnav.Pointing(*angles).R_cam, matrix, atol=1e-14)
+    theirs = celnav.Pointing.of(matrix)
+    found = pointing_of(matrix)
+    assert (found.azimuth_deg, found.altitude_deg, found.roll_deg) == pytest.approx(angles, abs=1e-7)
+    assert (theirs.azimuth_deg, theirs.altitude_deg, theirs.roll_deg) == pytest.approx(angles, abs=1e-7)

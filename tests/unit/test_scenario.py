@@ -11,7 +11,7 @@ from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
 from generator.scenario.file import load_scenario, parse_scenario
-from generator.scenario.model import Pointing, pointing_matrix
+from generator.scenario.model import NAMED_ATTITUDES, Pointing, pointing_matrix, pointing_of
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "scenes" / "00_hello.yaml").read_text()
@@ -145,3 +145,20 @@ def test_roll_turns_the_camera_clockwise() -> None:
     matrix = pointing_matrix(Pointing(azimuth_deg=0.0, altitude_deg=0.0, roll_deg=30.0))
     x, y, z = matrix @ [0, 0, 1]
     assert (x, y, z) == pytest.approx((-0.5, -np.sqrt(0.75), 0))
+
+
+@given(st.floats(0, 359.9999), st.floats(-89.9999, 89.9999), st.floats(-179.9999, 180))
+def test_pointing_of_a_matrix_is_the_one_it_was_made_of(azimuth, altitude, roll) -> None:
+    found = pointing_of(pointing_matrix(Pointing(azimuth_deg=azimuth, altitude_deg=altitude, roll_deg=roll)))
+    off = np.array([found.azimuth_deg - azimuth, found.altitude_deg - altitude, found.roll_deg - roll])
+    np.testing.assert_allclose((off + 180) % 360 - 180, 0, atol=2e-8)
+    assert 0 <= found.azimuth_deg < 360
+
+
+@pytest.mark.parametrize("altitude", [90.0, -90.0])
+def test_pointing_at_the_poles_has_the_azimuth_180(altitude) -> None:
+    matrix = pointing_matrix(Pointing(azimuth_deg=33.0, altitude_deg=altitude, roll_deg=40.0))
+    found = pointing_of(matrix)
+    assert found.azimuth_deg == 180.0
+    np.testing.assert_allclose(pointing_matrix(found), matrix, atol=1e-10)
+    assert pointing_of(np.diag([-1.0, -1.0, 1.0])) == NAMED_ATTITUDES["zenith-north-up"]

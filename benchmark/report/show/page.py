@@ -50,6 +50,9 @@ class Condition:
 NUMBERS = (
     Condition("latitude_deg", "latitude", "deg"),
     Condition("longitude_deg", "longitude", "deg"),
+    Condition("azimuth_deg", "azimuth of the boresight", "deg", 2),
+    Condition("altitude_deg", "altitude of the boresight", "deg", 2),
+    Condition("roll_deg", "roll of the camera", "deg", 2),
     Condition("exposure_s", "exposure", "s", 3),
     Condition("zenith_mag_arcsec2", "zenith", "V mag/arcsec²", 2),
     Condition("limiting_magnitude", "faintest star drawn", "V mag", 2),

@@ -42,6 +42,7 @@ _CIRCUMSTANCES = (
     ("rate_deg_s", "turning rate", "°/s"),
     ("exposure_s", "exposure", "s"),
     ("fov_deg", "field of view", "°"),
+    ("altitude_deg", "altitude of the boresight", "°"),
     ("true_latitude_deg", "latitude", "°"),
 )
 

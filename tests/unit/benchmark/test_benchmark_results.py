@@ -105,6 +105,7 @@ def test_frames_carry_what_statistics_sort_and_cluster_by(out):
             assert row["error_east_km"] is None
     assert {round(row["fov_deg"], 6) for row in rows} == {round(2 * math.degrees(math.atan2(80, 60)), 6)}
     assert {row["limiting_magnitude"] for row in rows} == {6.0}
+    assert {(row["azimuth_deg"], row["altitude_deg"], row["roll_deg"]) for row in rows} == {(180.0, 90.0, 0.0)}
     # A record that says nothing of Moon, cloud or motion leaves them null.
     absent = ("moon_altitude_deg", "moon_illuminated", "cloud_optical_depth", "rate_deg_s", "crlb_km", "condition")
     assert all(row[name] is None for row in rows for name in absent)
