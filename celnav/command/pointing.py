@@ -69,8 +69,9 @@ class Pointing:
         right, _, boresight = np.asarray(R_cam, dtype=np.float64)
         horizontal = math.hypot(boresight[0], boresight[1])
         altitude = math.atan2(boresight[2], horizontal)
-        azimuth = math.atan2(boresight[0], boresight[1]) if horizontal > _POLE else math.pi
-        across = np.array([math.cos(azimuth), -math.sin(azimuth), 0.0])
+        sin_a, cos_a = boresight[:2] / horizontal if horizontal > _POLE else (0.0, -1.0)
+        azimuth = math.atan2(sin_a, cos_a)
+        across = np.array([cos_a, -sin_a, 0.0])
         up = np.cross(across, boresight)
         roll = math.atan2(-float(right @ up), float(right @ across))
         return cls(math.degrees(azimuth) % 360.0 % 360.0, math.degrees(altitude), _half_open(math.degrees(roll)))
