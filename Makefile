@@ -5,7 +5,7 @@ BIN := .venv/bin
 .PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow lint format install lock clean
 
 help:
-	@echo "make demo        render 27 frames, solve them with two solvers, write results/demo/site/index.html"
+	@echo "make demo        render 27 frames, solve them with four solvers, write results/demo/index.html"
 	@echo "make test        run the tests"
 	@echo "make test-journeys  run whole programs from end to end: documented commands, killed processes, clusters"
 	@echo "make test-slow   run the tests that take longer"
@@ -25,7 +25,7 @@ demo: install
 	@$(BIN)/skybench demo
 
 demo-small: install
-	@$(BIN)/skybench demo --scenario scenes/demo_small.yaml --frames out/demo-small --out results/demo-small
+	@$(BIN)/skybench demo --scenario demo_small --frames out/demo-small --out results/demo-small
 
 test: install
 	@$(BIN)/python -m pytest -m "not slow and not journey" -n 2 --dist loadfile

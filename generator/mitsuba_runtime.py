@@ -32,9 +32,10 @@ PROBE_TIMEOUT_S = 120.0
 
 REMEDY = (
     "install LLVM >= 17: on Linux x86-64 `pip install karellen-llvm-core==23.1.4.post8`, elsewhere your system's package "
-    f"(`apt install libllvm19`, `brew install llvm`), or point {LLVM_VARIABLE} at libLLVM; "
-    "if libatomic.so.1 is missing: `apt install libatomic1`"
+    f"(`apt install libllvm19`, `brew install llvm`), or point {LLVM_VARIABLE} at libLLVM"
 )
+LIBATOMIC = "libatomic.so.1"
+LIBATOMIC_REMEDY = "install libatomic: `apt install libatomic1` (Debian, Ubuntu), `dnf install libatomic` (Fedora)"
 
 _LLVM_PROBE = """
 import ctypes, json, os, sys
@@ -148,7 +149,9 @@ def find_llvm() -> LlvmLibrary:
         if library.usable:
             return library
         tried.append(f"{library.path}: {library.problem}")
-    raise RuntimeUnavailableError(f"no usable LLVM ({'; '.join(tried) or 'none found'}); {REMEDY}")
+    causes = "; ".join(tried) or "none found"
+    remedy = LIBATOMIC_REMEDY if LIBATOMIC in causes else REMEDY
+    raise RuntimeUnavailableError(f"no usable LLVM ({causes}); {remedy}")
 
 
 @functools.cache

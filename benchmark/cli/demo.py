@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,11 @@ from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.rendering import SCENARIO_HELP
 from benchmark.errors import BenchmarkError
 from generator.errors import GeneratorError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from benchmark.report.demo_page import Demo
 
 SOLVERS = ("skybench", "thesis-adaptive", "thesis-baseline")
 RIVALS = ("tetra3rs",)
@@ -34,31 +39,58 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Render a small dataset, solve it with the default solver and others, and write a page about it."""
-    from benchmark.cli.running import Request, run_solvers, runnable
+    from benchmark.cli.running import Request, obstacles, run_solvers
+    from benchmark.frames.opening import open_frames
     from benchmark.frames.task_frames import FrameChoice
+    from benchmark.report.demo_page import make_demo, write_demo
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, write_site
-    from benchmark.report.site.terminal import boards_document, result_table
     from generator.frame.render import render_dataset
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
         loaded = load_scenario(find_scenario(scenario))
-        solvers = (*SOLVERS, *runnable(RIVALS))
+        left_out = obstacles(RIVALS)
+        for obstacle in left_out.values():
+            typer.echo(f"left out: {obstacle}", err=True)
+        solvers = (*SOLVERS, *(name for name in RIVALS if name not in left_out))
         with progress_bars() as bar:
             line = bar.add_task("rendering", total=loaded.frame_count)
             render_dataset(loaded, frames, lambda index: bar.advance(line))
-        run_solvers(
-            Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: typer.echo(words, err=True)
-        )
-        boards = make_boards(out)
+        _, runs = run_solvers(Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: None)
         with working("writing the pages"):
-            page = write_site(boards, Places(out, FrameChoice().data))
+            boards = make_boards(out)
+            details = write_site(boards, Places(out))
+            folders = {run.folder for run in runs}
+            board = next(one for one in boards if folders & {entry.stored.folder for entry in one.entries})
+            made = make_demo(loaded, frames, open_frames(str(frames)).frames, board, list(left_out.values()))
+            page = write_demo(made, out, details)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)
     if as_json:
-        print_json({"page": page, "frames": frames, "boards": boards_document(boards)})
+        print_json({"page": page, "details": details, "frames": frames, "solvers": made.rows})
         return
-    print_tables(result_table(boards))
+    print_tables(_table(made))
     typer.echo(f"open {page}")
+
+
+def _table(made: Demo) -> Table:
+    from rich.table import Column, Table
+
+    from benchmark.report.formatting import number
+
+    table = Table(
+        Column("solver", no_wrap=True),
+        "place found",
+        "how far off",
+        "refused",
+        "wrong",
+        "time",
+        title=f"{made.scenario.frame_count} rendered skies; found: less than {made.limit_km:g} km off; medians",
+        title_justify="left",
+    )
+    for row in made.rows:
+        found, time = f"{row.found} of {row.frames}", number(row.median_ms, "ms")
+        table.add_row(row.name, found, row.distance, str(row.refused), str(row.wrong), time)
+    return table

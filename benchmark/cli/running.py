@@ -172,19 +172,20 @@ def _silent(words: str) -> None:
     """Say nothing."""
 
 
-def runnable(names: Sequence[str]) -> list[str]:
-    """Those solvers that can run here, saying why the others cannot and what would bring them."""
+def obstacles(names: Sequence[str]) -> dict[str, str]:
+    """Those solvers that cannot run here: why not, and what would bring them."""
     found = {name: contestant_of(name).obstacle() for name in names}
-    for obstacle in filter(None, found.values()):
-        typer.echo(f"left out: {obstacle}", err=True)
-    return [name for name, obstacle in found.items() if not obstacle]
+    return {name: obstacle for name, obstacle in found.items() if obstacle}
 
 
 def _contestants(names: Sequence[str]) -> list[Contestant]:
     """Those that are named; without names, all that can run here, saying why the others cannot."""
     if names:
         return [contestant_of(name) for name in names]
-    return [contestant_of(name) for name in runnable(known_solvers())]
+    left_out = obstacles(known_solvers())
+    for obstacle in left_out.values():
+        typer.echo(f"left out: {obstacle}", err=True)
+    return [contestant_of(name) for name in known_solvers() if name not in left_out]
 
 
 def _default_out(targets: Sequence[str]) -> Path:

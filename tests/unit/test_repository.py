@@ -1,5 +1,6 @@
 """The repository's own files agree: versions, addresses, the linters' revisions, continuous integration."""
 
+import json
 import re
 import tomllib
 from importlib.metadata import version
@@ -87,3 +88,43 @@ def test_issue_forms_ask_for_what_an_answer_needs(name: str) -> None:
         "submission": {"name", "task", "check"},
     }
     assert wanted[name] <= required
+
+
+def dockerignored(name: str) -> bool:
+    """Whether a file of the repository is kept from the container's build."""
+    patterns = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
+    return name.split("/")[0] in patterns
+
+
+def test_the_container_installs_the_wheel_and_starts_a_command_that_exists() -> None:
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8")
+    (entry,) = json.loads(re.search(r"^ENTRYPOINT (.*)$", text, re.MULTILINE).group(1))
+    assert entry in PROJECT["scripts"]
+    assert {image.split(":")[1] for image in re.findall(r"^FROM (\S+)", text, re.MULTILINE)} == {"3.12-slim"}
+    assert "Programming Language :: Python :: 3.12" in PROJECT["classifiers"]
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
+    needed = ["pyproject.toml", PROJECT["readme"], *PROJECT["license-files"], *build["wheel"]["packages"]]
+    for name in [*needed, *build["wheel"]["force-include"]]:
+        assert (ROOT / name).exists()
+        assert not dockerignored(name), name
+    (extra,) = re.findall(r'"\$\{wheel\}\[([a-z]+)\]"', text)
+    assert extra in PROJECT["optional-dependencies"]
+
+
+def test_containers_and_readme_name_what_exists() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    addresses = re.findall(r"git\+(https://[\w./-]+)", readme)
+    assert addresses
+    assert set(addresses) == {PROJECT["urls"]["Source"]}
+    assert set(re.findall(r"skybench\[([a-z]+)\]", readme)) <= set(PROJECT["optional-dependencies"])
+    assert all((ROOT / name).is_file() for name in re.findall(r"docker build .*-f (\S+)", readme))
+    started = re.findall(r"(?:docker run .*?skybench|skybench'? skybench) ([a-z]+)", readme)
+    assert started
+    assert set(started) <= {"demo"}
+    development = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text(encoding="utf-8"))
+    assert (ROOT / re.search(r"python (\S+)", development["postCreateCommand"]).group(1)).is_file()
+    assert "skybench doctor" in development["postCreateCommand"]
+    schemas = development["customizations"]["vscode"]["settings"]["yaml.schemas"]
+    assert all(
+        (ROOT / schema).is_file() and all(any(ROOT.glob(each)) for each in files) for schema, files in schemas.items()
+    )
