@@ -315,9 +315,22 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
     out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+    video: Annotated[
+        Path | None,
+        typer.Option("--video", metavar="FILE.mp4", help="Write a video of all frames instead of the page."),
+    ] = None,
+    fps: Annotated[float, typer.Option("--fps", help="Frames of the video per second.")] = 10.0,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Draw time, place, attitude and star names over the video.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms."""
+    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms; or a video."""
+    if video is not None:
+        _show_video(folder, video, fps, truth, as_json)
+        return
+    if truth:
+        fail(GeneratorError("--truth: only with --video; the page shows the truth of each frame by itself"))
     from benchmark.report.show.page import write_page
 
     place = folder.resolve()
@@ -336,3 +349,21 @@ def show(
         print_json({"page": written.page, "shown": written.shown, "frames": written.frames, "size_bytes": written.size})
         return
     typer.echo(f"{written.shown} of {written.frames} frames, {written.size / 1e6:.1f} MB: open {written.page}")
+
+
+def _show_video(folder: Path, video: Path, fps: float, truth: bool, as_json: bool) -> None:
+    from benchmark.report.show.video import write_video
+
+    try:
+        with progress_bars() as progress:
+            task = progress.add_task("encoding", total=None)
+            count = write_video(
+                folder, video, fps, truth, lambda done, of: progress.update(task, completed=done, total=of)
+            )
+    except GeneratorError as error:
+        fail(error)
+    size = video.stat().st_size
+    if as_json:
+        print_json({"video": video, "frames": count, "seconds": count / fps, "size_bytes": size})
+        return
+    typer.echo(f"{count} frames, {count / fps:.1f} s, {size / 1e6:.1f} MB: {video}")

@@ -17,7 +17,7 @@ from generator.dataset.archive import read_member
 from generator.dataset.frame_columns import frame_row
 from generator.dataset.images import decode
 from generator.dataset.layout import MANIFEST
-from generator.dataset.reader import Dataset
+from generator.dataset.reader import Dataset, picture
 from generator.errors import GeneratorError
 from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
@@ -48,6 +48,12 @@ class Source(Protocol):
 
     def image(self, position: int) -> NDArray[np.uint16]:
         """DN of the frame in row `position` of `frames`, (height, width)."""
+
+    def developed(self, position: int) -> NDArray[np.uint8] | None:
+        """Its developed picture, (height, width) or (height, width, 3); None where the scenario asks for none."""
+
+    def record(self, position: int) -> dict[str, Any]:
+        """Its frame record."""
 
     def stars(self, position: int) -> pd.DataFrame:
         """Its truth of stars and planets."""
@@ -98,8 +104,16 @@ class ShardSource:
         row = self.frames.iloc[position]
         path = self._file("data", str(row["shard"]))
         image = read_member(path, str(row["image"]))
-        with _damage_named(path):
+        with damage_named(path):
             return decode(image, self.dataset.manifest.codec)
+
+    def developed(self, position: int) -> NDArray[np.uint8] | None:
+        """Developed picture of a frame."""
+        return self.dataset[position].developed
+
+    def record(self, position: int) -> dict[str, Any]:
+        """Record of a frame."""
+        return self.dataset[position].record
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
@@ -112,7 +126,7 @@ class ShardSource:
     def _rows(self, table: str, position: int, schema: pa.Schema) -> pd.DataFrame:
         row = self.frames.iloc[position]
         path = self._file(table, str(row["shard"]))
-        with _damage_named(path):
+        with damage_named(path):
             return pq.read_table(path, columns=schema.names, filters=[("index", "=", int(row["index"]))]).to_pandas()
 
     def _file(self, table: str, shard: str) -> Path:
@@ -153,8 +167,23 @@ class FolderSource:
     def image(self, position: int) -> NDArray[np.uint16]:
         """DN of a frame."""
         path = self.folder / str(self.frames.iloc[position]["image"])
-        with _damage_named(path):
+        with damage_named(path):
             return decode(path.read_bytes(), "png")
+
+    def developed(self, position: int) -> NDArray[np.uint8] | None:
+        """Developed picture of a frame."""
+        path = self.folder / f"{self.frames.iloc[position]['frame_id']}-developed.png"
+        if not path.is_file():
+            return None
+        with damage_named(path):
+            return picture(path.read_bytes())
+
+    def record(self, position: int) -> dict[str, Any]:
+        """Record of a frame."""
+        path = self.folder / f"{self.frames.iloc[position]['frame_id']}.json"
+        with damage_named(path):
+            found: dict[str, Any] = json.loads(path.read_bytes())
+            return found
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
@@ -169,7 +198,7 @@ class FolderSource:
 
 
 def _record_row(path: Path) -> dict[str, Any]:
-    with _damage_named(path):
+    with damage_named(path):
         record = json.loads(path.read_bytes())
         if record["format"] != FORMAT or record["frame_id"] != path.stem:
             raise ValueError(f"it is no {FORMAT} of {path.stem}")
@@ -177,12 +206,12 @@ def _record_row(path: Path) -> dict[str, Any]:
 
 
 def _truth(path: Path, schema: pa.Schema) -> pd.DataFrame:
-    with _damage_named(path):
+    with damage_named(path):
         return pq.read_table(path, columns=schema.names).to_pandas()
 
 
 @contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
+def damage_named(path: Path) -> Iterator[None]:
     """Whatever reading a file from others can raise, as one line with the file's name."""
     try:
         yield
