@@ -137,7 +137,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
         "skybench plan": ["skybench plan small.yaml", filled_in(row("skybench plan"), rendered)],
         "skybench generate": [filled_in(row("skybench generate"), made)],
         "skybench verify": [filled_in(row("skybench verify"), made)],
-        "skybench show": [filled_in(row("skybench show"), made)],
+        "skybench show": ["skybench show set", "skybench show set --video set.mp4 --truth"],
         "skybench export": [
             f"skybench export set --to {form} --out {form}" for form in ("files", "coco", "fits", "withheld")
         ],
