@@ -57,6 +57,6 @@ def members(folder: Path) -> dict[str, bytes]:
 
 def start(*arguments: str, **options: Any) -> subprocess.Popen:
     """Start the command `skybench` with options of `Popen`."""
-    code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
+    code = "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=ROOT, **pipes, **options)

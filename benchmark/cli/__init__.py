@@ -14,4 +14,4 @@ def main() -> None:
         if not interrupt.interrupted(error):
             raise
         interrupt.say_so()
-        raise SystemExit(interrupt.EXIT_INTERRUPTED) from None
+        raise SystemExit(interrupt.exit_status()) from None

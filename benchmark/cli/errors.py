@@ -19,7 +19,7 @@ def fail(error: Exception) -> NoReturn:
 
 
 class InterruptibleGroup(TyperGroup):
-    """Commands that Ctrl-C ends with one line and exit status 130."""
+    """Commands that Ctrl-C and SIGTERM end with one line and exit status 130 or 143."""
 
     def invoke(self, ctx: Any) -> object:
         """Run the command that was asked for."""
@@ -29,4 +29,4 @@ class InterruptibleGroup(TyperGroup):
             if not interrupt.interrupted(error):
                 raise
             interrupt.say_so()
-            raise typer.Exit(interrupt.EXIT_INTERRUPTED) from None
+            raise typer.Exit(interrupt.exit_status()) from None

@@ -28,6 +28,7 @@ from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
+from generator.processes import follow_parent
 
 
 class Session(Protocol):
@@ -206,6 +207,7 @@ _session_of_process: list[InProcessSession] = []
 
 
 def _hold_in_process(solver: SolverUnderTest) -> None:
+    follow_parent()
     _session_of_process[:] = [InProcessSession(solver)]
 
 

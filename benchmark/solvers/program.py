@@ -1,16 +1,18 @@
 """A program under test as a process of its own: one JSON line in, one out, within limits of time and memory.
 
-The program may do anything: hang, crash, print garbage, print without end, take all memory. Whatever it does costs it the
-frame and never the run: it is killed with all its children, and started again for the next frame.
+The program may do anything: hang, crash, print garbage, print without end, take all memory, start others. Whatever it does
+costs it the frame and never the run: it is killed with all its descendants, and started again for the next frame. A guardian
+process (`benchmark.solvers.guardian`) sees to that, also when this process is killed itself.
 """
 
 import contextlib
 import json
 import os
-import resource
+import select
 import selectors
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +24,19 @@ from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import PROTOCOL, hello
 
 LONGEST_REPLY_BYTES = 16_000_000
+PASSED_ON = frozenset(
+    {
+        "HOME", "LANG", "LD_LIBRARY_PATH", "LOGNAME", "PATH", "PYTHONPATH", "TMPDIR", "TZ", "USER", "VIRTUAL_ENV",
+        "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME",
+    }
+)  # fmt: skip
+"""Variables of the environment that a program gets, beside those that begin with `PASSED_ON_PREFIXES`."""
+PASSED_ON_PREFIXES = ("LC_", "SOLVER_")
+_GUARDIAN = Path(__file__).with_name("guardian.py")
+_ENDING_S = 2.0
+"""Between the end of its output and its own."""
+_END_S = 10.0
+"""A guardian that takes longer to end its program has been stopped itself."""
 _KEPT_STDERR_BYTES = 4_000
 _CHUNK = 65_536
 # One core each: programs are compared by what they do with one, and the benchmark runs several frames at a time.
@@ -101,6 +116,8 @@ class ProgramSession:
         self.limits = limits
         self._on_stderr = on_stderr
         self._process: subprocess.Popen[bytes] | None = None
+        self._pid = 0
+        self._lifeline = self._status = -1
         self._selector = selectors.DefaultSelector()
         self._received = b""
         self._stderr = b""
@@ -125,24 +142,13 @@ class ProgramSession:
             It cannot be started, or does not say hello in time and form.
         """
         self.close()
-        name = self._command[0]
-        try:
-            process = subprocess.Popen(
-                self._command,
-                cwd=self._folder,
-                env=os.environ | _ONE_THREAD,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                bufsize=0,
-                start_new_session=True,
-            )
-        except OSError as error:
-            raise SolverError(f"{name}: cannot be started ({error.strerror})") from error
-        self._process = process
-        memory = self.limits.memory_mib * 2**20
-        with contextlib.suppress(ProcessLookupError):  # it has ended already, which the exchange will notice
-            resource.prlimit(process.pid, resource.RLIMIT_AS, (memory, memory))
+        process = self._process = self._guarded()
+        word, _, number = self._heard_of_guardian().partition(" ")
+        if word != "started":
+            self.close()
+            why = os.strerror(int(number)) if word == "failed" else "no process can be guarded here"
+            raise SolverError(f"{self._command[0]}: cannot be started ({why})")
+        self._pid = int(number)
         self._selector = selectors.DefaultSelector()
         for stream in (process.stdin, process.stdout, process.stderr):
             assert stream is not None
@@ -169,26 +175,64 @@ class ProgramSession:
             It hung, crashed, or answered no JSON object; it has been killed.
         """
         assert self._process is not None, "start the program first"
-        known = reset_peak(self._process.pid)
+        known = reset_peak(self._pid)
         started = time.perf_counter()
         message = self._exchange(request, self.limits.time_s)
         elapsed_ms = 1000.0 * (time.perf_counter() - started)
-        return Exchange(message, elapsed_ms, peak_mib(self._process.pid) if known else None)
+        return Exchange(message, elapsed_ms, peak_mib(self._pid) if known else None)
 
     def close(self) -> None:
-        """End the program and all its children."""
+        """End the program and all that it has started."""
         process, self._process = self._process, None
         self._received = self._stderr = b""
         if process is None:
             return
-        with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.close(self._lifeline)
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+            process.wait()
+        os.close(self._status)
         self._selector.close()
         for stream in (process.stdin, process.stdout, process.stderr):
             if stream is not None:
                 with contextlib.suppress(OSError):
                     stream.close()
+
+    def _guarded(self) -> subprocess.Popen[bytes]:
+        """Start the program under a guardian; the guardian's process."""
+        held, self._lifeline = os.pipe()
+        self._status, told = os.pipe()
+        memory = str(self.limits.memory_mib * 2**20)
+        try:
+            return subprocess.Popen(
+                [sys.executable, "-I", "-S", str(_GUARDIAN), str(held), str(told), memory, *self._command],
+                cwd=self._folder,
+                env=_environment() | _ONE_THREAD,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                start_new_session=True,
+                pass_fds=(held, told),
+            )
+        except OSError as error:
+            os.close(self._lifeline)
+            os.close(self._status)
+            raise SolverError(f"{self._folder}: no program can be started there ({error.strerror})") from error
+        finally:
+            os.close(held)
+            os.close(told)
+
+    def _heard_of_guardian(self, wait_s: float | None = None) -> str:
+        """The next line that the guardian says; empty where it says nothing more, or not within the time."""
+        line = b""
+        while not line.endswith(b"\n"):
+            if not select.select([self._status], [], [], wait_s)[0] or not (byte := os.read(self._status, 1)):
+                return ""
+            line += byte
+        return line.decode("ascii")
 
     def _exchange(self, request: Mapping[str, Any], limit_s: float) -> dict[str, Any]:
         started = time.perf_counter()
@@ -241,11 +285,10 @@ class ProgramSession:
 
     def _end(self) -> str:
         """How the program ended."""
-        assert self._process is not None
-        try:
-            code = self._process.wait(timeout=1.0)
-        except subprocess.TimeoutExpired:
+        _, _, status = self._heard_of_guardian(_ENDING_S).partition(" ")
+        if not status:
             return "closed its output"
+        code = int(status)
         if code < 0:
             return f"ended by signal {_name_of_signal(-code)}"
         return f"ended with exit status {code}"
@@ -265,6 +308,13 @@ class ProgramSession:
         lines = self._stderr.decode("utf-8", "replace").split("\n")
         words = [" ".join(line.split()) for line in lines if line.strip()]
         return f" ({words[-1][:120]})" if words else ""
+
+
+def _environment() -> dict[str, str]:
+    """The variables that a program gets: none that could hold what is the user's alone."""
+    return {
+        name: value for name, value in os.environ.items() if name in PASSED_ON or name.startswith(PASSED_ON_PREFIXES)
+    }
 
 
 class _MisbehavedError(Exception):

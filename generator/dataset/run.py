@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError, ScenarioError
+from generator.processes import follow_parent
 from generator.scenario.file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
@@ -151,8 +153,9 @@ def _pool_round(
     """Give all waiting shards to a pool of processes; ends early, with shards left waiting, when a worker dies."""
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
+    manager = SyncManager(ctx=context)
     with deaf_to_interrupts():
-        manager = context.Manager()
+        manager.start(follow_parent)
     with manager:
         done = manager.Queue()
         pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, target, done))
@@ -203,7 +206,8 @@ _worker: dict[str, Any] = {}
 
 
 def prepare_worker() -> None:
-    """Limit Dr.Jit and linear algebra in this process to one thread."""
+    """Limit Dr.Jit and linear algebra in this process to one thread, and its life to that of the process that started it."""
+    follow_parent()
     from generator.mitsuba_runtime import set_threads
 
     set_threads(1)

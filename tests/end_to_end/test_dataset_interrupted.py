@@ -111,6 +111,26 @@ def test_killed_at_twenty_random_moments(dataset, scenario_path, tmp_path) -> No
     assert struck >= 10
 
 
+# Starts the program and two workers.
+@pytest.mark.journey
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_nothing_is_left_running(scenario_path, tmp_path, number) -> None:
+    """The signal goes to the command alone, not to its workers."""
+    with start(*command(scenario_path, tmp_path / "out", 2)) as process:
+        while not has_archives(1, tmp_path / "out"):
+            assert process.poll() is None
+            time.sleep(0.01)
+        others = psutil.Process(process.pid).children(recursive=True)
+        assert len(others) >= 3
+        process.send_signal(number)
+        _, errors = process.communicate()
+    gone, alive = psutil.wait_procs(others, timeout=20)
+    assert (len(gone), alive) == (len(others), [])
+    if number == signal.SIGTERM:
+        assert process.returncode == 128 + number
+        assert "skybench: interrupted; the same command continues" in errors
+
+
 def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_path, monkeypatch) -> None:
     def full(archive, name, data):
         raise OSError(28, "No space left on device", str(tmp_path / "disk"))

@@ -231,9 +231,15 @@ def test_a_full_disk_is_one_clear_line(folder, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "moment"), [("render", 0.3), ("render", 2.0), ("generate", 1.0), ("generate", 4.0)]
+    ("command", "moment", "number"),
+    [
+        ("render", 0.3, signal.SIGINT),
+        ("render", 2.0, signal.SIGTERM),
+        ("generate", 1.0, signal.SIGTERM),
+        ("generate", 4.0, signal.SIGINT),
+    ],
 )
-def test_ctrl_c_says_that_the_same_command_continues(tmp_path, command, moment) -> None:
+def test_a_signal_says_that_the_same_command_continues(tmp_path, command, moment, number) -> None:
     long = SCENARIO | {"frames": 500}
     (tmp_path / "long.yaml").write_text(yaml.safe_dump(long))
     started = "import sys; from benchmark.cli import interrupt, main; interrupt.listen(); print('on', flush=True);"
@@ -245,9 +251,9 @@ def test_ctrl_c_says_that_the_same_command_continues(tmp_path, command, moment) 
     assert run.stdout.readline() == "on\n"
     with pytest.raises(subprocess.TimeoutExpired):
         run.wait(moment)
-    os.killpg(run.pid, signal.SIGINT)
+    os.killpg(run.pid, number)
     _, errors = run.communicate(timeout=60)
-    assert run.returncode == 130, errors
+    assert run.returncode == 128 + number, errors
     assert "skybench: interrupted; the same command continues" in errors
     assert "Traceback" not in errors
 

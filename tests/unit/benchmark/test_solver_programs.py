@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -19,9 +20,10 @@ from benchmark.run.engine import outcomes
 from benchmark.run.sessions import SessionPool
 from benchmark.solvers.definition import SolverFolder, SolverSpec, read_solver_folder
 from benchmark.solvers.messages import reply_of, request_of
-from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
+from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession, _environment
 from benchmark.solvers.registry import known_solvers, make_solver, solver_folder
 
+ROOT = Path(__file__).parents[3]
 PROGRAM = Path(__file__).parent / "programs" / "misbehaving.py"
 LIMITS = Limits(time_s=1.0, memory_mib=600, start_s=20.0)
 
@@ -60,15 +62,41 @@ def test_a_misbehaving_program_is_killed_and_named(frames, way, message):
 
 
 def test_children_are_killed_too(frames, tmp_path, monkeypatch):
-    monkeypatch.setenv("CHILD_PID_FILE", str(tmp_path / "pid"))
+    monkeypatch.setenv("SOLVER_CHILD_PID_FILE", str(tmp_path / "pid"))
     with session("hang with a child") as running:
         running.start()
         with pytest.raises(ProgramFailedError, match="no answer"):
             running.ask(request_of(frames[0], None))
-    child = int((tmp_path / "pid").read_text())
-    # A signal takes a moment to arrive, and whoever inherits the zombie one to bury it.
-    deadline = time.monotonic() + 10.0
-    while not is_dead(child):
+    assert is_dead(int((tmp_path / "pid").read_text()))
+
+
+def test_nothing_is_left_when_the_benchmark_is_killed(frames, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOLVER_CHILD_PID_FILE", str(tmp_path / "pid"))
+    code = (
+        "import json, sys; from pathlib import Path; from benchmark.solvers.program import Limits, ProgramSession\n"
+        "session = ProgramSession([sys.executable, sys.argv[1], 'hang with a child'], Path('.'), Limits(time_s=60))\n"
+        "session.start(); session.ask(json.loads(sys.argv[2]))"
+    )
+    asked = json.dumps(request_of(frames[0], None))
+    with subprocess.Popen([sys.executable, "-c", code, str(PROGRAM), asked], cwd=ROOT) as benchmark:
+        wait_until(lambda: (tmp_path / "pid").is_file() and (tmp_path / "pid").read_text())
+        started = psutil.Process(benchmark.pid).children(recursive=True)
+        assert len(started) == 3  # the guardian, the program and its child
+        benchmark.kill()
+    wait_until(lambda: all(is_dead(process.pid) for process in started))
+
+
+def test_a_program_gets_no_variable_that_could_be_a_secret(monkeypatch):
+    monkeypatch.setenv("API_TOKEN", "secret")
+    monkeypatch.setenv("SOLVER_THREADS", "3")
+    given = _environment()
+    assert "API_TOKEN" not in given
+    assert (given["SOLVER_THREADS"], given["PATH"]) == ("3", os.environ["PATH"])
+
+
+def wait_until(there, limit_s=20.0):
+    deadline = time.monotonic() + limit_s
+    while not there():
         assert time.monotonic() < deadline
         time.sleep(0.01)
 

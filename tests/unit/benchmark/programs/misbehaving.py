@@ -27,8 +27,9 @@ def main():
         if WAY == "hang":
             time.sleep(100)
         elif WAY == "hang with a child":
-            child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"])
-            with open(os.environ["CHILD_PID_FILE"], "w") as file:
+            nap = [sys.executable, "-c", "import time; time.sleep(100)"]
+            child = subprocess.Popen(nap, start_new_session=True)
+            with open(os.environ["SOLVER_CHILD_PID_FILE"], "w") as file:
                 file.write(str(child.pid))
             time.sleep(100)
         elif WAY == "crash":
