@@ -7,6 +7,8 @@ over a pipe (`PipeSession`).
 from __future__ import annotations
 
 import queue
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -19,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.errors import SolverError
+from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
@@ -45,13 +47,18 @@ class Session(Protocol):
 
 
 class PipeSession:
-    """A solver's program, started anew after every frame that it did not survive."""
+    """A solver's program, started anew after every frame that it did not survive.
+
+    It reads each image in a folder that holds nothing else: beside the frame lies its truth.
+    """
 
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
         self._solver = solver
         place = solver.folder if solver.spec.command else Path.cwd()
         self._program = ProgramSession(solver.command, place, solver.limits, on_stderr)
         self._warm = False
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._asked = 0
 
     def start(self) -> str:
         """Start the program. Raises SolverError."""
@@ -65,7 +72,10 @@ class PipeSession:
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
         """Ask the program; whatever goes wrong is a refusal of this frame."""
-        request = request_of(frame, shared)
+        try:
+            request = request_of(frame, shared, self._shown(frame.image_path))
+        except OSError as error:
+            raise DatasetError(f"{frame.image_path}: cannot be read ({error.strerror})") from error
         try:
             if not self._program.running:
                 self._warm = False
@@ -102,9 +112,24 @@ class PipeSession:
         except ProgramFailedError:
             self.start()
 
+    def _shown(self, image: Path) -> Path:
+        """Put an image where the program may read it, alone, under a name that was not used before. Raises OSError."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="skybench-frame-")
+        folder = Path(self._folder.name)
+        for before in folder.iterdir():
+            before.unlink()
+        self._asked += 1
+        shown = folder / f"{self._asked}{image.suffix}"
+        shutil.copyfile(image, shown)  # no link: the program may write to what it is given
+        return shown
+
     def close(self) -> None:
-        """End the program and its children."""
+        """End the program and all that it has started."""
         self._program.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
 
 class InProcessSession:

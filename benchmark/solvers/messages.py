@@ -7,6 +7,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,17 @@ def hello() -> dict[str, Any]:
     return {"type": "hello", "protocol": PROTOCOL}
 
 
-def request_of(frame: Frame, shared: Detections | None) -> dict[str, Any]:
-    """The request to solve a frame; `shared` are the detections that it is to use, None to detect by itself."""
+def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str, Any]:
+    """The request to solve a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    shared : Detections or None
+        What it is to use; None to detect by itself.
+    image : Path
+        The frame's image where the program is to read it.
+    """
     seen = frame.observation
     found = None
     if shared is not None:
@@ -57,7 +67,7 @@ def request_of(frame: Frame, shared: Detections | None) -> dict[str, Any]:
     return {
         "type": "solve",
         "frame_id": frame.frame_id,
-        "image": str(frame.image_path.resolve()),
+        "image": str(image.resolve()),
         "camera": dataclasses.asdict(seen.camera),
         "utc_mid": seen.utc,
         "R_cam": np.asarray(seen.R_cam).tolist(),

@@ -100,4 +100,4 @@ def test_a_death_by_any_signal_is_named(frame, tmp_path, number, name) -> None:
     with ProgramSession([sys.executable, str(program)], tmp_path, Limits(time_s=20.0)) as running:
         running.start()
         with pytest.raises(ProgramFailedError, match=f"ended by signal {name}"):
-            running.ask(request_of(frame, None))
+            running.ask(request_of(frame, None, frame.image_path))

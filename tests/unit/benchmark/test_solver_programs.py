@@ -56,7 +56,7 @@ def test_a_misbehaving_program_is_killed_and_named(frames, way, message):
     with session(way, limits) as running:
         running.start()
         with pytest.raises(ProgramFailedError, match=message) as caught:
-            running.ask(request_of(frames[0], None))
+            running.ask(request_of(frames[0], None, frames[0].image_path))
         assert caught.value.time_ms >= 0.0
         assert not running.running
 
@@ -66,7 +66,7 @@ def test_children_are_killed_too(frames, tmp_path, monkeypatch):
     with session("hang with a child") as running:
         running.start()
         with pytest.raises(ProgramFailedError, match="no answer"):
-            running.ask(request_of(frames[0], None))
+            running.ask(request_of(frames[0], None, frames[0].image_path))
     assert is_dead(int((tmp_path / "pid").read_text()))
 
 
@@ -77,7 +77,7 @@ def test_nothing_is_left_when_the_benchmark_is_killed(frames, tmp_path, monkeypa
         "session = ProgramSession([sys.executable, sys.argv[1], 'hang with a child'], Path('.'), Limits(time_s=60))\n"
         "session.start(); session.ask(json.loads(sys.argv[2]))"
     )
-    asked = json.dumps(request_of(frames[0], None))
+    asked = json.dumps(request_of(frames[0], None, frames[0].image_path))
     with subprocess.Popen([sys.executable, "-c", code, str(PROGRAM), asked], cwd=ROOT) as benchmark:
         wait_until(lambda: (tmp_path / "pid").is_file() and (tmp_path / "pid").read_text())
         started = psutil.Process(benchmark.pid).children(recursive=True)
@@ -111,7 +111,7 @@ def is_dead(pid: int) -> bool:
 def test_words_on_standard_error_do_no_harm(frames):
     with session("flood of errors") as running:
         running.start()
-        exchange = running.ask(request_of(frames[0], None))
+        exchange = running.ask(request_of(frames[0], None, frames[0].image_path))
     assert exchange.message["lat_deg"] == 48.0
     assert exchange.time_ms > 0.0
     assert 1.0 < exchange.peak_memory_mib < 600.0
@@ -120,9 +120,9 @@ def test_words_on_standard_error_do_no_harm(frames):
 def test_what_is_printed_beyond_the_answer_is_a_failure_of_the_next_frame(frames):
     with session("chatter") as running:
         running.start()
-        running.ask(request_of(frames[0], None))
+        running.ask(request_of(frames[0], None, frames[0].image_path))
         with pytest.raises(ProgramFailedError, match="more than its answer"):
-            running.ask(request_of(frames[1], None))
+            running.ask(request_of(frames[1], None, frames[1].image_path))
 
 
 @pytest.mark.parametrize(("way", "message"), [("no hello", "no answer within 1 s"), ("wrong hello", "does not speak")])
@@ -159,6 +159,11 @@ def judged(tmp_path, way, frames):
         return [outcome.score for outcome in outcomes(frames, pool, "own", {})]
     finally:
         pool.close()
+
+
+def test_a_program_finds_no_truth_beside_the_image(frames, tmp_path):
+    scores = judged(tmp_path, "spy", frames)
+    assert [score.reason for score in scores] == ["saw 1.png", "saw 2.png", "saw 3.png"]
 
 
 def test_a_crash_costs_one_frame_and_the_program_goes_on(frames, tmp_path):
@@ -249,7 +254,7 @@ def test_a_good_answer_is_read_whole(frames):
 
 
 def test_a_request_holds_the_observation_and_no_truth(frames):
-    request = request_of(frames[0], None)
+    request = request_of(frames[0], None, frames[0].image_path)
     assert set(request) == {
         "type", "frame_id", "image", "camera", "utc_mid", "R_cam", "tilt_sigma_deg", "heading_sigma_deg",
         "pressure_hpa", "temperature_c", "detections",
@@ -263,7 +268,7 @@ def test_shared_detections_are_what_matches_point_to(frames):
         uv = np.array([[1.0, 2.0], [3.0, 4.0]])
         flux = None
 
-    request = request_of(frames[0], Given)
+    request = request_of(frames[0], Given, frames[0].image_path)
     assert request["detections"] == {"uv": [[1.0, 2.0], [3.0, 4.0]], "flux": [None, None]}
     reply = reply_of(GOOD | {"detections": {"uv": [[9.0, 9.0]]}}, "frame-00000", frames[0].observation, Given)
     assert reply.uv.tolist() == [[1.0, 2.0], [3.0, 4.0]]

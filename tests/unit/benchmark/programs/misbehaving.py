@@ -55,6 +55,10 @@ def main():
             kept = []
             while True:
                 kept.append(bytearray(10_000_000))
+        elif WAY == "spy":
+            beside = os.listdir(os.path.dirname(request["image"]))
+            answer = {"type": "fix", "status": "refused", "reason": " ".join(["saw", *beside])}
+            print(json.dumps(answer | {"frame_id": request["frame_id"]}), flush=True)
         elif WAY == "other frame":
             print(json.dumps(ANSWER | {"frame_id": "another"}), flush=True)
         elif WAY == "chatter":
