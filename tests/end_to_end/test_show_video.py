@@ -101,8 +101,7 @@ def test_frames_of_a_dataset_that_are_not_developed_are_developed_for_the_video(
     write_video(folder, tmp_path / "a.mp4", 5)
     write_video(tmp_path / "set", tmp_path / "b.mp4", 5)
     # The same scene and noise, developed by the same rule.
-    for one, other in zip(frames_of(tmp_path / "a.mp4"), frames_of(tmp_path / "b.mp4"), strict=True):
-        assert np.abs(one.astype(float) - other).mean() < 0.1
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
 
 
 def test_refusals_leave_nothing_behind(folder, tmp_path) -> None:

@@ -21,8 +21,12 @@ from generator.sensor.develop import develop
 
 LARGEST_PX = (3840, 2160)
 """Larger frames are averaged over blocks of pixels: players do not decode them."""
-CODECS = (("libx264", {"crf": "18", "preset": "medium"}), ("mpeg4", {"qscale": "3"}))
-"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality."""
+CODECS = (
+    ("libx264", {"crf": "18", "preset": "medium", "threads": "1"}),
+    ("mpeg4", {"qscale": "3", "threads": "1"}),
+)
+"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality, and one thread, which gives the same bytes
+from the same frames."""
 PIXEL_FORMAT = "yuv420p"
 """The one that every player knows; it needs even sizes."""
 
