@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from celnav.solver import solvers
 
@@ -31,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    program.add_argument("--version", action=_Version, help="print the version and end")
     commands = program.add_subparsers(dest="command", required=True, metavar="COMMAND")
     command = commands.add_parser(
         "solve",
@@ -104,3 +106,16 @@ def _camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sensor-width-mm", type=float, metavar="MM", help="without --camera: length of the image's rows on the sensor"
     )
+
+
+class _Version(argparse.Action):
+    """``--version``: the version is looked up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:  # noqa: A002
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: object) -> None:
+        from importlib.metadata import version
+
+        print(f"celnav {version('skybench')}")
+        parser.exit()

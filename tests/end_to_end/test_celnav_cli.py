@@ -4,6 +4,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,13 @@ def files(sky, tmp_path_factory):
     record = {"camera": camera, "attitude": {"R_cam": sky.ZENITH_NORTH_UP.tolist()}}
     (folder / "frame.json").write_text(json.dumps(record))
     return folder
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"celnav {version('skybench')}\n"
 
 
 def arguments(files, image="deep.png", **changes):

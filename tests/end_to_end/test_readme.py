@@ -1,6 +1,7 @@
 """The README and the documents do what they say: code, commands, output."""
 
 import io
+import json
 import re
 import shlex
 import subprocess
@@ -42,6 +43,22 @@ TAKE_LONG = {
         "skybench study calibration --sites 2 --pictures 1 --gradient 2 --out calibration --work work"
     ),
 }
+# On what the rows of the table have made; tests/end_to_end/test_command_line.py has those that need nothing.
+AS_JSON = (
+    "skybench render small.yaml --out out-again",
+    "skybench verify set",
+    "skybench show set",
+    "skybench export set --to coco --out coco-again",
+    "skybench bench run out --solver skybench --out results",
+    "skybench bench run out --solver skybench --try 1",
+    "skybench bench report --out results",
+    "skybench bench boards bortle --solver skybench --plan --out results/board",
+    "skybench bench pack-results --out results",
+    "skybench bench pack-test out --out packed-again",
+    "skybench bench check packed/answers.csv --set packed",
+    "skybench bench score packed/answers.csv --truth out --name again --out results",
+    "skybench demo --scenario small.yaml --frames out/demo --out results/demo",
+)
 SMALL = """\
 name: small
 seed: 3
@@ -152,6 +169,8 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
         "skybench bench check": ["skybench bench check packed/answers.csv --set packed"],
         "skybench bench score": ["skybench bench score packed/answers.csv --truth out --name mine --out results"],
         "skybench doctor": [row("skybench doctor")],
+        "skybench scenes": ["skybench scenes", "skybench scenes horizon --copy copied"],
+        "skybench presets": ["skybench presets", "skybench presets imx477-6mm"],
         "skybench demo": ["skybench demo --scenario small.yaml --frames out/demo --out results/demo"],
         "celnav solve": [
             filled_in(
@@ -169,6 +188,11 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
             assert run(line) == 0, line
     assert Path("set-show/index.html").is_file()
     assert Path("results/site/index.html").is_file()
+    for line in (*AS_JSON, "skybench generate small.yaml --out set --json"):
+        text = printed(f"{line} --json".replace("--json --json", "--json"))
+        documents = text.splitlines() if "generate" in line else [text]
+        assert documents, line
+        assert all(isinstance(json.loads(document), dict) for document in documents), line
 
 
 @pytest.mark.slow  # pictures of all-sky maps, and studies on rendered frames: a minute or more each
@@ -193,6 +217,13 @@ def run(line: str) -> int:
     result = CliRunner().invoke(skybench_app(), arguments)
     assert result.exception is None or isinstance(result.exception, SystemExit), (line, result.output, result.exception)
     return result.exit_code
+
+
+def printed(line: str) -> str:
+    """Standard output of a command line of `skybench`, which must succeed."""
+    result = CliRunner().invoke(skybench_app(), shlex.split(line)[1:])
+    assert result.exit_code == 0, (line, result.output, result.exception)
+    return result.stdout
 
 
 def help_of(program: str) -> str:
