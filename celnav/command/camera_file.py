@@ -174,13 +174,12 @@ def _yaml(text: str) -> object:
 
 def _own(record: Mapping[str, Any], size: tuple[int, int] | None) -> Camera:
     """Read celnav's own form, in which ``hfov_deg`` may stand for ``f_px``."""
-    known = dict(record)
-    if size is not None and known.get("width") is None and known.get("height") is None:
+    known = {str(name): value for name, value in record.items() if value is not None}
+    if size is not None and "width" not in known and "height" not in known:
         known["width"], known["height"] = size
-    if known.get("hfov_deg") is None:
-        known.pop("hfov_deg", None)
+    if "hfov_deg" not in known:
         return Camera.from_dict(known)
-    if known.get("f_px") is not None or known.get("fy_px") is not None:
+    if "f_px" in known or "fy_px" in known:
         raise CameraError("give f_px or hfov_deg, not both")
     hfov_deg = known.pop("hfov_deg")
     known.setdefault("model", "pinhole")

@@ -129,6 +129,8 @@ def test_the_field_gives_the_focal_length(tmp_path, model, hfov_deg, k) -> None:
         ('{"model": "orthographic", "width": 64, "height": 48, "hfov_deg": 190}', "more than the model"),
         ('{"model": "brown_conrady", "width": 64, "height": 48, "hfov_deg": 90}', "give f_px"),
         ('{"model": "pinhole", "hfov_deg": 90, "width": -1, "height": 48}', "width"),
+        ('{"model": "pinhole", "hfov_deg": 90, "width": null, "height": 48}', "lacks width"),
+        ("{1: 2, model: pinhole, width: 64, height: 48, hfov_deg: 90}", "unknown keys 1"),
         ('{"camera": 3}', "camera must be an object"),
         ("{image_width: 64, image_height: 48, K: [1, 2]}", "3 x 3"),
         ("{image_width: 64, image_height: 48, K: [1, .5, 0, 0, 1, 0, 0, 0, 1]}", "skew"),
