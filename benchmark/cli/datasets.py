@@ -115,6 +115,10 @@ def _first_frame(expected: Forecast) -> list[tuple[str, str]]:
     return [
         ("image", f"{expected.width} x {expected.height}, {expected.bits} bits"),
         ("field of view", f"{first.hfov_deg:.4g} x {first.vfov_deg:.4g} deg"),
+        (
+            "pointing",
+            f"azimuth {first.azimuth_deg:.2f}, altitude {first.altitude_deg:.2f}, roll {first.roll_deg:.2f} deg",
+        ),
         ("f-number", "unknown without pixel_pitch_um" if first.f_number is None else f"f/{first.f_number:.3g}"),
         (
             "sky and dark",

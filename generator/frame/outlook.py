@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.compute as pc
 from sgp4.api import Satrec
 
-from generator.frame.record import VISIBLE_SNR, visible_stars
+from generator.frame.record import VISIBLE_SNR, pointing_object, visible_stars
 from generator.frame.render import RenderedFrame
 from generator.light.atmosphere import standard_pressure_hpa
 from generator.places.times import Instant
@@ -38,6 +38,8 @@ class Outlook:
     ----------
     hfov_deg, vfov_deg : float
         Angle between the axis' left and right, and top and bottom, edges.
+    azimuth_deg, altitude_deg, roll_deg : float
+        Pointing of the boresight at mid-exposure.
     f_number : float or None
         None where the pixel's size is not given.
     sky_e, dark_e : float
@@ -56,6 +58,9 @@ class Outlook:
 
     hfov_deg: float
     vfov_deg: float
+    azimuth_deg: float
+    altitude_deg: float
+    roll_deg: float
     f_number: float | None
     sky_e: float
     dark_e: float
@@ -105,6 +110,7 @@ def outlook(frame: RenderedFrame) -> Outlook:
     return Outlook(
         hfov_deg=hfov_deg,
         vfov_deg=vfov_deg,
+        **pointing_object(frame.plan.motion.R_mid),
         f_number=f_number(camera),
         sky_e=float(np.median(frame.expected.sky_electrons)),
         dark_e=dark_e,
