@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from generator.dataset.run import Runner
     from generator.scenario.file import Scenario as LoadedScenario
 
-FORMS = ("files", "coco", "yolo", "fits", "withheld")
+FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
 """Forms of export, known to the completion of the shell without loading any of them."""
 
 
@@ -287,7 +287,7 @@ def export(
         str,
         typer.Option(
             "--to",
-            help="files, coco, yolo, fits, or withheld (without its truth).",
+            help="files, coco, yolo, fits, huggingface, or withheld (without its truth).",
             autocompletion=lambda: list(FORMS),
         ),
     ],
@@ -307,6 +307,12 @@ def export(
         with progress_bars() as progress:
             task = progress.add_task("writing", total=manifest.stop - manifest.first)
             write(folder, to, out, ExportOptions(least_snr), lambda frame_id: progress.advance(task))
+        if to == "huggingface":
+            from benchmark.tasks.hub import task_of, write_eval
+
+            found = task_of(manifest)
+            if found is not None:
+                write_eval(out, found, manifest.split)
     except GeneratorError as error:
         fail(error)
     if as_json:

@@ -92,9 +92,11 @@ def read_manifest(folder: Path) -> Manifest:
             StoredFile(str(file["path"]), int(file["bytes"]), str(file["sha256"])) for file in content.pop("files")
         )
         manifest = Manifest(**content, files=files)
+        # The split is a part of paths, and the codec of names.
+        DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
     except FileNotFoundError as error:
         raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench generate` again") from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
     for file in manifest.files:
         path_within(folder, file.path)

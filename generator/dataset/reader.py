@@ -183,9 +183,13 @@ class Dataset:
     def __iter__(self) -> Iterator[Frame]:
         """All frames in order, each shard read once."""
         for file in self._listed("data"):
-            path = self._local(file)
-            for stored in read_frames(path):
-                yield self._frame(stored, path)
+            yield from self.shard(Path(file.path).stem)
+
+    def shard(self, stem: str) -> Iterator[Frame]:
+        """Frames of one shard, such as ``shard-000000``, in order. Raises GeneratorError."""
+        path = self._file("data", stem)
+        for stored in read_frames(path):
+            yield self._frame(stored, path)
 
     def map(self, function: Callable[[Frame], Sample]) -> MappedDataset[Sample]:
         """The dataset with each frame replaced by what `function` makes of it, when it is asked for."""

@@ -11,6 +11,7 @@ from generator.errors import GeneratorError
 from generator.export.coco import export_coco
 from generator.export.fits_image import export_fits
 from generator.export.form import ExportOptions, Form, Progress
+from generator.export.huggingface import export_huggingface
 from generator.export.plain_files import export_files
 from generator.export.withheld import export_withheld
 from generator.export.yolo import export_yolo
@@ -20,8 +21,11 @@ EXPORTS: dict[str, Form] = {
     "coco": export_coco,
     "yolo": export_yolo,
     "fits": export_fits,
+    "huggingface": export_huggingface,
     "withheld": export_withheld,
 }
+ADDS_TO_A_FOLDER = {"huggingface"}
+"""Forms that put another split beside those that a folder holds."""
 
 
 def export(
@@ -40,7 +44,7 @@ def export(
     form : str
         One of EXPORTS.
     out : Path
-        An empty or new folder.
+        An empty or new folder; for ``huggingface`` also one with other splits.
     options : ExportOptions
     progress : callable
         Called with the id of each frame that is done.
@@ -55,7 +59,7 @@ def export(
     dataset = Dataset.open(folder)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if any(out.iterdir()):
+        if form not in ADDS_TO_A_FOLDER and any(out.iterdir()):
             raise GeneratorError(f"{out}: is not empty; choose another folder")
         EXPORTS[form](dataset, out, options, progress)
     except (KeyError, TypeError, ValueError, pa.ArrowException) as error:

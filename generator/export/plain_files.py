@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from generator.dataset.layout import TABLES
+from generator.dataset.layout import IMU, TABLES
 from generator.dataset.reader import Dataset, ShardFrame
 from generator.export.form import ExportOptions, Progress
 from generator.files import atomic_path, path_within, write_bytes
@@ -20,7 +20,7 @@ def export_files(dataset: Dataset, out: Path, options: ExportOptions, progress: 
         for suffix, data in frame.members.items():
             write_bytes(path_within(out, f"{frame.frame_id}.{suffix}"), data)
         progress(frame.frame_id)
-    for name in TABLES:
+    for name in (*TABLES, *([IMU] if dataset.paths(IMU) else [])):
         with atomic_path(path_within(out, f"{name}.parquet")) as temporary:
             pq.write_table(dataset.table(name), temporary)
 

@@ -236,7 +236,7 @@ def test_the_command_knows_every_form() -> None:
 
 
 def test_refusals(dataset, tmp_path) -> None:
-    with pytest.raises(GeneratorError, match="one of files, coco, yolo, fits, withheld"):
+    with pytest.raises(GeneratorError, match="one of files, coco, yolo, fits, huggingface, withheld"):
         export(dataset, "mp4", tmp_path / "out")
     (tmp_path / "full").mkdir()
     (tmp_path / "full/a").write_text("")

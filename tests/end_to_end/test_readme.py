@@ -22,6 +22,7 @@ from documented_commands import (
 )
 from typer.testing import CliRunner
 
+from benchmark.cli.datasets import FORMS
 from celnav.cli import main as celnav_main
 from generator.frame.render import render_frame, write_frame
 from generator.scenario.file import load_scenario
@@ -155,9 +156,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
         "skybench generate": [filled_in(row("skybench generate"), made)],
         "skybench verify": [filled_in(row("skybench verify"), made)],
         "skybench show": ["skybench show set", "skybench show set --video set.mp4 --truth"],
-        "skybench export": [
-            f"skybench export set --to {form} --out {form}" for form in ("files", "coco", "fits", "withheld")
-        ],
+        "skybench export": [f"skybench export set --to {form} --out {form}" for form in FORMS],
         "skybench bench list": [row("skybench bench list")],
         "skybench bench run": ["skybench bench run out --solver skybench --solver brightest-n --out results"],
         "skybench bench report": ["skybench bench report --out results"],

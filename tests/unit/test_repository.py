@@ -128,3 +128,13 @@ def test_containers_and_readme_name_what_exists() -> None:
     assert all(
         (ROOT / schema).is_file() and all(any(ROOT.glob(each)) for each in files) for schema, files in schemas.items()
     )
+
+
+def test_zenodo_and_the_citation_say_the_same() -> None:
+    """Zenodo reads .zenodo.json in place of CITATION.cff where both exist."""
+    deposit, cited = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8")), citation()
+    for key in ("title", "version", "license", "keywords"):
+        assert deposit[key] == cited[key]
+    assert [creator["name"] for creator in deposit["creators"]] == [author["name"] for author in cited["authors"]]
+    assert deposit["upload_type"] == cited["type"]
+    assert deposit["related_identifiers"][0]["identifier"] == cited["repository-code"]

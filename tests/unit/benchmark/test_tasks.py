@@ -2,6 +2,7 @@
 
 import json
 import math
+import runpy
 import shutil
 
 import numpy as np
@@ -53,6 +54,15 @@ def test_every_task_is_whole(name):
 def test_splits_of_all_tasks_have_seeds_of_their_own():
     seeds = [split.seed for name in task_names() for split in load_task(name).definition.splits.values()]
     assert len(set(seeds)) == len(seeds) == 2 * len(FROZEN)
+
+
+def test_cards_are_those_of_the_tasks() -> None:
+    path = FOLDER.parents[1] / "tools/build_task_cards.py"
+    made = runpy.run_path(str(path))["page"]()
+    assert made == (FOLDER.parents[1] / "docs/task_cards.md").read_text(), "run: python tools/build_task_cards.py"
+    for name in task_names():
+        assert f"## {load_task(name).label}\n" in made
+        assert load_task(name).sha256 in made
 
 
 def test_formatting_does_not_count_but_meaning_does(tmp_path):

@@ -1,0 +1,74 @@
+"""Which task a dataset's frames are of, and what the Hugging Face Hub wants to know of a benchmark: ``eval.yaml``.
+
+Specification: https://huggingface.co/docs/hub/eval-results. The Hub keeps a list of evaluation frameworks, to which
+``skybench`` has to be added (packages/tasks/src/eval.ts of huggingface.js) before it accepts the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from benchmark.tasks.card import card, limits
+from benchmark.tasks.definition import LARGEST_FILE_BYTES, SPLITS, SplitName, Task, load_task, task_names
+from generator.dataset.manifest import Manifest
+from generator.export.huggingface import EVAL, TASK_CARD_PREFIX
+from generator.files import write_bytes
+
+FRAMEWORK = "skybench"
+
+
+@dataclass(frozen=True)
+class TaskSplit:
+    """A task and one of its splits."""
+
+    task: Task
+    split: SplitName
+
+
+def task_of(manifest: Manifest) -> TaskSplit | None:
+    """The task whose frames a dataset holds, all of them; None where it is of no task of this version."""
+    for name in task_names():
+        task = load_task(name)
+        for split in SPLITS:
+            scenario = task.scenario_of(split)
+            whole = (manifest.first, manifest.stop) == (0, scenario.frame_count)
+            if manifest.scenario_sha256 == scenario.sha256 and whole:
+                return TaskSplit(task, split)
+    return None
+
+
+def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
+    """Add a task to ``eval.yaml`` of a repository, beside the tasks that are in it, and write the task's card.
+
+    Parameters
+    ----------
+    folder : Path
+    found : TaskSplit
+    hub_split : str
+        Name that the split has in the repository.
+    """
+    definition = found.task.definition
+    identity = f"{definition.name}-{definition.revision}-{found.split}"
+    others = [entry for entry in _entries(folder / EVAL) if entry.get("id") != identity]
+    entry = {"id": identity, "config": "frames", "split": hub_split}
+    content = {
+        "name": f"skybench {found.task.label}",
+        "description": f"{definition.title}. Share of frames whose position is found within 10 km.",
+        "evaluation_framework": FRAMEWORK,
+        "tasks": sorted([*others, entry], key=lambda each: str(each["id"])),
+    }
+    write_bytes(folder / f"{TASK_CARD_PREFIX}{definition.name}.md", f"{card(found.task)}\n{limits()}".encode())
+    write_bytes(folder / EVAL, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
+
+
+def _entries(path: Path) -> list[dict[str, Any]]:
+    """Tasks of a file that is there already."""
+    if not path.is_file() or path.stat().st_size > LARGEST_FILE_BYTES:
+        return []
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    found = content.get("tasks", []) if isinstance(content, dict) else []
+    return [entry for entry in found if isinstance(entry, dict) and isinstance(entry.get("id"), str)]

@@ -1,0 +1,29 @@
+"""Make docs/task_cards.md: python tools/build_task_cards.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmark.tasks.card import card, limits
+from benchmark.tasks.definition import load_task, task_names
+
+OUT = Path(__file__).parents[1] / "docs" / "task_cards.md"
+
+
+def page() -> str:
+    """All cards on one page."""
+    cards = "\n".join(card(load_task(name)) for name in task_names())
+    return f"""# Task cards
+
+One card for each task, made from its files by `tools/build_task_cards.py`. How tasks are run, graded and frozen is in
+[tasks.md](tasks.md), metrics and statistics in [benchmark.md](benchmark.md), results in
+[results/leaderboard](../results/leaderboard/README.md).
+
+Limits of all tasks:
+
+{limits()}
+{cards}"""
+
+
+if __name__ == "__main__":
+    OUT.write_text(page(), encoding="utf-8")
