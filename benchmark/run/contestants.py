@@ -51,7 +51,7 @@ class Contestant:
         if missing:
             return missing_message(self.definition, missing)
         try:
-            self.definition.command  # noqa: B018 - raises where the environment is missing
+            self.definition.command_line()
         except SolverError as error:
             return str(error)
         return ""

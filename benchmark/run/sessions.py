@@ -55,7 +55,7 @@ class PipeSession:
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
         self._solver = solver
         place = solver.folder if solver.spec.command else Path.cwd()
-        self._program = ProgramSession(solver.command, place, solver.limits, on_stderr)
+        self._program = ProgramSession(solver.command_line(), place, solver.limits, on_stderr)
         self._warm = False
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._asked = 0

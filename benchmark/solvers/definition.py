@@ -88,8 +88,7 @@ class SolverFolder:
         """Of time and memory."""
         return Limits(time_s=self.spec.time_limit_s, memory_mib=self.spec.memory_limit_mib)
 
-    @property
-    def command(self) -> list[str]:
+    def command_line(self) -> list[str]:
         """Command line that starts it.
 
         Raises

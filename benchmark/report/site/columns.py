@@ -83,7 +83,10 @@ MEDIAN = Column("median error, km", "refused = ∞", _metric("median_error_km"),
 WRONG = Column("wrong and confident", "a fix ≥ 10 km off", _metric("wrong_and_confident"), percent, "ascending", True)
 TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number, "ascending")
 BOUND = Column("error / bound", "median; Cramér-Rao", _metric("bound_ratio"), number, "ascending")
-SHORT = (SUCCESS, MEDIAN, WRONG, BOUND, TIME)
+KEY = (SUCCESS, MEDIAN)
+"""Columns that stand next to the name, in sight on a telephone."""
+SHORT = (WRONG, BOUND, TIME)
+"""Columns of the main tables after rank and break point."""
 FULL = (
     SUCCESS,
     Column("1 km", "success", _metric("success_1km"), percent, "descending", True),
@@ -100,6 +103,8 @@ FULL = (
     Column("95 % time, ms", "per frame", _metric("p95_time_ms"), number, "ascending"),
     Column("peak memory, MiB", "largest", _metric("peak_memory_mib"), number, "ascending"),
 )
+MORE = tuple(column for column in FULL if column not in (*KEY, *SHORT))
+"""Columns of the second table."""
 HEADLINE = tuple(
     column
     for column in FULL

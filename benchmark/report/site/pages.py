@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -50,6 +49,7 @@ from generator.drawing.palette import palette_sheet
 
 SITE_FOLDER = "site"
 _SHEETS = ("page.css", "figure.css", "site/site.css")
+_SCRIPTS = ("site.js", "failures.js")
 
 
 def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, of: None) -> list[Board]:
@@ -104,8 +104,8 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
         for board, failures in zip(boards, failed, strict=True)
     ]
     pages = render_site(boards, failed, pictures, places)
-    for name, page in pages.items():
-        write_atomically(folder / name, page.encode())
+    for name, text in (*shared_files().items(), *pages.items()):
+        write_atomically(folder / name, text.encode())
     for old in folder.glob("*.html"):
         if old.name not in pages:
             old.unlink()
@@ -116,7 +116,7 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
 def render_site(
     boards: Sequence[Board], failed: Sequence[Sequence[Failure]], pictures: Sequence[Pictures], places: Places
 ) -> dict[str, str]:
-    """All pages, by file name.
+    """All pages, by file name; they need the `shared_files` beside them.
 
     Parameters
     ----------
@@ -146,6 +146,7 @@ def render_site(
             differences=_differences(board),
             cards=cards,
             n_failures=len(failures),
+            more_rows=[(entry.label, entry) for entry in board.entries],
             provenance=board_provenance(board),
             commands=commands,
             mark=page_mark(board.entries, [board_pattern(board)], by),
@@ -161,6 +162,7 @@ def render_site(
         pages[solver.file_name] = template("solver.html").render(
             solver=solver,
             curves=curves,
+            more_rows=[(f"{board.task.key}, {board.detections}", entry) for board, entry in solver.entries],
             anchors=anchors,
             commands=commands,
             mark=solver_mark([entry for _, entry in solver.entries], by),
@@ -176,7 +178,6 @@ def _failures_page(
     places: Places,
 ) -> str:
     """The page that lists all failures of a board; its script shows those of its data that are asked for."""
-    script = "\n".join(read_sheet(name) for name in ("site/site.js", "site/failures.js"))
     commands = commands_of([(board, board.entries)], places)
     more = f"{commands[-1]} --pictures {MOST_PICTURES * 10}"
     content = listed(board, failures) | {
@@ -193,8 +194,6 @@ def _failures_page(
         mark=page_mark(board.entries, [board_pattern(board)], report_command(places)),
         n_pictures=len(pictures.frames),
         packed=pack_data(content),
-        script=Markup(script),
-        script_hash=_hash(script),
         commands=commands if not pictures.at_hand else (*commands[:-1], more),
     )
 
@@ -212,22 +211,19 @@ def render_figure(boards: Sequence[Board], places: Places, figure: Path) -> str:
     return leaderboard_svg(view, page_mark(entries_of(shown), [f"*/{view.modes[0]}/*"], report_command(places, figure)))
 
 
-def style_sheet() -> str:
-    """All of the site's style, as it stands in each page."""
-    return "\n".join((palette_sheet(), *map(read_sheet, _SHEETS)))
+def shared_files() -> dict[str, str]:
+    """The style sheet and the scripts that all pages share, by file name."""
+    style = "\n".join((palette_sheet(), *map(read_sheet, _SHEETS)))
+    return {"site.css": style} | {name: read_sheet(f"site/{name}") for name in _SCRIPTS}
 
 
 def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
-    style, script = style_sheet(), read_sheet("site/site.js")
     pages = environment(
-        style=Markup(style),
-        style_hash=_hash(style),
-        script=Markup(script),
-        script_hash=_hash(script),
         styles=styles,
         solver_page=solver_page,
+        key=columns.KEY,
         short=columns.SHORT,
-        full=columns.FULL,
+        more=columns.MORE,
         calibration=columns.CALIBRATION,
         script_number=columns.script_number,
         break_words=columns.break_words,
@@ -243,10 +239,6 @@ def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
         thousands=lambda n: f"{n:,}".replace(",", "\N{THIN SPACE}"),
     )
     return lambda name: pages.get_template(f"site/{name}")
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from benchmark.report.site.revisions import revision_words
 from benchmark.report.site.tree import TaskFacts
 
 COLOURS = 8
-NOT_RECORDED = "not recorded by the version that made it"
+NOT_RECORDED = "not recorded"
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,10 +254,14 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     head = (
         ("frames", f"{frames.target} ({board.task.key}, {board.split})"),
         ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
-        ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else NOT_RECORDED),
-        ("rendered with", rendered or NOT_RECORDED),
+        ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else ""),
+        ("rendered with", rendered),
     )
-    return head + tuple((entry.label, run_words(entry)) for entry in board.entries)
+    stated = tuple((name, words) for name, words in head if words)
+    lacking = ", ".join(name for name, words in head if not words)
+    if lacking:
+        stated += ((NOT_RECORDED, lacking),)
+    return stated + tuple((entry.label, run_words(entry)) for entry in board.entries)
 
 
 def _site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from html import escape
+from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 from benchmark.report.site.panels import DOTTED, MARKERS
 from generator.drawing.palette import INK, PAPER, SERIES
 from generator.drawing.style import DPI, axes_at, house_style, new_figure
-from generator.drawing.svg import inline_svg
+from generator.drawing.svg import inline_svg, svg_marks
 
-WIDTH, HEIGHT = 440, 280
+WIDTH, HEIGHT = 360, 230
 """Of a figure and of its drawing area, px."""
-LEFT, RIGHT, BOTTOM = 50, 14, 48
-LEGEND_COLUMNS = 2
-_ROW_PX, _UNIT_PX, _LINE_PX = 18, 26, 15
+LEFT, RIGHT, BOTTOM = 46, 12, 44
+_UNIT_PX, _LINE_PX = 26, 15
+_SAMPLE_PX = (30, 12)
 _LINES = {"solid": "-", "dashed": (0.0, (7.0, 4.0)), "dotted": DOTTED}
 
 
@@ -88,13 +89,11 @@ def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
     Returns
     -------
     str
-        An SVG element in the colours of the page.
+        A list, the legend, and an SVG element, in the colours of the page. The page wraps the legend to its width.
     """
-    named = [one for one in series if one.name]
-    legend = _ROW_PX * math.ceil(len(named) / LEGEND_COLUMNS)
     extra_lines = max(words.count("\n") for _, words in x.ticks)
-    figure = new_figure(WIDTH, legend + _UNIT_PX + HEIGHT + BOTTOM + _LINE_PX * extra_lines)
-    axes = axes_at(figure, LEFT, legend + _UNIT_PX, WIDTH - LEFT - RIGHT, HEIGHT)
+    figure = new_figure(WIDTH, _UNIT_PX + HEIGHT + BOTTOM + _LINE_PX * extra_lines)
+    axes = axes_at(figure, LEFT, _UNIT_PX, WIDTH - LEFT - RIGHT, HEIGHT)
     axes.set(
         xscale="log" if x.log else "linear",
         yscale="log" if y.log else "linear",
@@ -109,18 +108,7 @@ def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
     axes.annotate(y.title, (0.0, 1.0), (4.0 - LEFT, 10.0), "axes fraction", "offset points")
     for one in series:
         _draw(axes, one, y)
-    if named:
-        figure.legend(
-            *_handles(axes, named),
-            loc="upper left",
-            bbox_to_anchor=(0.0, 1.0),
-            ncols=LEGEND_COLUMNS,
-            borderpad=0.1,
-            borderaxespad=0.0,
-            labelspacing=0.4,
-            handlelength=2.4,
-        )
-    return inline_svg(figure, label)
+    return _legend(one for one in series if one.name) + inline_svg(figure, label)
 
 
 def _draw(axes: Axes, one: Series, y: Axis) -> None:
@@ -135,25 +123,36 @@ def _draw(axes: Axes, one: Series, y: Axis) -> None:
         lows, highs = ([y.clamped(ends[n]) for n, _, _ in drawn] for ends in (one.low, one.high))
         places = [place for _, place, _ in drawn]
         axes.vlines(places, lows, highs, colors=[colour], linewidth=1.3, transform=axes.transData + aside)
+    places, values = [place for _, place, _ in drawn], [value for _, _, value in drawn]
+    axes.plot(places, values, transform=axes.transData + aside, **_look(one))
+
+
+def _legend(named: Iterable[Series]) -> str:
+    """A list of names with samples of their lines and marks; empty without names."""
+    across, down = _SAMPLE_PX
+    items = []
+    for one in named:
+        figure = new_figure(across, down)
+        axes = axes_at(figure, 0, 0, across, down)
+        axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), autoscale_on=False)
+        axes.set_axis_off()
+        axes.plot([0.0, 0.5, 1.0], [0.5, 0.5, 0.5], markevery=[1], **_look(one))
+        sample = f'<svg viewBox="0 0 {across} {down}" fill="none" aria-hidden="true">{svg_marks(figure)}</svg>'
+        items.append(f"<li>{sample}{escape(one.name)}</li>")
+    return f'<ul class="legend">{"".join(items)}</ul>' if items else ""
+
+
+def _look(one: Series) -> dict[str, Any]:
+    """How Matplotlib draws a series' line and marks."""
+    colour = INK.light if one.colour is None else SERIES[one.colour].light
     marker, size = ("o", 3.6) if one.shape == "dot" else MARKERS.get(one.shape, ("", 0.0))
-    axes.plot(
-        [place for _, place, _ in drawn],
-        [value for _, _, value in drawn],
-        linestyle=_LINES.get(one.line, ""),
-        linewidth=1.5,
-        marker=marker,
-        markersize=size,
-        color=colour,
-        markerfacecolor=colour if one.filled else PAPER.light,
-        markeredgewidth=0.8 if one.shape == "dot" else 1.4,
-        transform=axes.transData + aside,
-        label=one.name or "_",
-        clip_on=False,
-    )
-
-
-def _handles(axes: Axes, named: Sequence[Series]) -> tuple[list[Line2D], list[str]]:
-    """Lines and names for a legend that reads row by row; Matplotlib fills it column by column."""
-    lines = {line.get_label(): line for line in axes.get_lines()}
-    names = [named[n].name for column in range(LEGEND_COLUMNS) for n in range(column, len(named), LEGEND_COLUMNS)]
-    return [lines[name] for name in names], names
+    return {
+        "linestyle": _LINES.get(one.line, ""),
+        "linewidth": 1.5,
+        "marker": marker,
+        "markersize": size,
+        "color": colour,
+        "markerfacecolor": colour if one.filled else PAPER.light,
+        "markeredgewidth": 0.8 if one.shape == "dot" else 1.4,
+        "clip_on": False,
+    }

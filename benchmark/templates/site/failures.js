@@ -1,3 +1,4 @@
+"use strict";
 // The list of failures: filtered, page by page, with the picture of the one that is chosen.
 (() => {
   const PAGE = 50;
@@ -42,10 +43,10 @@
       shown.scrollIntoView({ block: "nearest" });
     };
 
-    const cell = (text, left) => {
+    const cell = (text, kind) => {
       const made = document.createElement("td");
       made.textContent = text;
-      if (left) made.className = "left";
+      made.className = kind;
       return made;
     };
 
@@ -60,9 +61,10 @@
       button.textContent = data.pictures[rendered(frame)] === undefined ? frame : `${frame} ▣`;
       button.addEventListener("click", () => choose(row));
       head.append(button);
-      made.append(head, cell(data.solvers[row[0]], true));
-      if (data.condition) made.append(cell(data.conditions[row[1]] ?? "—"));
-      made.append(cell(happened(row), true), cell(row[5] ? `${row[4]} of ${row[5]}` : "—"), cell(row[6]));
+      made.append(head, cell(data.solvers[row[0]], "left"));
+      if (data.condition) made.append(cell(data.conditions[row[1]] ?? "—", "wide"));
+      made.append(cell(happened(row), "left"),
+        cell(row[5] ? `${row[4]} of ${row[5]}` : "—", "wide"), cell(row[6], "wide"));
       return made;
     };
 
