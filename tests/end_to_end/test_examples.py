@@ -1,10 +1,16 @@
 """The examples run as a reader would run them, and print what the documentation shows."""
 
+import importlib.util
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from generator.frame.render import render_dataset
+from generator.scenario.file import parse_scenario
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,3 +33,25 @@ def test_a_turn_of_the_vehicle_averages_the_tilt_of_its_mount_away():
     # The filter also estimates the tilt and a velocity, which makes the last position less certain than the mean's.
     assert km["filter at the end"] < 0.3
     assert km["smoother, median"] < 0.2
+
+
+def test_a_gyroscope_carries_the_attitude_and_its_bias_tilts_it(tmp_path, capsys):
+    text = (ROOT / "scenes" / "sequence.yaml").read_text(encoding="utf-8")
+    fewer = text.replace("every_s: 5, count: 12", "every_s: 15, count: 3")
+    assert fewer != text
+    render_dataset(parse_scenario(fewer, "sequence.yaml"), tmp_path / "frames", exr=False)
+    path = ROOT / "examples" / "carried_attitude.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    example.main(tmp_path / "frames")
+    title, *lines = capsys.readouterr().out.splitlines()
+    assert title in (ROOT / "docs" / "sequences.md").read_text(encoding="utf-8")
+    rows = [[float(cell) for cell in line.split()] for line in lines]
+    assert [row[0] for row in rows] == pytest.approx([0.1, 15.1, 30.1])
+    assert rows[0][1:3] == pytest.approx([0.0, rows[0][3]], abs=1e-6)
+    # Three biases of 20 deg/h (one sigma) are 35 deg/h: 17 arcmin in half a minute.
+    assert 17 / 4 < rows[2][1] < 17 * 3
+    # One arc minute of tilt is 1.85 km; a turn about the vertical moves the fix less.
+    assert 0.2 * 1.85 * rows[2][1] < rows[2][2] < 1.1 * 1.85 * rows[2][1]
+    assert max(row[3] for row in rows) < 0.3

@@ -27,8 +27,8 @@ LAYOUTS = tuple(
     )
 )  # fmt: skip
 """Columns that a file of a path may have."""
-LARGEST_PATH_ROWS = 1_000_000
-"""Almost three hours at 100 Hz."""
+LARGEST_PATH_ROWS = 200_000
+"""Half an hour at 100 Hz, through which a spline takes three seconds to compute."""
 RANGES = {
     "latitude_deg": (-HIGHEST_LATITUDE_DEG, HIGHEST_LATITUDE_DEG), "longitude_deg": (-180, 360), "height_m": (-500, 20000),
     "azimuth_deg": (-360, 360), "altitude_deg": (-90, 90), "roll_deg": (-360, 360),

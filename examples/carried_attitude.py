@@ -1,0 +1,80 @@
+"""A gyroscope carries the attitude from frame to frame: what its errors do to the position of a fix.
+
+A position from stars is as good as the vertical that it is given: an arc minute of tilt is 1.9 km. Here the attitude is
+known at the first frame, and integrated from there by the readings of a small gyroscope, whose bias of some 20 deg/h
+about each axis tilts it more and more. The same stars, solved with the true attitude, show what the camera would allow.
+
+    skybench render sequence --out out/sequence
+    python examples/carried_attitude.py out/sequence
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+from scipy.spatial.transform import Rotation
+
+import celnav
+from celnav.images import read_image
+
+EARTH_RAD_S = 7.292115e-5
+
+
+def carried(R_cam: np.ndarray, rates: np.ndarray, step_s: float, latitude_deg: float) -> np.ndarray:
+    """Attitude (east-north-up to camera) after steps with body rates against inertial space, (n, 3) in rad/s.
+
+    The Earth's rotation is taken off; the turn of the vertical along the way, 0.5 arcmin per km, is left out.
+    """
+    latitude = math.radians(latitude_deg)
+    earth_enu = EARTH_RAD_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+    attitude = Rotation.from_matrix(R_cam)
+    for rate in rates:
+        attitude = Rotation.from_rotvec(-(rate - attitude.apply(earth_enu)) * step_s) * attitude
+    return attitude.as_matrix()
+
+
+def error_km(fix: celnav.Fix, site: dict[str, float]) -> float:
+    """Distance of a fix from the truth on a sphere."""
+    north = math.radians(fix.lat_deg - site["latitude_deg"])
+    east = math.radians(fix.lon_deg - site["longitude_deg"]) * math.cos(math.radians(site["latitude_deg"]))
+    return 6371.0 * math.hypot(north, east)
+
+
+def main(folder: Path) -> None:
+    """Print, for each frame, the error of the carried attitude and of both fixes."""
+    records = sorted(folder.glob("frame-*.json"))
+    first = json.loads(records[0].read_text())
+    readings = pq.read_table(folder / "imu.parquet", columns=["t_s", "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s"])
+    time_s, *axes = (column.to_numpy() for column in readings.columns)
+    rates, step_s = np.stack(axes, axis=1), float(time_s[1] - time_s[0])
+
+    attitude, latitude_deg = np.array(first["attitude"]["R_cam"]), first["site"]["latitude_deg"]
+    now_s = first["sequence"]["start_s"] + first["time"]["exposure_s"] / 2
+    print("time, s   attitude off, arcmin   fix off, km   with the true attitude, km")
+    for path in records:
+        record = json.loads(path.read_text())
+        middle_s = record["sequence"]["start_s"] + record["time"]["exposure_s"] / 2
+        since = (time_s > now_s + step_s / 2) & (time_s < middle_s + step_s / 2)
+        attitude, now_s = carried(attitude, rates[since], step_s, latitude_deg), middle_s
+        true = np.array(record["attitude"]["R_cam"])
+        off_arcmin = math.degrees(Rotation.from_matrix(attitude @ true.T).magnitude()) * 60
+
+        detections = celnav.detect(read_image(path.with_suffix(".png")))
+        camera, time = celnav.Camera.from_json(path), record["time"]
+        fixes = [
+            celnav.solve(
+                detections, camera, utc=time["utc_mid"], attitude=celnav.Attitude.exact(R_cam), dut1_s=time["ut1_utc_s"]
+            )
+            for R_cam in (attitude, true)
+        ]
+        off_km = [f"{error_km(fix, record['site']):.2f}" if fix.ok else fix.reason for fix in fixes]
+        print(f"{middle_s:7.1f}   {off_arcmin:20.2f}   {off_km[0]:>11}   {off_km[1]:>26}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
