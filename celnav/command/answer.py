@@ -42,7 +42,9 @@ class Answer:
     detections : Detections
         Of the image.
     camera : Camera
-        Camera.
+        As given, before anything is fitted to the stars.
+    camera_from : str
+        Where it comes from, in words.
     utc : str
         Middle of the exposure.
     attitude : Attitude or None
@@ -60,6 +62,7 @@ class Answer:
     fix: Fix
     detections: Detections
     camera: Camera
+    camera_from: str
     utc: str
     attitude: Attitude | None
     R_cam: F8 | None
@@ -143,14 +146,11 @@ def text_of(answer: Answer, matches: bool = False) -> str:
         lines.append(("boresight", _pointing_text(pointing) + ("" if fix.ok else " (as given)")))
     elif fix.R_icrs_to_camera is not None:
         lines.append(("boresight", _celestial_text(fix.R_icrs_to_camera)))
-    width, height = field_deg(answer.camera)
-    lines.append(("field", f"{width:.3g} x {height:.3g} deg"))
+    lines += _camera_lines(answer)
     if len(fix.matches):
         scatter = "" if math.isnan(fix.residual_rms_px) else f", {fix.residual_rms_px:.2f} px rms"
         lines.append(("stars", f"{len(fix.matches)} identified of {len(answer.detections)} detected{scatter}"))
         lines.append(("confidence", f"{fix.confidence:.2f} ({fix.solver})"))
-        if calibrated := _calibration_text(fix):
-            lines.append(("camera", calibrated))
     else:
         lines.append(("stars", f"none identified of {len(answer.detections)} detected"))
     lines.append(("time", _time_text(answer.time_ms)))
@@ -179,6 +179,7 @@ def json_of(answer: Answer, matches: bool = False) -> str:
         "map": map_link(fix) if fix.ok else None,
         "utc": answer.utc,
         "camera": asdict(answer.camera),
+        "camera_from": answer.camera_from,
         "field_deg": [round(angle, 3) for angle in field_deg(answer.camera)],
         "assumed": list(answer.assumed),
         "warnings": list(answer.warnings),
@@ -192,13 +193,14 @@ def json_of(answer: Answer, matches: bool = False) -> str:
 
 def _uncertainty(answer: Answer) -> list[tuple[str, str]]:
     fix, attitude = answer.fix, answer.attitude
-    stated = attitude is not None and attitude.tilt_deg > 0
+    tilted = attitude is not None and attitude.tilt_deg > 0
+    stated = tilted or (attitude is not None and attitude.kind == "rotation" and attitude.heading_deg > 0)
     if fix.cov_km2 is None:
         return []
     east, north = (length_text(1000 * sigma) for sigma in np.sqrt(np.diag(fix.cov_km2)))
     of = "scatter of the stars and the attitude's sigma" if stated else "scatter of the stars"
     beside = [f"1 s of time ({length_text(1000 * _EQUATOR_KM_PER_S * math.cos(math.radians(fix.lat_deg)))})"]
-    if not stated:
+    if not tilted:
         beside.append(f"0.01 deg of the vertical ({length_text(10 * _KM_PER_DEG)})")
     return [
         ("uncertainty", f"{east} east, {north} north (1 sigma: {of})"),
@@ -225,6 +227,15 @@ def _celestial_text(R_icrs_to_camera: F8) -> str:
 def _time_text(time_ms: Mapping[str, float]) -> str:
     parts = ", ".join(f"{stage} {ms / 1000:.2f}" for stage, ms in time_ms.items() if stage != "total")
     return f"{time_ms['total'] / 1000:.2f} s in all: {parts}"
+
+
+def _camera_lines(answer: Answer) -> list[tuple[str, str]]:
+    """Say what the camera is, and what the solver changed of it."""
+    camera, (width, height) = answer.camera, field_deg(answer.camera)
+    lines = [("camera", f"{answer.camera_from}: {camera.model}, {camera.f_px:.1f} px, {width:.3g} x {height:.3g} deg")]
+    if calibrated := _calibration_text(answer.fix):
+        lines.append(("camera", calibrated))
+    return lines
 
 
 def _calibration_text(fix: Fix) -> str:

@@ -51,6 +51,7 @@ class _Lens:
     """The camera, how it is known, and whether anybody measured it."""
 
     camera: Camera
+    described: str
     calibrated: bool
     assumed: tuple[str, ...]
     warnings: tuple[str, ...] = ()
@@ -111,6 +112,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         fix=replace(fix, solver=arguments.solver),
         detections=detections,
         camera=lens.camera,
+        camera_from=lens.described,
         utc=moment.utc,
         attitude=attitude,
         R_cam=attitude_of(fix, moment.utc, arguments.dut1_s, attitude),
@@ -131,11 +133,13 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
     """Take the camera from its file, or from the image's tags and the options."""
     if arguments.camera is None:
         photo = photo_camera(tags, arguments.focal_length_mm, arguments.sensor_width_mm)
-        return _Lens(photo.camera, False, photo.assumed, photo.warnings)
+        options = arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None
+        described = "from the options" if options else "from the image's EXIF tags"
+        return _Lens(photo.camera, described, False, photo.assumed, photo.warnings)
     if arguments.focal_length_mm is not None or arguments.sensor_width_mm is not None:
         raise CameraError("--focal-length-mm and --sensor-width-mm go without --camera, which says both")
     file = read_camera_file(arguments.camera, (tags.width, tags.height))
-    return _Lens(file.camera, True, file.assumed)
+    return _Lens(file.camera, f"{file.kind}, {arguments.camera}", True, file.assumed)
 
 
 def _solver(arguments: argparse.Namespace, lens: _Lens) -> str | Solver:
