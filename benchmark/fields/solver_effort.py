@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -95,6 +96,25 @@ class EffortReport:
         in_bounds = self.most_work.work <= self.max_work and self.slowest.processor_s <= REFUSAL_S
         return in_bounds and self.claims == 0
 
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many inputs were refused for each reason; ``ok``: claims."""
+        return dict(sorted(Counter(each.reason for each in self.refusals).items()))
+
+    def document(self) -> dict[str, object]:
+        """What the lines say, as names and numbers."""
+        most, slowest = self.most_work, self.slowest
+        return {
+            "inputs": len(self.refusals),
+            "passed": self.passed,
+            "claims": self.claims,
+            "reasons": self.reasons,
+            "max_work": self.max_work,
+            "most_work": {"input": most.question.name, "reason": most.reason, "work": most.work},
+            "slowest": {"input": slowest.question.name, "reason": slowest.reason, "processor_s": slowest.processor_s},
+            "loop_s": self.loop_s,
+        }
+
     def lines(self) -> Iterator[str]:
         """Yield the lines of a Markdown table and what stands below it."""
         yield "| hostile inputs | number | most work / bound | median s | worst s | worst / calibration loop |"
@@ -108,9 +128,7 @@ class EffortReport:
         yield f"calibration loop: {self.loop_s:.4f} s of processor time; bound of work: {self.max_work:,} look-ups"
         yield f"slowest: {self.slowest.question.name} ({self.slowest.reason})"
         yield f"most work: {self.most_work.question.name} ({self.most_work.reason})"
-        reasons = sorted({each.reason for each in self.refusals})
-        counts = ", ".join(f"{reason} {sum(each.reason == reason for each in self.refusals)}" for reason in reasons)
-        yield f"reasons: {counts}"
+        yield f"reasons: {', '.join(f'{reason} {count}' for reason, count in self.reasons.items())}"
         yield (
             f"within the bound of work, without a claim, and each below {REFUSAL_S} s: {'yes' if self.passed else 'NO'}"
         )
@@ -147,9 +165,9 @@ def measure_effort(n_inputs: int, seed: int, solver: celnav.SkybenchSolver | Non
     return EffortReport(tuple(refusals), solver.config.max_work, min(loop_s, calibration_s()))
 
 
-def report_effort(n_inputs: int, seed: int, echo: Callable[[str], None]) -> bool:
-    """Measure and print; returns whether the promises are kept."""
+def report_effort(n_inputs: int, seed: int, echo: Callable[[str], None]) -> EffortReport:
+    """Measure and print; returns what was measured."""
     report = measure_effort(n_inputs, seed)
     for line in report.lines():
         echo(line)
-    return report.passed
+    return report

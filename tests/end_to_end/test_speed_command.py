@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
@@ -122,6 +123,9 @@ def test_effort_report_holds_work_against_its_bound() -> None:
         assert re.search(rf"^\| {kind} \| 1 \| 0\.\d\d \| [\d.]+ \| [\d.]+ \| [\d.]+ \|$", text, re.MULTILINE), text
     assert f"calibration loop: {report.loop_s:.4f} s" in text
     assert report.slowest.question.name in text
+    document = report.document()
+    assert (document["inputs"], document["claims"]) == (len(KINDS), 0)
+    assert sum(report.reasons.values()) == len(KINDS)
 
 
 def test_speed_of_the_solver_prints_both_tables_and_fails_where_one_does(monkeypatch) -> None:
@@ -130,12 +134,12 @@ def test_speed_of_the_solver_prints_both_tables_and_fails_where_one_does(monkeyp
     def table(fields, seed, echo):
         asked.append((fields, seed))
         echo("bars")
-        return True
+        return (solver_table.Row("easy", ">= 99 %", {"solved": 1.0}, ("100 %", "0 of 2", "1.0"), True),)
 
     def effort(n_inputs, seed, echo):
         asked.append((n_inputs, seed))
         echo("hostile")
-        return n_inputs < 9
+        return SimpleNamespace(passed=n_inputs < 9, document=lambda: {"inputs": n_inputs})
 
     monkeypatch.setattr(solver_table, "solver_speed", table)
     monkeypatch.setattr(solver_effort, "report_effort", effort)
@@ -143,3 +147,12 @@ def test_speed_of_the_solver_prints_both_tables_and_fails_where_one_does(monkeyp
     assert (run.exit_code, run.stdout.split()) == (0, ["bars", "hostile"])
     assert asked == [(2, 4), (8, 4)]
     assert CliRunner().invoke(app, ["speed", "--solver", "--hostile", "9"]).exit_code == 1
+    as_json = CliRunner().invoke(app, ["speed", "--solver", "--hostile", "8", "--json"])
+    answer = json.loads(as_json.stdout)
+    assert answer["effort"] == {"inputs": 8}
+    assert (answer["rows"][0]["values"], answer["rows"][0]["reached"]) == ({"solved": 1.0}, True)
+
+
+def test_rows_of_the_table_say_whether_their_bar_is_reached() -> None:
+    row = solver_table.Row("hard", ">= 99 %", {"solved": 0.5}, ("50 %", "0 of 2", "1.0"), False)
+    assert row.line() == "| hard | >= 99 % | 50 % | 0 of 2 | 1.0 | NO |"
