@@ -66,8 +66,8 @@ def photo_camera(
     if across > WIDE_DEG or "fisheye" in tags.lens.lower():
         what = "is a fisheye" if "fisheye" in tags.lens.lower() else f"is wide ({across:.0f} deg)"
         warnings.append(
-            f"the lens {what}, and such lenses are seldom close to a pinhole: give --camera a calibration, or a file with the "
-            "model equidistant and hfov_deg"
+            f"the lens {what}, and such lenses are seldom close to a pinhole: give --camera a calibration, or a file with "
+            "the model equidistant and hfov_deg"
         )
     return PhotoCamera(camera, assumed, tuple(warnings))
 
