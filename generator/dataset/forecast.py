@@ -16,6 +16,8 @@ from generator.frame.render import RenderedFrame, render_frame, write_exr
 from generator.mitsuba_runtime import set_threads
 from generator.scenario.file import Scenario
 
+BYTES_PER_READING = 125
+"""Of an inertial unit, compressed."""
 WORKER_START_S = 4.0
 """Until a worker has loaded Mitsuba and compiled its first kernels, on one core of 2020s hardware."""
 FRAMES_MEASURED = 4
@@ -98,11 +100,20 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
         first=found,
         warnings=warnings_of(spec, found),
         seconds=WORKER_START_S + scenario.frame_count * seconds / min(cores, scenario.frame_count),
-        bytes=scenario.frame_count * size,
+        bytes=scenario.frame_count * size + _imu_bytes(scenario),
         exr_bytes=scenario.frame_count * exr_size,
         cores=cores,
         measured=measure,
     )
+
+
+def _imu_bytes(scenario: Scenario) -> float:
+    """Of the tables of inertial units, all sequences taken as long as the first."""
+    if not scenario.has_imu:
+        return 0.0
+    spec = scenario.sequence(0)
+    readings = 0.0 if spec.imu is None else spec.length_s * spec.imu.rate_hz
+    return scenario.sequence_count * readings * BYTES_PER_READING
 
 
 def _cost(scenario: Scenario, index: int) -> _Cost:

@@ -21,6 +21,8 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("frame_id", "frame_id", pa.string()),
     ("scenario", "scenario.name", pa.string()),
     ("scenario_sha256", "scenario.sha256", pa.string()),
+    ("sequence", "sequence.index", pa.int32()),
+    ("step", "sequence.step", pa.int32()),
     ("latitude_deg", "site.latitude_deg", pa.float64()),
     ("longitude_deg", "site.longitude_deg", pa.float64()),
     ("height_m", "site.height_m", pa.float64()),
@@ -55,6 +57,8 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
 )
 _LATER = {"n_visible", "azimuth_deg", "altitude_deg", "roll_deg"}
 """Columns that frame records of early development versions lack; pointing then follows from the matrix."""
+_OPTIONAL = _LATER | {"sequence", "step"}
+"""Columns without a value where the frame record lacks their place: frames by themselves have no sequence."""
 
 
 def unit_of(column: str) -> str:
@@ -83,7 +87,7 @@ def frame_row(record: dict[str, Any], split: str, shard: str, image: str, image_
     for column, place, _ in _COLUMNS:
         value: Any = record
         for key in place.split("."):
-            value = value.get(key) if column in _LATER else value[key]
+            value = value.get(key, {} if key == "sequence" else None) if column in _OPTIONAL else value[key]
         row[column] = [number for line in value for number in line] if column == "R_cam" else value
     digest = hashlib.sha256(image_bytes).hexdigest()
     return row | {"split": split, "shard": shard, "image": image, "image_sha256": digest}

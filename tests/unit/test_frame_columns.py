@@ -38,3 +38,12 @@ def test_the_table_has_it_for_records_that_lack_it_too(attitude) -> None:
         row = frame_row(record_with(written), "train", "shard-000000", "frame-00000.png", b"")
         assert {name: row[name] for name in TURNED} == TURNED
         assert row["R_cam"] == [number for line in attitude["R_cam"] for number in line]
+
+
+def test_the_table_counts_sequences_and_frames_by_themselves_have_none(attitude) -> None:
+    record = record_with(attitude)
+    row = frame_row(record | {"sequence": {"index": 2, "step": 5}}, "train", "shard-000000", "frame-00000.png", b"")
+    assert (row["sequence"], row["step"]) == (2, 5)
+    del record["sequence"]
+    row = frame_row(record, "train", "shard-000000", "frame-00000.png", b"")
+    assert (row["sequence"], row["step"]) == (None, None)
