@@ -107,8 +107,9 @@ const skybench = (() => {
     picture.loading = "lazy";
     const words = [frame.id];
     if (frame.values.bortle) words.push(`Bortle ${frame.values.bortle}`);
-    if (frame.values.n_visible != null) words.push(`${shown(frame.values.n_visible, 0)} stars with SNR ≥ 5`);
-    else words.push(`${shown(frame.values.n_in_field, 0)} catalogue rows`);
+    const rows = `${shown(frame.values.n_in_field, 0)} catalogue rows`;
+    if (frame.values.n_visible != null) words.push(`${shown(frame.values.n_visible, 0)} stars with SNR ≥ 5 (${rows})`);
+    else words.push(rows);
     make("span", words.join(", "), card);
     card.addEventListener("click", () => open(number));
     return card;

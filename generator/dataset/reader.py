@@ -108,18 +108,25 @@ class ShardFrame:
 
 @dataclass(frozen=True)
 class Frame(ShardFrame):
-    """A frame of a dataset.
+    """A frame of a dataset; its rows of the tables are read when they are first asked for.
 
     Attributes
     ----------
-    stars : pyarrow.Table
-        Its rows of the table of stars (``.to_pandas()`` makes a data frame).
-    objects : pyarrow.Table
-        Its rows of the table of objects.
+    truth : callable
+        Gives the rows of a table (``stars``, ``objects``) that belong to a frame's index.
     """
 
-    stars: pa.Table
-    objects: pa.Table
+    truth: Callable[[str, int], pa.Table]
+
+    @functools.cached_property
+    def stars(self) -> pa.Table:
+        """Its rows of the table of stars (``.to_pandas()`` makes a data frame). Raises GeneratorError."""
+        return self.truth("stars", self.index)
+
+    @functools.cached_property
+    def objects(self) -> pa.Table:
+        """Its rows of the table of objects. Raises GeneratorError."""
+        return self.truth("objects", self.index)
 
 
 @dataclass(frozen=True)
@@ -248,10 +255,15 @@ class Dataset:
 
     def _file(self, table: str, stem: str) -> Path:
         """A shard's file, among those that the manifest lists."""
-        for file in self._listed(table):
-            if Path(file.path).stem == stem:
-                return self._local(file)
-        raise GeneratorError(f"{self.folder}: the manifest lists no {table} of {stem}; run `skybench verify`")
+        file = self._by_shard.get((table, stem))
+        if file is None:
+            raise GeneratorError(f"{self.folder}: the manifest lists no {table} of {stem}; run `skybench verify`")
+        return self._local(file)
+
+    @functools.cached_property
+    def _by_shard(self) -> dict[tuple[str, str], StoredFile]:
+        """The manifest's files by table and shard."""
+        return {(Path(file.path).parts[0], Path(file.path).stem): file for file in self.manifest.files}
 
     def _local(self, file: StoredFile) -> Path:
         """The file on this machine, fetched if necessary."""
@@ -270,11 +282,9 @@ class Dataset:
         return path
 
     def _frame(self, stored: StoredFrame, path: Path) -> Frame:
-        bare = ShardFrame(stored.frame_id, stored.members, path)
-        stars, objects = (self._rows(table, path.stem, bare.index) for table in ("stars", "objects"))
-        return Frame(stored.frame_id, stored.members, path, stars, objects)
+        return Frame(stored.frame_id, stored.members, path, functools.partial(self._rows, path.stem))
 
-    def _rows(self, table: str, stem: str, index: int) -> pa.Table:
+    def _rows(self, stem: str, table: str, index: int) -> pa.Table:
         path = self._file(table, stem)
         whole = _table(path, *_state(path))
         missing = set(SCHEMAS[table].names) - set(whole.schema.names)

@@ -24,7 +24,7 @@ from generator.dataset.target import LocalTarget, Target
 from generator.errors import GeneratorError
 from generator.files import atomic_path, write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
-from generator.frame.record import STAR_SCHEMA, frame_record, record_bytes
+from generator.frame.record import STAR_SCHEMA, VISIBLE_SNR, frame_record, record_bytes
 from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.scenario.file import Scenario
 
@@ -191,7 +191,8 @@ def _write_frames(
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
             truth.stars.add(frame.stars)
             truth.objects.add(frame.objects)
-            log.write(f"{stem}: {frame.stars.num_rows} stars, {time.perf_counter() - started:.3f} s\n")
+            seen = record["stars"]["n_visible"]
+            log.write(f"{stem}: {seen} stars with SNR >= {VISIBLE_SNR:g}, {time.perf_counter() - started:.3f} s\n")
             log.flush()
             progress(index)
     if failures:

@@ -204,7 +204,8 @@ def frame_of(model: str, attitude: dict[str, float]) -> Frame:
     rendered = render_frame(scenario, 0)
     record = record_bytes(frame_record(rendered.plan, rendered.expected, rendered.stars))
     members = {"png": png_bytes(rendered.dn), "json": record}
-    return Frame("frame-00000", members, Path("made"), rendered.stars, rendered.objects)
+    tables = {"stars": rendered.stars, "objects": rendered.objects}
+    return Frame("frame-00000", members, Path("made"), lambda table, index: tables[table])
 
 
 def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:

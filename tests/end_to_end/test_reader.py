@@ -92,7 +92,7 @@ def test_damage_is_named(small_set, tmp_path) -> None:
         _ = Dataset.open(folder)[0].image
     shutil.rmtree(folder / "stars")
     with pytest.raises(GeneratorError, match=r"stars/train/shard-000001\.parquet: No such file"):
-        Dataset.open(folder)[1]
+        _ = Dataset.open(folder)[1].stars
 
 
 def test_a_manifest_cannot_lead_out_of_the_folder(small_set, tmp_path) -> None:
