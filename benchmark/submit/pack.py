@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+import celnav
 from benchmark.errors import DatasetError, ResultsError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.frames.record_values import FRAME_FORMAT
@@ -99,6 +100,7 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
         "camera": dataclasses.asdict(seen.camera),
         "attitude": {
             "R_cam": np.asarray(seen.R_cam).tolist(),
+            **dataclasses.asdict(celnav.Pointing.of(seen.R_cam)),
             "tilt_sigma_deg": seen.tilt_sigma_deg,
             "heading_sigma_deg": heading if math.isfinite(heading) else None,
         },

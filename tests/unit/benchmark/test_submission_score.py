@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from unit.benchmark.fake_night import rng_for, write_dataset
 from unit.benchmark.stored import stored
 
+import celnav
 from benchmark.cli.app import app
 from benchmark.frames.dataset import open_dataset
 from benchmark.report.site.tree import read_tree
@@ -139,7 +140,9 @@ def test_the_set_holds_no_truth(packed, folder, frames):
         assert set(record) == {"format", "frame_id", "time", "camera", "attitude", "atmosphere"}
         assert set(record["atmosphere"]) == {"pressure_hpa", "temperature_c"}
         assert set(record["time"]) == {"utc_mid"}
-        assert set(record["attitude"]) == {"R_cam", "tilt_sigma_deg", "heading_sigma_deg"}
+        assert set(record["attitude"]) == {
+            "R_cam", "azimuth_deg", "altitude_deg", "roll_deg", "tilt_sigma_deg", "heading_sigma_deg"
+        }  # fmt: skip
         with Image.open(packed / f"{names[frame.frame_id]}.png") as image, Image.open(frame.image_path) as original:
             assert image.info == {}
             assert np.array_equal(np.asarray(image), np.asarray(original))
@@ -154,6 +157,11 @@ def test_a_packed_record_keeps_what_is_known_of_the_attitude(frames):
     attitude = public_record("test-0", dataclasses.replace(frames[0], observation=seen))["attitude"]
     assert (attitude["tilt_sigma_deg"], attitude["heading_sigma_deg"]) == (0.25, None)
     assert attitude["R_cam"] == np.asarray(seen.R_cam).tolist()
+    np.testing.assert_allclose(
+        celnav.Pointing(*(attitude[f"{name}_deg"] for name in ("azimuth", "altitude", "roll"))).R_cam,
+        seen.R_cam,
+        atol=1e-12,
+    )
     known = dataclasses.replace(seen, heading_sigma_deg=1.5)
     assert (
         public_record("test-0", dataclasses.replace(frames[0], observation=known))["attitude"]["heading_sigma_deg"]
