@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from typer.testing import CliRunner
 
+from benchmark.cli.app import app
 from benchmark.tasks.definition import load_task
 from benchmark.tasks.hub import TaskSplit, task_of, write_eval
 from generator.dataset.manifest import Manifest, read_manifest
@@ -86,3 +88,13 @@ def test_tasks_of_a_repository(tmp_path) -> None:
         {"id": "bortle-1-test", "config": "frames", "split": "test"},
     ]
     assert (tmp_path / "task-bortle.md").read_text().startswith("## bortle@1")
+
+
+def test_the_command_adds_the_task_of_a_dataset(small_set, tmp_path, monkeypatch) -> None:
+    """The small set stands for a whole split, which takes long to render."""
+    monkeypatch.setattr("benchmark.tasks.hub.task_of", lambda manifest: TaskSplit(load_task("bortle"), "test"))
+    out = tmp_path / "hub"
+    result = CliRunner().invoke(app, ["export", str(small_set), "--to", "huggingface", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert yaml.safe_load((out / "eval.yaml").read_text())["tasks"][0]["split"] == "train"
+    assert (out / "task-bortle.md").is_file()
