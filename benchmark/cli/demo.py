@@ -36,6 +36,9 @@ def demo(
     ] = Path("demo"),
     frames: Annotated[Path, typer.Option("--frames", help="Folder for the rendered frames.")] = Path("out/demo"),
     out: Annotated[Path, typer.Option("--out", help="Folder for results and report.")] = Path("results/demo"),
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the frames that the folder holds, of whatever scenario.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Render a small dataset, solve it with the default solver and others, and write a page about it."""
@@ -57,7 +60,7 @@ def demo(
         solvers = (*SOLVERS, *(name for name in RIVALS if name not in left_out))
         with progress_bars() as bar:
             line = bar.add_task("rendering", total=loaded.frame_count)
-            render_dataset(loaded, frames, lambda index: bar.advance(line))
+            render_dataset(loaded, frames, lambda index: bar.advance(line), overwrite=overwrite)
         _, runs = run_solvers(Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: None)
         with working("writing the pages"):
             boards = make_boards(out)
