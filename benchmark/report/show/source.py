@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from generator.dataset.archive import read_member
 from generator.dataset.frame_columns import frame_row
 from generator.dataset.images import decode
 from generator.dataset.layout import MANIFEST
@@ -101,11 +100,7 @@ class ShardSource:
 
     def image(self, position: int) -> NDArray[np.uint16]:
         """DN of a frame."""
-        row = self.frames.iloc[position]
-        path = self._file("data", str(row["shard"]))
-        image = read_member(path, str(row["image"]))
-        with damage_named(path):
-            return decode(image, self.dataset.manifest.codec)
+        return self.dataset[position].image
 
     def developed(self, position: int) -> NDArray[np.uint8] | None:
         """Developed picture of a frame."""
@@ -117,24 +112,11 @@ class ShardSource:
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
-        return self._rows("stars", position, STAR_SCHEMA)
+        return self.dataset[position].stars.to_pandas()
 
     def objects(self, position: int) -> pd.DataFrame:
         """Truth of objects."""
-        return self._rows("objects", position, OBJECT_SCHEMA)
-
-    def _rows(self, table: str, position: int, schema: pa.Schema) -> pd.DataFrame:
-        row = self.frames.iloc[position]
-        path = self._file(table, str(row["shard"]))
-        with damage_named(path):
-            return pq.read_table(path, columns=schema.names, filters=[("index", "=", int(row["index"]))]).to_pandas()
-
-    def _file(self, table: str, shard: str) -> Path:
-        """A shard's file, among those that the manifest lists."""
-        for path in self.dataset.paths(table):
-            if path.stem == shard:
-                return path
-        raise GeneratorError(f"{self.dataset.folder}: the manifest lists no {table} of {shard}; run `skybench verify`")
+        return self.dataset[position].objects.to_pandas()
 
 
 @dataclass(frozen=True)
