@@ -171,6 +171,7 @@ def json_of(answer: Answer, matches: bool = False) -> str:
     content = fix.to_dict()
     content["n_matches"], content["n_detections"] = len(fix.matches), len(answer.detections)
     del content["matches"], content["residuals_px"]
+    content["solver_time_ms"] = content["time_ms"]
     content["time_ms"] = {stage: round(float(ms), 3) for stage, ms in answer.time_ms.items()}
     pointing = answer.pointing
     content |= {

@@ -205,6 +205,8 @@ def test_the_time_is_that_of_the_whole_command(files, capsys):
     stages = [ms for stage, ms in found["time_ms"].items() if stage != "total"]
     assert set(found["time_ms"]) == {"start", "reading", "detection", "solving", "total"}
     assert found["time_ms"]["total"] >= 0.999 * sum(stages)
+    assert set(found["solver_time_ms"]) == {"prepare", "identify", "fix", "total"}
+    assert found["solver_time_ms"]["total"] < found["time_ms"]["total"]
 
 
 def test_a_picture_of_what_was_found(files, tmp_path, capsys):
