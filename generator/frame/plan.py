@@ -24,14 +24,14 @@ from generator.places.astrometry import (
 )
 from generator.places.catalogue import StarCatalogue, load_catalogue
 from generator.places.ephemeris import planets
-from generator.places.times import EarthOrientation, Instant, earth_orientation
+from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant, earth_orientation
 from generator.places.tycho2 import load_with_tycho2
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario
 from generator.scenario.model import AtmosphereSpec, FrameSpec
 from generator.scenario.sequences.sequence import Passage
 from generator.seeds import random_stream
-from generator.sky.state import SkyState, sky_state
+from generator.sky.state import SkyState, UnderClouds, sky_state
 
 Floats = NDArray[np.float64]
 
@@ -129,8 +129,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     orientation = earth_orientation(utc_mid)
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
-    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed)
     passage = scenario.passage(index)
+    under = None if passage is None else _under_clouds(passage)
+    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under)
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
@@ -171,6 +172,11 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         scintillation=scintillation,
         passage=passage,
     )
+
+
+def _under_clouds(passage: Passage) -> UnderClouds:
+    """The wind's time runs on over midnight within a sequence."""
+    return UnderClouds(passage.first.mjd % 1.0 + passage.middle_s / SECONDS_PER_DAY, passage.moved_km)
 
 
 def _stars_around(

@@ -82,6 +82,12 @@ class Trajectory:
         """Attitudes, Earth-fixed axes to camera."""
         return self.R_cam(time_s) * Rotation.from_matrix(enu_axes(self._unit_normal(time_s)))
 
+    def displacement_enu_m(self, start_s: float, end_s: float) -> Floats:
+        """East, north and up from the position at one time to that at another, along the axes there, (3,)."""
+        times = np.array([start_s, end_s])
+        start, end = self._ecef(times)[0]
+        return np.asarray(enu_axes(self._unit_normal(times))[1] @ (end - start))
+
     def velocity_enu_m_s(self, time_s: Floats) -> Floats:
         """Velocity over the rotating Earth along east, north, up, (n, 3)."""
         _, velocity, _ = self._ecef(time_s)

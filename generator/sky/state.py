@@ -54,10 +54,32 @@ class SkyState:
         return float(np.degrees(np.arcsin(self.moon_enu[2])))
 
 
+@dataclass(frozen=True)
+class UnderClouds:
+    """Where the camera is below the cloud.
+
+    Attributes
+    ----------
+    wind_days : float
+        How long the wind has carried the cloud, days.
+    moved_km : (east, north)
+        How far the camera has moved.
+    """
+
+    wind_days: float
+    moved_km: tuple[float, float] = (0.0, 0.0)
+
+
 def sky_state(
-    site: Site, instant: Instant, orientation: EarthOrientation, air: Air, clouds: CloudSpec | None, seed: int
+    site: Site,
+    instant: Instant,
+    orientation: EarthOrientation,
+    air: Air,
+    clouds: CloudSpec | None,
+    seed: int,
+    under: UnderClouds | None = None,
 ) -> SkyState:
-    """State of the sky at an instant."""
+    """State of the sky at an instant; `under`: in a sequence, for others the wind blows since midnight."""
     sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
     return SkyState(
         icrs_from_enu=icrs_from_enu(site, instant, orientation),
@@ -66,7 +88,7 @@ def sky_state(
         moon_enu=apparent_enu(moon, site, instant, orientation, air),
         moon=moon,
         moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),
-        clouds=None if clouds is None else drifted_clouds(clouds, instant, seed),
+        clouds=None if clouds is None else drifted_clouds(clouds, under or UnderClouds(instant.mjd % 1.0), seed),
     )
 
 
@@ -81,9 +103,10 @@ def _pattern(spec: CloudSpec, seed: int) -> CloudPattern:
     )
 
 
-def drifted_clouds(spec: CloudSpec, instant: Instant, seed: int) -> CloudField:
+def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int) -> CloudField:
     """The scenario's cloud where the wind has carried it; all frames of a scenario share one field (stream ``clouds``)."""
-    carried_km = spec.wind_m_s * (instant.mjd % 1.0) * SECONDS_PER_DAY / 1000
+    carried_km = spec.wind_m_s * under.wind_days * SECONDS_PER_DAY / 1000
     turn = np.radians(spec.wind_azimuth_deg)
     pattern = _pattern(spec, seed)
-    return CloudField(spec.altitude_km, pattern, carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn)))
+    east_km, north_km = carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn))
+    return CloudField(spec.altitude_km, pattern, east_km - under.moved_km[0], north_km - under.moved_km[1])

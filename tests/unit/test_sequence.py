@@ -115,6 +115,20 @@ def test_path_goes_through_its_waypoints() -> None:
         )
 
 
+def test_clouds_stay_over_the_ground_and_the_wind_blows_on_over_midnight() -> None:
+    clouds = {"clouds": {"altitude_km": 2.0, "wind_m_s": 10.0, "wind_azimuth_deg": 90.0}}
+    time = TIME | {"utc_start": "2020-01-15T23:59:55Z"}
+    still = small_scenario(**(TINY | {"time": time, "sky": clouds}))
+    carried = [plan_frame(still, index).sky.clouds.east_km for index in range(4)]
+    assert np.diff(carried) == pytest.approx(2.5 * 10.0 / 1000)
+    assert carried[0] == pytest.approx((86395 + 0.25) * 10.0 / 1000)
+    flying = moving(sky=clouds | {"clouds": clouds["clouds"] | {"wind_m_s": 0.0}})
+    field = plan_frame(flying, 3).sky.clouds
+    passage = flying.passage(3)
+    path = passage.trajectory.velocity_enu_m_s(np.linspace(0, passage.middle_s, 2001)).mean(axis=0) * passage.middle_s
+    assert (field.east_km, field.north_km) == pytest.approx(tuple(-path[:2] / 1000), abs=1e-5)
+
+
 @pytest.mark.parametrize("quaternions", [False, True])
 def test_path_from_a_file_is_that_of_the_same_waypoints(tmp_path, quaternions) -> None:
     names = list(WAYPOINTS[0])

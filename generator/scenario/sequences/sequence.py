@@ -115,6 +115,8 @@ class Passage:
         Number of the sequence in its scenario.
     step : int
         Place of the frame in the sequence, from 0.
+    first : Instant
+        Start of the sequence's first exposure.
     start_s, shutter_s : float
         Start of the frame's exposure after that of the sequence's first frame, and its length.
     trajectory : Trajectory
@@ -125,6 +127,7 @@ class Passage:
 
     sequence: int
     step: int
+    first: Instant
     start_s: float
     shutter_s: float
     trajectory: Trajectory
@@ -140,6 +143,12 @@ class Passage:
         """Velocity over ground at mid-exposure, east, north, up, (3,)."""
         return self.trajectory.velocity_enu_m_s(np.array([self.middle_s]))[0]
 
+    @property
+    def moved_km(self) -> tuple[float, float]:
+        """East and north from where the camera was at the start of the sequence to where it is at mid-exposure."""
+        east_m, north_m, _ = self.trajectory.displacement_enu_m(0.0, self.middle_s)
+        return float(east_m) / 1000, float(north_m) / 1000
+
     def R_cam(self, time_s: Floats) -> Rotation:
         """Attitudes at times (k) after the start of the exposure, east-north-up at mid-exposure to camera."""
         latitude_deg, longitude_deg, _ = self.trajectory.position(np.array([self.middle_s]))
@@ -149,7 +158,8 @@ class Passage:
 
 def passage_of(spec: SequenceSpec, sequence: int, step: int) -> Passage:
     """Frame `step` of a sequence, as part of its path."""
-    return Passage(sequence, step, spec.start_s(step), spec.shutter_s, trajectory_of(spec), spec.path is not None)
+    first, start_s = Instant.parse(spec.time.utc_start), spec.start_s(step)
+    return Passage(sequence, step, first, start_s, spec.shutter_s, trajectory_of(spec), spec.path is not None)
 
 
 def frame_of(spec: SequenceSpec, step: int) -> FrameSpec:
