@@ -37,6 +37,13 @@ IMAGE_FIELDS = [
 ]
 # The key under which `datasets` looks for types that Parquet does not have.
 IMAGE_TYPE = {b"huggingface": json.dumps({"info": {"features": {"image": {"_type": "Image"}}}}).encode()}
+ROWS = {
+    "frames": "frame: `image`, `record` (JSON: camera, attitude, time, site, sensor, sky), and its scalars as columns",
+    "stars": "frame and star or planet of the catalogue, seen or not",
+    "objects": "frame and satellite, aircraft, meteor, Moon or cosmic ray",
+    IMU: "reading of the inertial unit of a sequence",
+}
+"""What the configurations have one row for."""
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 
 
@@ -142,9 +149,11 @@ def card(out: Path, manifests: list[Manifest]) -> str:
             if config["data_files"]
         ],
     }
+    tables = "".join(f"| `{name}` | {rows} |\n" for name, rows in ROWS.items() if (out / name).is_dir())
     splits = "".join(
         f"| `{each.split}` | {count} | {' '.join(each.scenario.split())} | `{each.scenario_sha256}` | "
-        f"`skybench generate {RECIPE}/{each.split}/{SCENARIO_COPY} --out DIR` |\n"
+        f"`skybench generate {RECIPE}/{each.split}/{SCENARIO_COPY} --out DIR "
+        f"--split {each.split} --frames {each.first}:{each.stop}` |\n"
         for each, count in zip(manifests, counts, strict=True)
     )
     return f"""---
@@ -159,7 +168,7 @@ Moon, rendered by skybench {manifests[0].skybench}. Images are 16-bit raw sensor
 | split | frames | scenario | SHA-256 | recipe |
 |---|---|---|---|---|
 {splits}
-A recipe gives the same frames again, bit for bit, on any machine.
+With the same version of skybench a recipe gives the same frames again, bit for bit.
 
 ```python
 import datasets
@@ -173,10 +182,7 @@ stars = stars[(stars["index"] == frames[0]["index"]) & (stars["snr"] >= 5)]  # w
 
 | configuration | one row per |
 |---|---|
-| `frames` | frame: `image`, `record` (JSON: camera, attitude, time, site, sensor, sky), and its scalars as columns |
-| `stars` | frame and star or planet of the catalogue, seen or not |
-| `objects` | frame and satellite, aircraft, meteor, Moon or cosmic ray |
-
+{tables}
 Columns, units and conventions: docs/dataset_format.md and docs/conventions.md of skybench. Pixel centres are at integers; u
 runs to the right, v down.
 
