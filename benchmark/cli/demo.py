@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from benchmark.report.demo_page import Demo
+    from generator.scenario.file import Scenario
 
 SOLVERS = ("skybench", "thesis-adaptive", "thesis-baseline")
 RIVALS = ("tetra3rs",)
@@ -42,33 +43,12 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Render a small dataset, solve it with the default solver and others, and write a page about it."""
-    from benchmark.cli.running import Request, obstacles, run_solvers
-    from benchmark.frames.opening import open_frames
-    from benchmark.frames.task_frames import FrameChoice
-    from benchmark.report.demo_page import make_demo, write_demo
-    from benchmark.report.site.commands import Places
-    from benchmark.report.site.pages import make_boards, write_site
-    from generator.frame.render import render_dataset
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
         loaded = load_scenario(find_scenario(scenario))
-        left_out = obstacles(RIVALS)
-        for obstacle in left_out.values():
-            typer.echo(f"left out: {obstacle}", err=True)
-        solvers = (*SOLVERS, *(name for name in RIVALS if name not in left_out))
-        with progress_bars() as bar:
-            line = bar.add_task("rendering", total=loaded.frame_count)
-            render_dataset(loaded, frames, lambda index: bar.advance(line), overwrite=overwrite)
-        _, runs = run_solvers(Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: None)
-        with working("writing the pages"):
-            boards = make_boards(out)
-            details = write_site(boards, Places(out))
-            folders = {run.folder for run in runs}
-            board = next(one for one in boards if folders & {entry.stored.folder for entry in one.entries})
-            made = make_demo(loaded, frames, open_frames(str(frames)).frames, board, list(left_out.values()))
-            page = write_demo(made, out, details)
+        made, page, details = _render_and_solve(loaded, frames, out, overwrite)
     except (BenchmarkError, GeneratorError) as error:
         fail(error)
     if as_json:
@@ -76,6 +56,34 @@ def demo(
         return
     print_tables(_table(made))
     typer.echo(f"open {page}")
+
+
+def _render_and_solve(loaded: Scenario, frames: Path, out: Path, overwrite: bool) -> tuple[Demo, Path, Path]:
+    """Return what the page shows, the page, and the page with all numbers."""
+    # Mitsuba and the solvers are loaded here, which a bad scenario need not wait for.
+    from benchmark.cli.running import Request, obstacles, run_solvers
+    from benchmark.frames.opening import open_frames
+    from benchmark.frames.task_frames import FrameChoice
+    from benchmark.report.demo_page import make_demo, write_demo
+    from benchmark.report.site.commands import Places
+    from benchmark.report.site.pages import make_boards, write_site
+    from generator.frame.render import render_dataset
+
+    left_out = obstacles(RIVALS)
+    for obstacle in left_out.values():
+        typer.echo(f"left out: {obstacle}", err=True)
+    solvers = (*SOLVERS, *(name for name in RIVALS if name not in left_out))
+    with progress_bars() as bar:
+        line = bar.add_task("rendering", total=loaded.frame_count)
+        render_dataset(loaded, frames, lambda index: bar.advance(line), overwrite=overwrite)
+    _, runs = run_solvers(Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: None)
+    with working("writing the pages"):
+        boards = make_boards(out)
+        details = write_site(boards, Places(out))
+        folders = {run.folder for run in runs}
+        board = next(one for one in boards if folders & {entry.stored.folder for entry in one.entries})
+        made = make_demo(loaded, frames, open_frames(str(frames)).frames, board, list(left_out.values()))
+        return made, write_demo(made, out, details), details
 
 
 def _table(made: Demo) -> Table:
