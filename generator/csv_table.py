@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ def read_csv(
     least_rows: int = 1,
     most_rows: int,
     increasing: bool = False,
+    first_column: Mapping[str, Callable[[str], float]] | None = None,
 ) -> CsvTable:
     """Read a comma-separated table: UTF-8, one header line, then one line per row; blank lines are skipped.
 
@@ -62,6 +64,8 @@ def read_csv(
         Rows that it may have.
     increasing : bool
         Whether the first column must increase from row to row.
+    first_column : mapping of str to callable, optional
+        For names of the first column: what makes a number of a cell, or raises ValueError with what is wrong.
 
     Raises
     ------
@@ -74,14 +78,16 @@ def read_csv(
     if columns is not None and found != tuple(columns):
         raise CsvError(f"'{name}', line {number}: found the columns {', '.join(found)}, expected {', '.join(columns)}")
     rows = list(lines)
+    convert = (first_column or {}).get(found[0])
     if not least_rows <= len(rows) <= most_rows:
         raise CsvError(f"'{name}': found {len(rows)} rows of numbers, expected {least_rows} to {most_rows}")
     try:
-        values = np.loadtxt([line for _, line in rows], delimiter=",", comments=None, ndmin=2)
+        converters: dict[int | str, Callable[[str], Any]] | None = None if convert is None else {0: convert}
+        values = np.loadtxt([line for _, line in rows], delimiter=",", comments=None, ndmin=2, converters=converters)
     except ValueError as error:
-        raise _fault(name, rows, found) or CsvError(f"'{name}': {error}") from error
+        raise _fault(name, rows, found, convert) or CsvError(f"'{name}': {error}") from error
     if values.shape[1] != len(found) or not np.isfinite(values).all():
-        raise _fault(name, rows, found) or CsvError(f"'{name}': holds something that is not a finite number")
+        raise _fault(name, rows, found, convert) or CsvError(f"'{name}': holds something that is not a finite number")
     if increasing:
         falling = np.flatnonzero(np.diff(values[:, 0]) <= 0)
         if len(falling):
@@ -113,13 +119,20 @@ def _lines(path: Path, name: str, most_rows: int) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def _fault(name: str, rows: Sequence[tuple[int, str]], columns: tuple[str, ...]) -> CsvError | None:
+def _fault(
+    name: str, rows: Sequence[tuple[int, str]], columns: tuple[str, ...], convert: Callable[[str], float] | None
+) -> CsvError | None:
     """The first cell that is not a finite number, or the first row of another length."""
     for number, line in rows:
         cells = line.split(",")
         if len(cells) != len(columns):
             return CsvError(f"'{name}', line {number}: found {len(cells)} cells, expected {len(columns)}")
-        for column, cell in zip(columns, cells, strict=True):
+        if convert is not None:
+            try:
+                convert(cells[0])
+            except ValueError as error:
+                return CsvError(f"'{name}', line {number}, column {columns[0]}: {error}")
+        for column, cell in list(zip(columns, cells, strict=True))[0 if convert is None else 1 :]:
             if not _NUMBER.fullmatch(cell.strip()) or not math.isfinite(float(cell)):
                 short = cell.strip()[:40]
                 return CsvError(f"'{name}', line {number}, column {column}: found {short!r}, expected a finite number")

@@ -62,6 +62,11 @@ class Instant:
         utc1, utc2 = erfa.taiutc(tai1, tai2 + seconds / SECONDS_PER_DAY)
         return Instant(float(utc1), float(utc2))
 
+    def since(self, other: Instant) -> float:
+        """Seconds of TAI since another instant."""
+        (tai1, tai2), (other1, other2) = (erfa.utctai(each.utc1, each.utc2) for each in (self, other))
+        return float((tai1 - other1) + (tai2 - other2)) * SECONDS_PER_DAY
+
     def isoformat(self) -> str:
         """Return ISO 8601 with microseconds and Z."""
         year, month, day, clock = erfa.d2dtf("UTC", 6, self.utc1, self.utc2)

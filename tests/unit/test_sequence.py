@@ -152,6 +152,28 @@ def test_path_from_a_file_is_that_of_the_same_waypoints(tmp_path, quaternions) -
         scenario.frame(0)
 
 
+def test_path_by_utc_is_that_by_seconds_after_the_start(tmp_path) -> None:
+    tree = {key: value for key, value in BASE.items() if key != "site"} | TINY
+    start = "2016-12-31T23:59:58Z"
+    tree |= {"time": TIME | {"utc_start": start}, "path": {"file": "flight.csv"}}
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(tree))
+    times = ("23:59:57.250Z", "00:00:01Z", "00:00:06.500Z")  # with a leap second between: -0.75, 4, 9.5 s
+    dates = ("2016-12-31T", "2017-01-01T", "2017-01-01T")
+    frames = []
+    for name, stamps in (
+        ("utc", [date + time for date, time in zip(dates, times, strict=True)]),
+        ("t_s", [-0.75, 4, 9.5]),
+    ):
+        rows = [[stamp, *list(waypoint.values())[1:]] for stamp, waypoint in zip(stamps, WAYPOINTS, strict=True)]
+        lines = [",".join([name, *KEYS[1:]]), *(",".join(str(value) for value in row) for row in rows)]
+        (tmp_path / "flight.csv").write_text("\n".join(lines))
+        scenario = load_scenario(tmp_path / "s.yaml")
+        frames.append([scenario.frame(index) for index in range(4)])
+    for by_utc, by_seconds in zip(*frames, strict=True):
+        assert by_utc.site.latitude_deg == pytest.approx(by_seconds.site.latitude_deg, abs=1e-12)
+        assert by_utc.R_cam == pytest.approx(by_seconds.R_cam, abs=1e-9)
+
+
 def test_hash_knows_the_sequence_and_leaves_others_alone() -> None:
     assert small_scenario(time=TIME).sha256 != small_scenario(time=TIME | {"every_s": 3.0}).sha256
     assert moving().sha256 != moving(imu={"rate_hz": 100.0}).sha256
@@ -199,6 +221,15 @@ def test_refusals_name_the_key(overrides, message) -> None:
     ("text", "message"),
     [
         ("t_s,latitude_deg\n0,1\n9,1\n", "found the columns t_s, latitude_deg"),
+        (
+            "utc,qx,qy,qz,qw\n2020-01-15T20:00:00Z,0,0,0,1\n2020-01-15T20:00,0,0,0,1\n",
+            "line 3, column utc: '2020-01-15T20:00'",
+        ),
+        (
+            "utc,qx,qy,qz,qw\n2020-01-15T20:00:00Z,0,0,0,1\n2020-01-15T20:01:00Z,0,0,0,y\n",
+            "line 3, column qw: found 'y'",
+        ),
+        ("t_s,qx,qy,qz,qw\n0,0,0,0,1\nnan,0,0,0,1\n", "line 3, column t_s: found 'nan'"),
         ("t_s,qx,qy,qz,qw\n0,0,0,0,1\n9,0,0,0,2\n", "found a length of 2 at t_s 9"),
         ("t_s,latitude_deg,longitude_deg,height_m\n0,52,4,0\n9,95,4,0\n", "column latitude_deg: found 95 at t_s 9"),
         ("t_s,latitude_deg,longitude_deg,height_m\n9,52,4,0\n0,52,4,0\n", "expected values that increase"),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from generator.csv_table import CsvError, read_csv
+from generator.places.times import Instant
 from generator.places.trajectory import Knots
 from generator.scenario.model import Pointing, SiteSpec, pointing_matrix
 from generator.scenario.sequences.path_spec import ATTITUDE, HIGHEST_LATITUDE_DEG, POSITION, PathSpec
@@ -19,9 +20,11 @@ Floats = NDArray[np.float64]
 Columns = dict[str, Floats]
 
 TIME = "t_s"
+UTC = "utc"
 QUATERNION = ("qx", "qy", "qz", "qw")
 LAYOUTS = tuple(
-    (TIME, *position, *attitude)
+    (time, *position, *attitude)
+    for time in (TIME, UTC)
     for position, attitude in (
         (POSITION, ATTITUDE), (POSITION, QUATERNION), (POSITION, ()), ((), ATTITUDE), ((), QUATERNION),
     )
@@ -41,20 +44,41 @@ class PathError(ValueError):
     """The path cannot be used; the message starts with the key."""
 
 
-def path_columns(path: PathSpec) -> Columns:
-    """The path's numbers by column, (k,) each. Raises PathError for a file that is not such a table."""
+def path_columns(path: PathSpec, utc_start: str) -> Columns:
+    """The path's numbers by column, (k,) each, with times TIME after a start. Raises PathError."""
     if path.file is not None:
-        return read_path(path.file)
+        origin, columns = read_path(path.file)
+        after_s = 0.0 if origin is None else origin.since(Instant.parse(utc_start))
+        return columns | {TIME: columns[TIME] + after_s}
     waypoints = path.waypoints or ()
     names = [name for name in (TIME, *POSITION, *ATTITUDE) if getattr(waypoints[0], name) is not None]
     return {name: np.array([getattr(waypoint, name) for waypoint in waypoints]) for name in names}
 
 
 @functools.lru_cache(maxsize=4)
-def read_path(file: InputFile) -> Columns:
-    """Read a path: CSV with a header of one of LAYOUTS; returns its columns. Raises PathError."""
+def read_path(file: InputFile) -> tuple[Instant | None, Columns]:
+    """Read a path: CSV with a header of one of LAYOUTS.
+
+    Returns
+    -------
+    origin : Instant or None
+        Instant of the first row, from which times count; None where the file counts from the start of the sequence.
+    columns : dict of (k,) arrays
+
+    Raises
+    ------
+    PathError
+    """
+    clock = _Clock()
     try:
-        table = read_csv(Path(file.location), file.path, least_rows=2, most_rows=LARGEST_PATH_ROWS, increasing=True)
+        table = read_csv(
+            Path(file.location),
+            file.path,
+            least_rows=2,
+            most_rows=LARGEST_PATH_ROWS,
+            increasing=True,
+            first_column={UTC: clock.seconds},
+        )
     except CsvError as error:
         raise PathError(f"path.file: {error}") from error
     if table.columns not in LAYOUTS:
@@ -63,7 +87,7 @@ def read_path(file: InputFile) -> Columns:
             f"path.file: '{file.path}': found the columns {', '.join(table.columns)}, expected {expected}, "
             "without the position or without the attitude where the scenario gives it"
         )
-    columns = dict(zip(table.columns, table.values.T, strict=True))
+    columns = dict(zip((TIME, *table.columns[1:]), table.values.T, strict=True))
     for name, (low, high) in RANGES.items():
         if name in columns and not ((columns[name] >= low) & (columns[name] <= high)).all():
             row = int(np.flatnonzero((columns[name] < low) | (columns[name] > high))[0])
@@ -79,7 +103,20 @@ def read_path(file: InputFile) -> Columns:
                 f"path.file: '{file.path}', columns qx to qw: found a length of {length[row]:g} at t_s "
                 f"{columns[TIME][row]:g}, expected unit quaternions"
             )
-    return columns
+    return clock.origin, columns
+
+
+class _Clock:
+    """Makes seconds after the first row of UTC."""
+
+    def __init__(self) -> None:
+        self.origin: Instant | None = None
+
+    def seconds(self, cell: str) -> float:
+        """Seconds of a cell. Raises ValueError."""
+        instant = Instant.parse(cell.strip())
+        self.origin = self.origin or instant
+        return instant.since(self.origin)
 
 
 def knots_of(columns: Columns, site: SiteSpec | None, attitude: Pointing) -> Knots:

@@ -45,8 +45,8 @@ class PathSpec(Strict):
     """
 
     file: File | None = None
-    """CSV with t_s, then latitude_deg, longitude_deg, height_m, or azimuth_deg, altitude_deg, roll_deg (or qx, qy, qz, qw of
-    the rotation from east-north-up to the camera), or both groups."""
+    """CSV with t_s or utc, then latitude_deg, longitude_deg, height_m, or azimuth_deg, altitude_deg, roll_deg (or qx, qy, qz,
+    qw of the rotation from east-north-up to the camera), or both groups."""
     waypoints: (
         Annotated[tuple[WaypointSpec, ...], Field(min_length=2, max_length=10000), BeforeValidator(listed)] | None
     ) = None

@@ -55,7 +55,7 @@ class SequenceSpec(SceneSpec):
         if self.time.exposure_s > self.time.every_s:
             raise ValueError(f"time.every_s: {self.time.every_s:g} s is shorter than the exposure")
         check_motion(self.motion, self.shutter_s)
-        columns = {} if self.path is None else path_columns(self.path)
+        columns = {} if self.path is None else path_columns(self.path, self.time.utc_start)
         self._check_sources(POSITION[0] in columns, bool(set(columns) - {TIME, *POSITION}))
         if columns:
             self._check_path(columns[TIME])
@@ -178,10 +178,10 @@ def frame_of(spec: SequenceSpec, step: int) -> FrameSpec:
 
 def trajectory_of(spec: SequenceSpec) -> Trajectory:
     """The path of a sequence, by the time after the start of its first exposure. Raises PathError."""
-    return _trajectory(spec.path, spec.site, spec.attitude)
+    return _trajectory(spec.path, spec.site, spec.attitude, spec.time.utc_start)
 
 
 @functools.lru_cache(maxsize=8)
-def _trajectory(path: PathSpec | None, site: SiteSpec | None, attitude: Pointing) -> Trajectory:
-    columns = {} if path is None else path_columns(path)
+def _trajectory(path: PathSpec | None, site: SiteSpec | None, attitude: Pointing, utc_start: str) -> Trajectory:
+    columns = {} if path is None else path_columns(path, utc_start)
     return Trajectory(knots_of(columns, site, attitude))
