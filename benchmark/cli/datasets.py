@@ -227,8 +227,11 @@ def generate(
     for failure in report.failures:
         typer.echo(f"skybench: frame {failure.index} failed: {failure.error}", err=True)
     finished = not report.missing
+    if not as_json:
+        for place in report.mended:
+            typer.echo(f"{place}: was damaged or missing, and is made again")
     if as_json:
-        tell({"event": "end", "finished": finished, "missing_shards": len(report.missing)})
+        tell({"event": "end", "finished": finished, "missing_shards": len(report.missing), "mended": report.mended})
     elif finished:
         typer.echo(f"{chosen[1] - chosen[0]} frames in {out}; check them with: skybench verify {out}")
     else:
@@ -267,7 +270,7 @@ def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")], as_json: AsJson = False
 ) -> None:
     """Check every file of a dataset against its manifest, and the manifest against its scenario."""
-    from generator.dataset.verify import problems
+    from generator.dataset.verify import NOT_COVERED, problems
 
     with working("reading") as status:
         found = problems(folder, lambda path: status.update(f"reading {path}"))
@@ -277,7 +280,7 @@ def verify(
     for problem in found:
         typer.echo(problem)
     if not found:
-        typer.echo(f"{folder}: whole")
+        typer.echo(f"{folder}: whole (not covered: {NOT_COVERED}/)")
     raise typer.Exit(1 if found else 0)
 
 

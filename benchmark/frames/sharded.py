@@ -16,7 +16,7 @@ from generator.dataset.archive import read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.shard import StoredFile, stored_file
+from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import Target, open_target
 from generator.errors import GeneratorError
 from generator.files import path_within

@@ -20,8 +20,8 @@ from benchmark.protocol import Observation
 from benchmark.tasks.definition import SplitName, Task, Told
 from generator.dataset.archive import read_frames as read_archive
 from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.receipt import finished_files
 from generator.dataset.run import open_dataset_target, run_shards
-from generator.dataset.shard import read_receipt
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
@@ -95,7 +95,7 @@ def make_task_frames(
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
         store = LocalTarget(folder)
         open_dataset_target(store, scenario, task.text_of(split))
-        missing = [shard for shard in shards if read_receipt(store, shard, scenario, spec) is None]
+        missing = [shard for shard in shards if finished_files(store, shard, scenario, spec) is None]
         for shard in shards:
             if shard not in missing:
                 _unpack(folder / shard.tar, unpacked, again=False)

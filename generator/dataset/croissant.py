@@ -11,7 +11,7 @@ import pyarrow as pa
 from generator import __version__
 from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.layout import CROISSANT, IMU, TABLES, DatasetSpec
-from generator.dataset.shard import StoredFile
+from generator.dataset.receipt import StoredFile
 from generator.files import write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA

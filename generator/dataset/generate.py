@@ -11,9 +11,10 @@ from generator.dataset.croissant import write_croissant
 from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
-from generator.dataset.manifest import make_manifest, write_manifest
+from generator.dataset.manifest import make_manifest, manifest_of, write_manifest
+from generator.dataset.receipt import StoredFile, damaged_files, finished_files, stored_file
 from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
-from generator.dataset.shard import ShardReport, StoredFile, read_receipt, stored_file
+from generator.dataset.shard import ShardReport
 from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
 from generator.imu.table import write_imu_table
@@ -34,7 +35,7 @@ def generate(
     frame_done: Callable[[int], None] = lambda index: None,
     shard_done: Callable[[ShardReport], None] = lambda report: None,
 ) -> RunReport:
-    """Make a dataset, or complete an interrupted one.
+    """Make a dataset, complete an interrupted one, or mend a damaged one.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def generate(
     Returns
     -------
     RunReport
-        The manifest is written when nothing is missing.
+        The manifest is written when nothing is missing; one that is there stays until then.
 
     Raises
     ------
@@ -68,31 +69,34 @@ def generate(
     first, stop = frames or (0, scenario.frame_count)
     check_codec(spec.codec)
     target = open_target(str(out))
-    open_dataset_target(target, scenario, text)
+    mended = list(open_dataset_target(target, scenario, text))
     reports = []
     shards = shards_of_part(scenario, spec, first, stop, part)
     for report in run(scenario, spec, shards, target, workers, frame_done):
         reports.append(report)
+        mended += report.damaged
         shard_done(report)
     stored: list[StoredFile] = []
     missing = []
     for shard in divide(scenario, spec, first, stop):
-        files = read_receipt(target, shard, scenario, spec)
+        files = finished_files(target, shard, scenario, spec)
         if files is None:
             missing.append(shard)
         else:
             stored += files
     if not missing:
-        _finish(scenario, spec, target, first, stop, stored)
-    return RunReport(tuple(reports), tuple(missing))
+        mended += _finish(scenario, spec, target, first, stop, stored)
+    return RunReport(tuple(reports), tuple(missing), tuple(mended))
 
 
 def _finish(
     scenario: Scenario, spec: DatasetSpec, target: Target, first: int, stop: int, stored: list[StoredFile]
-) -> None:
-    """Write the files that describe the whole dataset; the manifest last."""
+) -> list[str]:
+    """Write the files that describe the whole dataset, the manifest last; those that were damaged."""
+    known = manifest_of(target)
+    listed = {} if known is None else {file.path: file for file in known.files}
+    damaged = [MANIFEST] if known is None and target.size(MANIFEST) is not None else []
     try:
-        target.remove(MANIFEST)
         if isinstance(target, LocalTarget):
             # Every shard is in place, so temporary files can only be those of killed workers.
             for prefix in (UNFINISHED_PREFIX, INCOMING_PREFIX):
@@ -112,9 +116,14 @@ def _finish(
             write_croissant(build, scenario, spec, described)
             described.append(stored_file(build, CROISSANT))
             write_manifest(build, make_manifest(scenario, spec, first, stop, described))
-            for place in (*readings.values(), CARD, *figures, CROISSANT, MANIFEST):
+            for place in (*readings.values(), CARD, *figures, CROISSANT):
+                made = stored_file(build, place)
+                if listed.get(place) == made and damaged_files(target, (made,)):
+                    damaged.append(place)
                 target.put(build / place, place)
+            target.put(build / MANIFEST, MANIFEST)
     except OSError as error:
         raise GeneratorError(
             f"{error.filename or target.name}: writing failed ({error.strerror or error}); run the same command again"
         ) from error
+    return damaged

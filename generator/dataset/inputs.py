@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 from generator.dataset.layout import CARD, CROISSANT, FIGURES, IMU, MANIFEST, SCENARIO_COPY, TABLES
-from generator.dataset.shard import StoredFile
+from generator.dataset.receipt import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.scenario.file import Scenario
@@ -20,30 +20,46 @@ OWN_NAMES = (*TABLES, IMU, "data", "receipts", "logs", FIGURES, CARD, CROISSANT,
 _SAFE_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
 
-def store_inputs(target: Target, scenario: Scenario) -> None:
+def store_inputs(target: Target, scenario: Scenario, ours: bool) -> list[str]:
     """Copy the scenario's files beside the dataset's copy of the scenario; existing copies are checked.
+
+    Parameters
+    ----------
+    target : Target
+    scenario : Scenario
+    ours : bool
+        The dataset there is known to be this scenario's: a copy that differs is a damaged one, and is stored anew.
+
+    Returns
+    -------
+    list of str
+        Copies that were damaged.
 
     Raises
     ------
     GeneratorError
         A name that cannot be kept, a file that changed since the scenario was read, or another one in the dataset.
     """
+    damaged = []
     for file in scenario.files:
         check_name(file.path)
         stored = target.read(file.path)
-        if stored is not None:
-            if hashlib.sha256(stored).hexdigest() != file.sha256:
-                raise GeneratorError(
-                    f"{target.name}/{file.path}: differs from the file of this name beside the scenario; "
-                    "choose another folder"
-                )
+        intact = stored is not None and hashlib.sha256(stored).hexdigest() == file.sha256
+        if intact:
             continue
+        if ours:
+            damaged.append(file.path)
+        elif stored is not None:
+            raise GeneratorError(
+                f"{target.name}/{file.path}: differs from the file of this name beside the scenario; choose another folder"
+            )
         with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
             local = Path(scratch) / "input"
             shutil.copyfile(file.location, local)
             if hashlib.sha256(local.read_bytes()).hexdigest() != file.sha256:
                 raise GeneratorError(f"{file.location}: changed since the scenario was read; run the command again")
             target.put(local, file.path)
+    return damaged
 
 
 def check_name(path: str) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from generator import __version__
 from generator.dataset.layout import MANIFEST, DatasetSpec
-from generator.dataset.shard import StoredFile
+from generator.dataset.receipt import StoredFile
+from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.scenario.file import Scenario
@@ -85,19 +86,38 @@ def read_manifest(folder: Path) -> Manifest:
     try:
         if path.stat().st_size > LARGEST_MANIFEST_BYTES:
             raise GeneratorError(f"{path}: larger than any manifest")
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        manifest = _parsed(path.read_bytes(), str(path))
+    except FileNotFoundError as error:
+        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench generate` again") from error
+    except OSError as error:
+        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    for file in manifest.files:
+        path_within(folder, file.path)
+    return manifest
+
+
+def manifest_of(target: Target) -> Manifest | None:
+    """The manifest of a dataset that may be unfinished or damaged; None where there is none, or none that can be read."""
+    size = target.size(MANIFEST)
+    if size is None or size > LARGEST_MANIFEST_BYTES:
+        return None
+    try:
+        return _parsed(target.read(MANIFEST) or b"", target.name)
+    except GeneratorError:
+        return None
+
+
+def _parsed(text: bytes, name: str) -> Manifest:
+    try:
+        content: dict[str, Any] = json.loads(text)
         if content.pop("format") != FORMAT:
-            raise GeneratorError(f"{path}: not of format {FORMAT}")
+            raise GeneratorError(f"{name}: not of format {FORMAT}")
         files = tuple(
             StoredFile(str(file["path"]), int(file["bytes"]), str(file["sha256"])) for file in content.pop("files")
         )
         manifest = Manifest(**content, files=files)
         # The split is a part of paths, and the codec of names.
         DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
-    except FileNotFoundError as error:
-        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench generate` again") from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
-    for file in manifest.files:
-        path_within(folder, file.path)
-    return manifest
+        return manifest
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise GeneratorError(f"{name}: not a manifest ({type(error).__name__}: {error})") from error

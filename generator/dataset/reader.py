@@ -36,7 +36,7 @@ from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.images import decode
 from generator.dataset.layout import CODECS, IMU, MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.shard import StoredFile, stored_file
+from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import open_target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes

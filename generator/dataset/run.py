@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from generator.dataset.inputs import check_name, store_inputs
 from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
+from generator.dataset.manifest import manifest_of
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError, ScenarioError
@@ -55,10 +56,13 @@ class RunReport:
         Of the shards of this part.
     missing : tuple of Shard
         Shards that the dataset still lacks, those of other parts included.
+    mended : tuple of str
+        Files that were missing or not what they had been, and are made again.
     """
 
     reports: tuple[ShardReport, ...]
     missing: tuple[Shard, ...]
+    mended: tuple[str, ...] = ()
 
     @property
     def failures(self) -> tuple[FailedFrame, ...]:
@@ -66,10 +70,16 @@ class RunReport:
         return tuple(failure for report in self.reports for failure in report.failures)
 
 
-def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
+def open_dataset_target(target: Target, scenario: Scenario, text: str) -> list[str]:
     """Prepare a dataset's place: store the copy of the scenario, then the files that it names.
 
-    A place that holds another scenario's dataset is refused.
+    A place that holds another scenario's dataset is refused. Where the manifest there says that it is this scenario's,
+    copies that differ are damaged ones, and are stored anew.
+
+    Returns
+    -------
+    list of str
+        Those that were damaged.
 
     Raises
     ------
@@ -79,29 +89,38 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> None:
     for file in scenario.files:
         check_name(file.path)
     try:
-        _store_scenario(target, scenario, text)
-        store_inputs(target, scenario)
+        known = manifest_of(target)
+        ours = known is not None and known.scenario_sha256 == scenario.sha256
+        return [*_store_scenario(target, scenario, text, ours), *store_inputs(target, scenario, ours)]
     except OSError as error:
         raise GeneratorError(
             f"{error.filename or target.name}: cannot be written ({error.strerror or error}); choose another folder"
         ) from error
 
 
-def _store_scenario(target: Target, scenario: Scenario, text: str) -> None:
+def _store_scenario(target: Target, scenario: Scenario, text: str, ours: bool) -> list[str]:
     copy = target.read(SCENARIO_COPY)
     if copy == text.encode():
-        return
-    if copy is not None:
+        return []
+    if copy is not None or ours:
         try:
-            same = parse_scenario(copy.decode(), scenario.source).sha256 == scenario.sha256
+            same = parse_scenario((copy or b"").decode(), scenario.source).sha256 == scenario.sha256
         except (ScenarioError, UnicodeDecodeError):
             same = False
-        if not same:
+        if same:
+            return []
+        if not ours:
             raise GeneratorError(f"{target.name}: holds another scenario's dataset; choose another folder")
-        return
+        _put_text(target, text)
+        return [SCENARIO_COPY]
     others = [name for name in target.listing() if not name.startswith(".")]
     if others:
         raise GeneratorError(f"{target.name}: holds other files ({others[0]}, …); choose an empty folder")
+    _put_text(target, text)
+    return []
+
+
+def _put_text(target: Target, text: str) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         local = Path(scratch) / SCENARIO_COPY
         local.write_text(text, encoding="utf-8")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 import tarfile
 import tempfile
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -19,26 +17,17 @@ import pyarrow as pa
 from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.receipt import StoredFile, damaged_files, read_receipt, stored_file, write_receipt
 from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
 from generator.errors import GeneratorError
-from generator.files import atomic_path, write_bytes
+from generator.files import atomic_path
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA, VISIBLE_SNR, frame_record, record_bytes
 from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.scenario.file import Scenario
 
 TRIES_PER_FRAME = 2
-RECEIPT_FORMAT = "skybench-receipt/1"
-
-
-@dataclass(frozen=True)
-class StoredFile:
-    """A file of a shard: path from the dataset's root, size and SHA-256."""
-
-    path: str
-    bytes: int
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -51,12 +40,24 @@ class FailedFrame:
 
 @dataclass(frozen=True)
 class ShardReport:
-    """Result of a shard: its files, or the frames that failed."""
+    """Result of a shard: its files, or the frames that failed.
+
+    Attributes
+    ----------
+    shard : Shard
+    files : tuple of StoredFile
+    failures : tuple of FailedFrame
+    skipped : bool
+        It was complete.
+    damaged : tuple of str
+        Files that its receipt lists, and that were missing or not what they had been, for which it was made again.
+    """
 
     shard: Shard
     files: tuple[StoredFile, ...]
     failures: tuple[FailedFrame, ...]
     skipped: bool = False
+    damaged: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -79,7 +80,7 @@ def render_shard(
     target: Target,
     progress: Callable[[int], None] = lambda index: None,
 ) -> ShardReport:
-    """Render a shard into a dataset, unless it is complete already.
+    """Render a shard into a dataset, unless it is complete already and its files are what its receipt says.
 
     All frames are made before any file takes its final name; the receipt is stored last. A frame that fails is tried again;
     if it fails twice, the other frames are still rendered, but the shard is not stored.
@@ -105,10 +106,11 @@ def render_shard(
     """
     try:
         finished = read_receipt(target, shard, scenario, spec)
-        if finished is not None:
+        damaged = damaged_files(target, finished or ())
+        if finished is not None and not damaged:
             return ShardReport(shard, finished, (), skipped=True)
         if isinstance(target, LocalTarget):
-            return _render(scenario, spec, shard, target.folder, progress)
+            return replace(_render(scenario, spec, shard, target.folder, progress), damaged=damaged)
         with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
             report = _render(scenario, spec, shard, Path(scratch), progress)
             for place in (
@@ -116,7 +118,7 @@ def render_shard(
                 *((*shard.files, shard.receipt) if report.complete else ()),
             ):
                 target.put(Path(scratch) / place, place)
-        return report
+        return replace(report, damaged=damaged)
     except OSError as error:
         raise GeneratorError(
             f"{error.filename or target.name}: reading or writing failed ({error.strerror or error}); "
@@ -142,16 +144,7 @@ def _render(
         return ShardReport(shard, (), failed.failures)
     write_table(folder / shard.frames, pa.Table.from_pylist(rows, schema=FRAME_SCHEMA))
     files = tuple(stored_file(folder, place) for place in shard.files)
-    receipt = {
-        "format": RECEIPT_FORMAT,
-        "scenario_sha256": scenario.sha256,
-        "codec": spec.codec,
-        "exr": spec.exr,
-        "first": shard.first,
-        "stop": shard.stop,
-        "files": [asdict(file) for file in files],
-    }
-    write_bytes(folder / shard.receipt, json.dumps(receipt, indent=1).encode())
+    write_receipt(folder, shard, scenario, spec, files)
     return ShardReport(shard, files, ())
 
 
@@ -233,40 +226,3 @@ def _exr_bytes(frame: RenderedFrame) -> bytes:
         path = Path(place) / "frame.exr"
         write_exr(path, frame)
         return path.read_bytes()
-
-
-def stored_file(folder: Path, place: str) -> StoredFile:
-    """Measure a file of a dataset."""
-    digest = hashlib.sha256()
-    size = 0
-    with (folder / place).open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-            size += len(block)
-    return StoredFile(place, size, digest.hexdigest())
-
-
-def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
-    """Files of a finished shard, or None when it is not finished (or its files have another size than its receipt says).
-
-    Raises
-    ------
-    GeneratorError
-        The receipt belongs to another scenario, or to other options.
-    """
-    try:
-        receipt = json.loads(target.read(shard.receipt) or b"")
-        files = tuple(StoredFile(**file) for file in receipt["files"])
-        same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
-        same_scenario = receipt["scenario_sha256"] == scenario.sha256
-        same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
-    except (ValueError, KeyError, TypeError):
-        return None
-    if not same_scenario:
-        raise GeneratorError(f"{target.name}/{shard.receipt}: belongs to another scenario; choose another folder")
-    if not same_spec:
-        raise GeneratorError(
-            f"{target.name}/{shard.receipt}: was made with another --codec or --exr; choose another folder"
-        )
-    whole = all(target.size(file.path) == file.bytes for file in files)
-    return files if same_frames and whole else None

@@ -1,4 +1,8 @@
-"""`skybench verify`: compares a dataset on disk with its manifest, and the manifest with its scenario."""
+"""`skybench verify`: compares a dataset on disk with its manifest, and the manifest with its scenario.
+
+Logs are not covered: they hold times, and nothing is made of them. Receipts, which a dataset that is handed on may lack, must
+agree with the manifest where they are.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,14 @@ import pyarrow as pa
 from generator.dataset.layout import CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.reader import Dataset
-from generator.dataset.shard import StoredFile, stored_file
+from generator.dataset.receipt import StoredFile, read_receipt, stored_file
+from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
 from generator.scenario.file import load_scenario
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display."""
-UNLISTED_FOLDERS = ("logs", "receipts")
+NOT_COVERED = "logs"
 
 
 def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) -> list[str]:
@@ -41,8 +46,10 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
             found.append(problem)
         progress(file.path)
     present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    for stranger in sorted(present - listed - {MANIFEST}):
-        if not stranger.startswith(UNLISTED_FOLDERS):
+    receipts, more = _receipt_problems(folder, manifest)
+    found += more
+    for stranger in sorted(present - listed - receipts - {MANIFEST}):
+        if not stranger.startswith(f"{NOT_COVERED}/"):
             found.append(f"{stranger}: not in the manifest")
     return found if found else _content_problems(Dataset(folder, manifest))
 
@@ -57,11 +64,37 @@ def _scenario_problems(folder: Path, manifest: Manifest) -> list[str]:
         return [str(error)]
     if scenario.sha256 != manifest.scenario_sha256:
         return [f"{MANIFEST}: belongs to another scenario than {SCENARIO_COPY} (or to another version of skybench)"]
+    for key, value in (("scenario", scenario.name), ("seed", scenario.seed)):
+        if getattr(manifest, key) != value:
+            return [f"{MANIFEST}: {key} is {getattr(manifest, key)!r}, but {SCENARIO_COPY} says {value!r}"]
     listed = {file.path for file in manifest.files}
     wanted = [place for shard in shards for place in shard.files] + [SCENARIO_COPY, CROISSANT]
     wanted += [file.path for file in scenario.files]
     wanted += imu_places(scenario, spec.split, manifest.first, manifest.stop).values()
     return [f"{place}: missing from the manifest" for place in wanted if place not in listed]
+
+
+def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[str]]:
+    """Paths at which receipts may be, and those that are damaged or say something else than the manifest."""
+    try:
+        scenario = load_scenario(folder / SCENARIO_COPY)
+        spec = DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
+        shards = divide(scenario, spec, manifest.first, manifest.stop)
+    except GeneratorError:  # named by the check of the scenario
+        return set(), []
+    listed = {file.path: file for file in manifest.files}
+    found = []
+    for shard in shards:
+        if not (folder / shard.receipt).exists():
+            continue
+        try:
+            files = read_receipt(LocalTarget(folder), shard, scenario, spec)
+        except GeneratorError as error:
+            found.append(str(error))
+            continue
+        if files is None or any(listed.get(file.path) != file for file in files):
+            found.append(f"{shard.receipt}: damaged, or not of the files that the manifest lists")
+    return {shard.receipt for shard in shards}, found
 
 
 def _file_problem(folder: Path, listed: StoredFile) -> str:

@@ -21,6 +21,7 @@ from tiny_dataset import SPEC, TINY, fingerprint, members, start
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
+from generator.dataset import generate as generate_module
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
 from generator.dataset.images import decode
@@ -147,6 +148,12 @@ def test_a_frame_that_fails_is_retried_then_reported(scenario_path, tmp_path, mo
     assert fingerprint(tmp_path / "failing") == fingerprint(dataset)
 
 
+def reword(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
 def flip(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
@@ -160,7 +167,11 @@ def flip(path: Path) -> None:
         (lambda folder: (folder / "data/train/shard-000002.tar").unlink(), "data/train/shard-000002.tar: missing"),
         (lambda folder: os.truncate(folder / "stars/train/shard-000000.parquet", 500), "shard-000000.parquet: has 500"),
         (lambda folder: (folder / "stray.txt").write_text("?"), "stray.txt: not in the manifest"),
+        (lambda folder: flip(folder / "receipts/train/shard-000001.json"), "receipts/train/shard-000001.json: "),
+        (lambda folder: (folder / "receipts/train/more.json").write_text("{}"), "more.json: not in the manifest"),
         (lambda folder: (folder / "manifest.json").unlink(), "manifest.json: missing"),
+        (lambda folder: reword(folder / "manifest.json", '"seed": 7', '"seed": 8'), "manifest.json: seed is 8"),
+        (lambda folder: reword(folder / "manifest.json", '"tiny"', '"tidy"'), "manifest.json: scenario is 'tidy'"),
         (lambda folder: (folder / "manifest.json").write_text("{}"), "manifest.json: not a manifest"),
         (
             lambda folder: (folder / "scenario.yaml").write_text(yaml.safe_dump(TINY | {"seed": 4})),
@@ -173,6 +184,46 @@ def test_verify_names_what_is_wrong(copy, damage, named) -> None:
     run = CliRunner().invoke(app, ["verify", str(copy)])
     assert run.exit_code == 1
     assert named in run.output
+
+
+DAMAGES = {
+    "data/train/shard-000001.tar": flip,
+    "stars/train/shard-000000.parquet": flip,
+    "frames/train/shard-000002.parquet": Path.unlink,
+    "scenario.yaml": flip,
+    "README.md": flip,
+    "croissant.json": Path.unlink,
+    "manifest.json": lambda path: os.truncate(path, 100),
+    "receipts/train/shard-000002.json": flip,
+}
+
+
+@pytest.mark.parametrize("places", [[place] for place in DAMAGES] + [[*DAMAGES][:3], [*DAMAGES][:6]], ids="+".join)
+def test_running_again_mends_what_verify_names(copy, dataset, scenario_path, places) -> None:
+    for place in places:
+        DAMAGES[place](copy / place)
+    named = {problem.split(": ")[0].removeprefix(f"{copy}/") for problem in problems(copy)}
+    assert named & set(places) or "scenario.yaml" in places
+    run = CliRunner().invoke(app, ["generate", str(scenario_path), "--out", str(copy), "--shard-size", "5", "--exr",
+                                   "--workers", "0"])  # fmt: skip
+    assert run.exit_code == 0, run.output
+    for place in places:
+        if not place.startswith("receipts"):
+            assert f"{place}: was damaged or missing, and is made again" in run.output
+    assert fingerprint(copy) == fingerprint(dataset)
+    assert problems(copy) == []
+
+
+def test_the_manifest_stays_until_a_new_one_is_whole(copy, scenario_path, monkeypatch) -> None:
+    def full(*arguments):
+        raise OSError(28, "No space left on device", "disk")
+
+    monkeypatch.setattr(generate_module, "write_card", full)
+    before = (copy / "manifest.json").read_bytes()
+    with pytest.raises(GeneratorError, match="No space left on device"):
+        generate(load_scenario(scenario_path), scenario_path.read_text(), copy, SPEC)
+    assert (copy / "manifest.json").read_bytes() == before
+    assert problems(copy) == []
 
 
 def test_manifest_may_not_point_outside(copy) -> None:

@@ -83,7 +83,7 @@ def test_ray_with_a_killed_worker_gives_the_same_bytes(scenario, local, tmp_path
         printed, errors = process.communicate()
     assert process.returncode == 0, errors
     assert killed.result() == 1
-    assert json.loads(printed.splitlines()[-1]) == {"event": "end", "finished": True, "missing_shards": 0}
+    assert json.loads(printed.splitlines()[-1]) == {"event": "end", "finished": True, "missing_shards": 0, "mended": []}
     assert fingerprint(out) == fingerprint(local)
 
 
@@ -114,7 +114,12 @@ def test_an_object_store_holds_the_same_bytes(scenario, local, tmp_path, object_
         capture_output=True, text=True, env=environment, cwd=ROOT, check=False,
     )  # fmt: skip
     assert half.returncode == 0, half.stderr
-    assert json.loads(half.stdout.splitlines()[-1]) == {"event": "end", "finished": False, "missing_shards": 2}
+    assert json.loads(half.stdout.splitlines()[-1]) == {
+        "event": "end",
+        "finished": False,
+        "missing_shards": 2,
+        "mended": [],
+    }
     whole = subprocess.run(
         command(scenario, "s3://skies/set", "--workers", "2"),
         capture_output=True, text=True, env=environment, cwd=ROOT, check=False,

@@ -183,5 +183,5 @@ def test_a_worker_that_dies_is_replaced(dataset, scenario_path, tmp_path) -> Non
         os.kill(max(workers), signal.SIGKILL)
         events = [json.loads(line) for line in process.stdout]
     assert process.returncode == 0
-    assert events[-1] == {"event": "end", "finished": True, "missing_shards": 0}
+    assert events[-1] == {"event": "end", "finished": True, "missing_shards": 0, "mended": []}
     assert fingerprint(tmp_path / "out") == fingerprint(dataset)

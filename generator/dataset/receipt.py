@@ -1,0 +1,96 @@
+"""What is known of a shard's files once they are whole: the receipt, and whether they are still what it says."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from generator.dataset.layout import DatasetSpec, Shard
+from generator.dataset.target import LocalTarget, Target
+from generator.errors import GeneratorError
+from generator.files import write_bytes
+from generator.scenario.file import Scenario
+
+FORMAT = "skybench-receipt/1"
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a dataset: path from the dataset's root, size and SHA-256."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+def stored_file(folder: Path, place: str) -> StoredFile:
+    """Measure a file of a dataset."""
+    digest = hashlib.sha256()
+    size = 0
+    with (folder / place).open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+            size += len(block)
+    return StoredFile(place, size, digest.hexdigest())
+
+
+def write_receipt(
+    folder: Path, shard: Shard, scenario: Scenario, spec: DatasetSpec, files: tuple[StoredFile, ...]
+) -> None:
+    """Write a shard's receipt, atomically; what marks the shard as complete is written last."""
+    receipt = {
+        "format": FORMAT,
+        "scenario_sha256": scenario.sha256,
+        "codec": spec.codec,
+        "exr": spec.exr,
+        "first": shard.first,
+        "stop": shard.stop,
+        "files": [asdict(file) for file in files],
+    }
+    write_bytes(folder / shard.receipt, json.dumps(receipt, indent=1).encode())
+
+
+def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec) -> tuple[StoredFile, ...] | None:
+    """Files of a shard as its receipt lists them, or None where there is no whole receipt of these frames.
+
+    Raises
+    ------
+    GeneratorError
+        The receipt belongs to another scenario, or to other options.
+    """
+    try:
+        receipt = json.loads(target.read(shard.receipt) or b"")
+        files = tuple(StoredFile(**file) for file in receipt["files"])
+        same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
+        same_scenario = receipt["scenario_sha256"] == scenario.sha256
+        same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
+    except (ValueError, KeyError, TypeError):
+        return None
+    if not same_scenario:
+        raise GeneratorError(f"{target.name}/{shard.receipt}: belongs to another scenario; choose another folder")
+    if not same_spec:
+        raise GeneratorError(
+            f"{target.name}/{shard.receipt}: was made with another --codec or --exr; choose another folder"
+        )
+    return files if same_frames and {file.path for file in files} == set(shard.files) else None
+
+
+def finished_files(
+    target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec
+) -> tuple[StoredFile, ...] | None:
+    """Files of a shard that is complete, of the sizes that its receipt lists; None for another. Raises as `read_receipt`."""
+    files = read_receipt(target, shard, scenario, spec)
+    return files if files is not None and all(target.size(file.path) == file.bytes for file in files) else None
+
+
+def damaged_files(target: Target, files: tuple[StoredFile, ...]) -> tuple[str, ...]:
+    """Paths of files that are missing or not what they were: by hashes in a folder, by sizes in an object store."""
+    return tuple(file.path for file in files if not _intact(target, file))
+
+
+def _intact(target: Target, file: StoredFile) -> bool:
+    if target.size(file.path) != file.bytes:
+        return False
+    return not isinstance(target, LocalTarget) or stored_file(target.folder, file.path) == file
