@@ -79,7 +79,6 @@ def test_completion_can_be_installed() -> None:
         ("bench revisions --json", {"revisions"}),
         ("bench pack-results --out nothing --json", {"tables"}),
         ("doctor --json", {"ok", "checks"}),
-        ("plan bortle --json", {"name", "sha256", "seed", "sweeps", "draws", "files"}),
     ],
 )
 def test_json_is_one_document(line: str, keys: set[str], tmp_path, monkeypatch) -> None:
