@@ -18,6 +18,8 @@ import yaml
 from PIL import Image
 from small_scenes import BASE
 
+from generator.imu.table import IMU_SCHEMA
+
 ROOT = Path(__file__).parents[2]
 SCENARIO = BASE | {"camera": BASE["camera"] | {"width": 200, "height": 140}, "sky": {"bortle": {"sweep": [3, 6]}}}
 
@@ -86,12 +88,17 @@ def leaves(tree, prefix=""):
 
 def test_frame_record_is_as_documented(folder) -> None:
     record = json.loads((folder / "frame-00000.json").read_text())
-    assert set(leaves(record)) == documented("json: the frame record\n")
+    of_sequences = {f"sequence.{key}" for key in ("index", "step", "start_s", "velocity_enu_m_s")}
+    assert set(leaves(record)) == documented("json: the frame record\n") - of_sequences
     assert record["format"] == "skybench-frame/1"
     assert record["sky"]["bortle"] == 3
     assert 21.0 < record["sky"]["zenith_mag_arcsec2"] < 21.7  # the class' 21.5 with the Milky Way of that evening
     assert record["sky"]["components"][0] == "airglow"
     assert record["time"]["utc_mid"] == "2020-01-15T20:00:00.250000Z"
+
+
+def test_table_of_readings_is_as_documented() -> None:
+    assert set(IMU_SCHEMA.names) == documented("## imu.parquet")
 
 
 def test_star_table_is_as_documented(folder) -> None:

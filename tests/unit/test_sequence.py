@@ -271,6 +271,7 @@ def test_frames_have_the_same_bytes_alone_and_their_records_say_where_they_stand
     record = record_bytes(frame_record(alone.plan, alone.expected, alone.stars))
     assert (tmp_path / "all/frame-00002.json").read_bytes() == record
     sequence = json.loads(record)["sequence"]
+    assert set(sequence) == {"index", "step", "start_s", "velocity_enu_m_s"}
     assert (sequence["index"], sequence["step"], sequence["start_s"]) == (0, 2, 5.0)
     assert np.linalg.norm(sequence["velocity_enu_m_s"]) == pytest.approx(35, rel=0.3)
     assert pq.read_table(tmp_path / "all" / IMU_FILE).num_rows == 160
