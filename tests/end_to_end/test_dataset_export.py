@@ -248,7 +248,7 @@ def test_refusals(dataset, tmp_path) -> None:
 
 
 def with_another_name(dataset: Path, folder: Path, name: str) -> Path:
-    """A copy of a dataset whose first frame's members are called `name` in the archive, its manifest brought in line."""
+    """A copy of a dataset whose first frame's members are called `name` in the archive, its lists in line with it."""
     shutil.copytree(dataset, folder)
     path = folder / "data/train/shard-000000.tar"
     with tarfile.open(path) as archive:
@@ -258,11 +258,12 @@ def with_another_name(dataset: Path, folder: Path, name: str) -> Path:
             member = tarfile.TarInfo(old.replace("frame-00000", name))
             member.size = len(data)
             archive.addfile(member, io.BytesIO(data))
-    manifest = json.loads((folder / "manifest.json").read_text())
-    for entry in manifest["files"]:
-        if entry["path"] == "data/train/shard-000000.tar":
-            entry["bytes"], entry["sha256"] = path.stat().st_size, hashlib.sha256(path.read_bytes()).hexdigest()
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    for listing in ("manifest.json", "receipts/train/shard-000000.json"):
+        content = json.loads((folder / listing).read_text())
+        for entry in content["files"]:
+            if entry["path"] == "data/train/shard-000000.tar":
+                entry["bytes"], entry["sha256"] = path.stat().st_size, hashlib.sha256(path.read_bytes()).hexdigest()
+        (folder / listing).write_text(json.dumps(content))
     return folder
 
 
