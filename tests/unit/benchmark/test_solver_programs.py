@@ -295,7 +295,7 @@ def test_a_wrong_solver_file_is_refused_by_key(tmp_path, text, message):
 def test_a_missing_environment_says_how_to_make_it(monkeypatch, tmp_path):
     monkeypatch.setenv("SKYBENCH_ENVIRONMENTS", str(tmp_path))
     with pytest.raises(SolverError, match=r"python3 -m venv .*cedar-solve && .*pip install -r .*requirements\.txt"):
-        solver_folder("cedar-solve").command  # noqa: B018
+        solver_folder("cedar-solve").command_line()
     with pytest.raises(SolverError, match="program of its own"):
         make_solver("cedar-solve")
 
