@@ -3,11 +3,13 @@
 import json
 import re
 import tomllib
-from importlib.metadata import version
+from importlib.metadata import metadata, version
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import generator
 
@@ -39,6 +41,25 @@ def test_all_files_name_one_version() -> None:
     number, date = newest_change()
     assert {PROJECT["version"], citation()["version"], number, generator.__version__, version("skybench")} == {number}
     assert str(citation().get("date-released", "unreleased")) == date
+
+
+def test_every_package_that_skybench_runs_on_has_its_licence_stated() -> None:
+    """Against what the installed package says of itself, where it says a name of SPDX's list."""
+    text = (ROOT / "THIRD_PARTY.md").read_text(encoding="utf-8").split("## Software that skybench runs on")[1]
+    stated = {
+        name.split(" ")[0]: licence for name, licence in re.findall(r"^\| ([a-z0-9][^|]*?) \| (.+?) \|$", text, re.M)
+    }
+    stated.pop("package")
+    groups = [
+        PROJECT["dependencies"],
+        *(PROJECT["optional-dependencies"][name] for name in ("peers", "cluster", "jxl")),
+    ]
+    needed = {canonicalize_name(Requirement(line).name) for group in groups for line in group}
+    assert set(stated) == needed
+    for package, licence in stated.items():
+        expression = metadata(package).get("License-Expression", "")
+        if re.fullmatch(r"[A-Za-z0-9.-]+", expression):
+            assert expression in licence, package
 
 
 def test_all_files_name_one_address() -> None:

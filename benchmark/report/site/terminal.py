@@ -27,10 +27,14 @@ def board_table(board: Board) -> Table:
         table.add_column(escape(entry.label), justify="left", overflow="fold")
     for column in columns.HEADLINE:
         shown = [(column.value(entry), column.interval(entry)) for entry in board.entries]
-        table.add_row(column.heading, *(f"{value} [dim]\\[{limits}][/dim]" for value, limits in shown))
+        table.add_row(column.heading, *(_with_limits(value, limits) for value, limits in shown))
     counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in board.entries]
     table.add_row("fixes, refused, errors", *counts)
     return table
+
+
+def _with_limits(value: str, limits: str) -> str:
+    return f"{value} [dim]\\[{limits}][/dim]" if limits else value
 
 
 def leaderboard_table(boards: Sequence[Board]) -> Table:
