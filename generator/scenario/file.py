@@ -25,7 +25,7 @@ from generator.scenario.strict import InputFile
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 from generator.seeds import random_stream
 
-LARGEST_FILE_BYTES = 1_000_000
+LARGEST_FILE_BYTES = 200_000
 """Hundreds of times the size of a long scenario."""
 LARGEST_FRAME_COUNT = 10_000_000
 """Indices of at most seven digits."""

@@ -37,6 +37,8 @@ DEEPEST_NESTING = 20
 LARGEST_NUMBER_OF_TRIES = 10_000
 """Draws of a time before a condition on the Sun counts as impossible."""
 SWEEP_KEY = "sweep"
+MOST_SWEPT_VALUES = 10_000
+"""Each is checked when the scenario is read; more are better drawn from a distribution."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +252,8 @@ def _sweep(path: KeyPath, node: dict[str, Any], where: str) -> Sweep:
     values, zip_name = node[SWEEP_KEY], node.get("zip")
     if not isinstance(values, list) or not values:
         raise ScenarioError(f"{where}.{SWEEP_KEY}: found {describe(values)}, expected a list of values")
+    if len(values) > MOST_SWEPT_VALUES:
+        raise ScenarioError(f"{where}.{SWEEP_KEY}: found {len(values)} values, at most {MOST_SWEPT_VALUES} are swept")
     if zip_name is not None and not isinstance(zip_name, str):
         raise ScenarioError(f"{where}.zip: found {describe(zip_name)}, expected a name")
     return Sweep(path, tuple(values), zip_name)
@@ -327,5 +331,7 @@ DISTRIBUTION_KEYS = tuple(_DISTRIBUTIONS)
 
 def describe(value: Any) -> str:
     """A value in the form of messages: its type and a short representation."""
+    if isinstance(value, int) and abs(value) > 10**50:
+        return "int of more than 50 digits"
     text = "nothing" if value is None else f"{type(value).__name__} {value!r}"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -12,6 +12,7 @@ from generator.errors import ScenarioError
 from generator.places.sun import sun_altitude_deg
 from generator.places.times import Instant
 from generator.scenario.file import parse_scenario
+from generator.scenario.variation import describe, find_variations
 
 FALSE_ALARM = 1e-4
 
@@ -160,3 +161,13 @@ def test_malformed_distributions_are_refused(where, value, message) -> None:
     tree = BASE | {"site": BASE["site"] | {where: value}}
     with pytest.raises(ScenarioError, match=message):
         parse_scenario(yaml.safe_dump(tree), "bad.yaml")
+
+
+def test_a_sweep_of_more_values_than_anybody_checks_is_refused() -> None:
+    with pytest.raises(ScenarioError, match=r"sweep: found 10001 values, at most 10000 are swept"):
+        find_variations({"sky": {"bortle": {"sweep": [3] * 10_001}}}, "s.yaml")
+
+
+def test_a_number_of_more_digits_than_can_be_printed_gets_its_message() -> None:
+    assert describe(16**5000) == "int of more than 50 digits"
+    assert describe(12) == "int 12"
