@@ -27,6 +27,7 @@ DEFAULT_OUT = Path("results/studies/thesis")
 DEFAULT_SITES = 100
 CALIBRATION_OUT = Path("results/studies/calibration")
 CALIBRATION_SITES, CALIBRATION_PICTURES, GRADIENT_FRAMES = 40, 12, 10
+CALIBRATION_SCENARIO = Path("calibration_study")
 EXIT_BAD_INPUT = 2
 
 
@@ -88,29 +89,63 @@ def calibration(
         int, typer.Option("--pictures", min=1, help="Rendered frames of each kind.")
     ] = CALIBRATION_PICTURES,
     gradient: Annotated[
-        int, typer.Option("--gradient", min=2, help="Frames whose camera is recovered by gradient.")
+        int, typer.Option("--gradient", min=0, help="Frames whose camera is recovered by gradient; 0 leaves this out.")
     ] = GRADIENT_FRAMES,
     out: Annotated[Path, typer.Option("--out", help="Folder for tables, figures and the page.")] = CALIBRATION_OUT,
     scenario: Annotated[
-        Path, typer.Option("--scenario", help="Sites, instants and camera.", autocompletion=completion.scenarios)
-    ] = Path("calibration_study"),
+        Path,
+        typer.Option(
+            "--scenario",
+            help="Sites, instants, attitude and camera, of any lens model.",
+            autocompletion=completion.scenarios,
+        ),
+    ] = CALIBRATION_SCENARIO,
+    fault_sizes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--sizes",
+            metavar="FAULT=SIZE,SIZE…",
+            help="Sizes of a fault instead of the usual ones; may be repeated: focal (%), centre (px), k1, projection (deg), "
+            "tilt (deg), heading (deg), clock (s), refraction (deg of tilt), epoch (yr).",
+        ),
+    ] = None,
     work: Annotated[Path, typer.Option("--work", help="Folder for rendered frames.")] = Path("out/calibration"),
     as_json: AsJson = False,
 ) -> None:
     """Give a solver a wrong camera, attitude, clock or sky, and compare its error with the first-order prediction."""
-    from benchmark.studies.calibration.study import NUMBERS, PAGE, Sizes, run_study  # loads the solvers
+    from benchmark.studies.calibration.chosen import check_gradient, check_sizes, read_sizes, subject_of
     from generator.errors import GeneratorError
+    from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
+
+    # What cannot be done is refused before the solvers and the renderer are loaded.
+    try:
+        by_fault = read_sizes(fault_sizes or ())
+        path = find_scenario(scenario)
+        subject = subject_of(loaded := load_scenario(path))
+        check_sizes(subject, by_fault)
+        if gradient:
+            check_gradient(loaded, subject)
+    except (BenchmarkError, GeneratorError) as error:
+        typer.echo(f"skybench: {error}", err=True)
+        raise typer.Exit(EXIT_BAD_INPUT) from None
+    from benchmark.studies.calibration.study import NUMBERS, PAGE, Sizes, run_study
 
     chosen = (
         ("--sites", sites, CALIBRATION_SITES),
         ("--pictures", pictures, CALIBRATION_PICTURES),
         ("--gradient", gradient, GRADIENT_FRAMES),
     )
-    command = "skybench study calibration" + "".join(f" {name} {n}" for name, n, usual in chosen if n != usual)
+    words = ["skybench", "study", "calibration"]
+    if scenario != CALIBRATION_SCENARIO:
+        words += ["--scenario", str(scenario)]
+    words += [word for name, n, usual in chosen if n != usual for word in (name, str(n))]
+    words += [word for one in fault_sizes or () for word in ("--sizes", one)]
+    command = shlex.join(words)
     with _bars() as progress:
         try:
-            study = run_study(find_scenario(scenario), Sizes(sites, pictures, gradient), work, out, command, progress)
+            counts = Sizes(sites, pictures, gradient)
+            study = run_study(path, counts, work, out, command, progress, by_fault)
         except (BenchmarkError, GeneratorError) as error:
             typer.echo(f"skybench: {error}", err=True)
             raise typer.Exit(EXIT_BAD_INPUT) from None

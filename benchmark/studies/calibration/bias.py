@@ -10,19 +10,23 @@ by n turns the sky about east by n; going east by e turns it about the Earth's a
 about up. Where the heading is given, the two numbers are fitted to all three of t with the stars' own weight; where only
 the vertical is, they are the first two.
 
-The formulas hold for a pinhole camera that looks anywhere, on a sphere for the astronomy and on WGS84 for the kilometres.
+The formulas hold for a camera of any lens model that looks anywhere, on a sphere for the astronomy and on WGS84 for the
+kilometres.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.judge.cramer_rao import displacement_turns
+from benchmark.studies.calibration.lens import derivatives, project, with_k1
+from generator.scenario.projection import Projection
 
 F8 = NDArray[np.float64]
 
@@ -46,8 +50,8 @@ class View:
         ENU to camera.
     latitude_deg : float
         Of the observer.
-    f_px : float
-        Focal length that the solver is given.
+    lens : Projection
+        That the solver is given where there is no fault.
     half_diagonal_px : float
         Of the frame.
     """
@@ -55,13 +59,18 @@ class View:
     rays: F8
     R_cam: F8
     latitude_deg: float
-    f_px: float
+    lens: Projection
     half_diagonal_px: float
 
-    @property
+    @cached_property
     def from_centre(self) -> F8:
-        """Positions of the stars on the declared pinhole from its principal point, px, shape (n, 2)."""
-        return self.f_px * self.rays[:, :2] / self.rays[:, 2:]
+        """Positions of the stars in the declared camera from its principal point, px, shape (n, 2)."""
+        return project(self.rays, self.lens) - [self.lens.cx_px, self.lens.cy_px]
+
+    @cached_property
+    def by_direction(self) -> F8:
+        """Derivatives of these positions by the components of the stars' directions, shape (n, 2, 3)."""
+        return derivatives(self.rays, self.lens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +113,22 @@ class Estimator:
 
 
 def turning_derivatives(view: View) -> F8:
-    """Derivatives of pinhole positions by a turn of the sky about the camera's axes, px/rad, shape (n, 2, 3).
+    """Derivatives of positions by a turn of the sky about the camera's axes, px/rad, shape (n, 2, 3).
 
-    A turn t moves a direction s by t x s, and (u, v) = f (x, y)/z.
+    A turn t moves a direction s by t x s.
     """
-    x, y = (view.rays[:, :2] / view.rays[:, 2:]).T
-    one = np.ones_like(x)
-    by_u = np.column_stack((-x * y, one + x * x, -y))
-    by_v = np.column_stack((-one - y * y, x * y, x))
-    return view.f_px * np.stack((by_u, by_v), axis=1)
+    return view.by_direction @ -_cross_matrices(view.rays)
+
+
+def _cross_matrices(rays: F8) -> F8:
+    """Matrices, shape (n, 3, 3), that take t to s x t for each direction s."""
+    x, y, z = rays.T
+    zero = np.zeros_like(x)
+    return np.stack((np.stack((zero, -z, y), 1), np.stack((z, zero, -x), 1), np.stack((-y, x, zero), 1)), axis=1)
 
 
 def camera_derivatives(view: View) -> F8:
-    """Derivatives of pinhole positions by the corrections in `FREE`, shape (n, 2, 5)."""
+    """Derivatives of positions by the corrections in `FREE`, shape (n, 2, 5)."""
     place = view.from_centre
     q = (np.sum(place**2, axis=1) / view.half_diagonal_px**2)[:, None]
     across, down = np.zeros_like(place), np.zeros_like(place)
@@ -153,13 +165,14 @@ def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
 
 
 def _to_angle(view: View) -> F8:
-    """Matrices, shape (n, 2, 2), that take a displacement in px to one in rad along and across the radius."""
-    cosine = view.rays[:, 2]
-    radius = np.linalg.norm(view.rays[:, :2], axis=1)
-    along = view.rays[:, :2] / np.maximum(radius, 1e-12)[:, None]
-    across = np.column_stack((-along[:, 1], along[:, 0]))
-    # On a pinhole dr = f dtheta / cos^2, and the arc across is f sin dphi / cos.
-    return np.stack((along * (cosine**2)[:, None], across * cosine[:, None]), axis=1) / view.f_px
+    """Matrices, shape (n, 2, 2), that take a displacement in px to one in rad along two directions across the ray."""
+    rays = view.rays
+    # Any axis far from the ray gives a basis of the plane at right angles to it.
+    axis = np.eye(3)[np.argmin(np.abs(rays), axis=1)]
+    one = np.cross(rays, axis)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    basis = np.stack((one, np.cross(rays, one)), axis=2)
+    return np.linalg.inv(view.by_direction @ basis)
 
 
 def focal_misfit(view: View, part: float) -> Misfit:
@@ -173,9 +186,14 @@ def centre_misfit(view: View, shift_px: F8) -> Misfit:
 
 
 def k1_misfit(view: View, k1: float) -> Misfit:
-    """Radial term k1 declared for a lens without one: predicted positions move outward by k1 r^2 with r = tan(theta)."""
-    q = np.sum((view.from_centre / view.f_px) ** 2, axis=1)
-    return Misfit(-k1 * q[:, None] * view.from_centre)
+    """A first radial term that is `k1` too large: predicted positions move outward by k1 x (argument)^2 x position.
+
+    The argument is the tangent of the angle off the axis for perspective lenses, the angle for fisheyes.
+    """
+    bent = with_k1(view.lens, k1)
+    if bent is None:
+        raise ValueError(f"{view.lens.model} has no k1")
+    return Misfit(project(view.rays, view.lens) - project(view.rays, bent))
 
 
 def projection_misfit(view: View) -> Misfit:
@@ -183,9 +201,7 @@ def projection_misfit(view: View) -> Misfit:
 
     Observed is 2 f tan(theta/2), predicted f tan(theta), theta off the axis: to the third order they differ by -f theta^3/4.
     """
-    cosine = view.rays[:, 2]
-    # 2 tan(theta/2) = 2 sin/(1 + cos): the ratio to tan(theta) is 2 cos/(1 + cos).
-    return Misfit((2 * cosine / (1 + cosine) - 1)[:, None] * view.from_centre)
+    return Misfit(project(view.rays, replace(view.lens, model="stereographic")) - project(view.rays, view.lens))
 
 
 def attitude_misfit(view: View, turn_rad: F8) -> Misfit:

@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from benchmark.studies.calibration.lens import corner_shift_px, project, with_k1
+from benchmark.studies.calibration.run import changed_scenario
 from benchmark.studies.common.progress import Advance
 from generator import plugins
 from generator.frame.plan import FramePlan
 from generator.frame.render import RenderedFrame, render_frame
 from generator.frame.scene import scene_dict
+from generator.optics.psf import equivalent_sigma_px
+from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario
 from generator.seeds import random_stream
 from generator.sensor.detector import saturation_e
@@ -35,8 +39,9 @@ F8 = NDArray[np.float64]
 BLURS_PX = (8.0, 4.0, 2.0, 1.0, 0.0)
 COARSE_STEPS, MOST_STEPS = 8, 40
 """Of a stage through a wide Gaussian, and of the last one, which goes on until it has settled."""
-STARTING_SIGMA = np.array([3e-3, 5e-3, *np.radians([0.15, 0.15, 0.15])])
-"""Standard deviations of the starting camera's errors: 0.3 % of focal length, 0.005 of k1, 0.15 deg about each axis."""
+STARTING_PX = 2.0
+"""Standard deviation of the starting camera's errors, by how far each moves a star, px: in the frame's corner for focal
+length, k1 and the turn about the axis, on the axis for the other turns."""
 SATURATED = 0.8
 """Pixels whose expectation exceeds this part of saturation are left out."""
 SETTLED = 1e-3
@@ -84,7 +89,9 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
 
     rendered = render_frame(scenario, index)
     plan = rendered.plan
-    start = STARTING_SIGMA * random_stream(scenario.seed, "study.gradient_start", index).standard_normal(5)
+    start = starting_sigma(plan.spec.camera) * random_stream(
+        scenario.seed, "study.gradient_start", index
+    ).standard_normal(5)
     declared = spoiled(plan, start)
     stars = DifferentiableStars(mi.load_dict(scene_dict(declared, _black())))
     observed, background, noise_variance = _electrons(rendered)
@@ -108,6 +115,31 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
         index, difference(plan, declared, np.zeros(5)), error, np.sqrt(np.diag(covariance)),
         float(error @ information @ error), steps, tuple(path),
     )  # fmt: skip
+
+
+def gradient_scenario(scenario: Scenario, camera: CameraSpec, n_frames: int) -> Scenario:
+    """The scenario as the recovery takes it: a lens model with a k1, a Gaussian point spread, steady stars, an open sky."""
+    lens = with_k1(camera.projection, 0.0)
+    if lens is None:
+        raise ValueError(f"{camera.model} has no k1")
+    left_out = ("hfov_deg", "focal_length_mm", "psf", "bloom", "ghosts")
+    section = {key: value for key, value in scenario.template["camera"].items() if key not in left_out}
+    section |= {"model": lens.model, "f_px": lens.f_px, "k": list(lens.k), "p": list(lens.p)}
+    if camera.psf is not None:
+        section |= {"psf": None, "psf_sigma_px": min(20.0, max(0.2, equivalent_sigma_px(camera)))}
+    stars = {**scenario.template.get("stars", {}), "scintillation": False}
+    return changed_scenario(scenario, "gradient", n_frames, camera=section, stars=stars, foreground={})
+
+
+def starting_sigma(camera: CameraSpec) -> F8:
+    """Standard deviations of the starting camera's errors, shape (5,), so that each moves stars by `STARTING_PX`."""
+    lens, corner_px = camera.projection, camera.corner_px
+    small = 1e-6
+    bent = with_k1(lens, small)
+    if bent is None:
+        raise ValueError(f"{lens.model} has no k1")
+    by_k1 = corner_shift_px(lens, bent, corner_px) / small
+    return STARTING_PX / np.array([corner_px, by_k1, lens.f_px, lens.f_px, corner_px])
 
 
 def recover_all(scenario: Scenario, n_frames: int, progress: Advance) -> tuple[Recovery, ...]:
@@ -188,10 +220,8 @@ def _distance_px(plan: FramePlan, declared: FramePlan, values: F8, enu: F8) -> f
     for change in (np.zeros(5), off):
         camera = spoiled(plan, change)
         rays = enu @ camera.motion.R_cam[0].T
-        r = rays[:, :2] / rays[:, 2:]
-        projection = camera.spec.camera.projection
-        places.append(projection.f_px * r * (1 + projection.full_k[0] * np.sum(r**2, axis=1))[:, None])
-    return float(np.sqrt(np.mean(np.sum((places[1] - places[0]) ** 2, axis=1))))
+        places.append(project(rays, camera.spec.camera.projection))
+    return float(np.sqrt(np.nanmean(np.sum((places[1] - places[0]) ** 2, axis=1))))
 
 
 def as_table(found: tuple[Recovery, ...]) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
 import erfa
@@ -13,19 +13,26 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import celnav
-from benchmark.protocol import CameraRecord
+from benchmark.errors import BenchmarkError
 from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration.bias import Misfit, View
-from benchmark.studies.common.centroid_frames import Projection, StarList, project
+from benchmark.studies.calibration.chosen import LOWEST_ALTITUDE_DEG, Subject
+from benchmark.studies.calibration.kinds import KINDS, NARROW_DEG, Kind
+from benchmark.studies.calibration.lens import project, with_k1
+from benchmark.studies.common.centroid_frames import StarList
 from generator.places.times import Instant
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.file import Scenario
 from generator.scenario.model import Pointing, pointing_matrix
+from generator.scenario.projection import Projection
 from generator.seeds import random_stream
 
 F8 = NDArray[np.float64]
 
-WIDTH, HEIGHT = 1080, 720
 MOST_STARS = 150
-LOWEST_ALTITUDE_DEG = 10.0
+LEAST_STARS = 4
+WHOLE_SKY = {"model": "equidistant", "width": 512, "height": 512, "hfov_deg": 359.0, "aperture_mm": 4.0}
+"""Camera of the scenario whose stars are listed: a fault may turn the study's camera, or give it another field."""
 NOISE_PX = 0.1
 PRESSURE_HPA, TEMPERATURE_C = 1010.0, 10.0
 EARTH_TURN_S = 86164.098903691
@@ -39,22 +46,25 @@ class Setting:
 
     Attributes
     ----------
-    hfov_deg : float
-        Field across the width of a pinhole of the frame's focal length.
-    tilt_deg : float
-        Of the boresight from the zenith.
-    projection : str
-        Of the lens.
+    hfov_deg : float or None
+        Field across the width of a pinhole of the frame's focal length; None for the scenario's own camera.
+    tilt_deg : float or None
+        Of the boresight from the zenith, towards the scenario's azimuth; None for the scenario's attitude.
+    stereographic : bool
+        Whether the lens is stereographic and declared as the pinhole; only with `hfov_deg`.
     """
 
-    hfov_deg: float = 120.0
-    tilt_deg: float = 20.0
-    projection: Projection = "pinhole"
+    hfov_deg: float | None = None
+    tilt_deg: float | None = None
+    stereographic: bool = False
 
-    @property
-    def f_px(self) -> float:
-        """Focal length, px."""
-        return WIDTH / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+
+def declared_lens(camera: CameraSpec, setting: Setting) -> Projection:
+    """The lens that a solver is given where there is no fault but a mistaken projection."""
+    if setting.hfov_deg is None:
+        return camera.projection
+    f_px = camera.width / 2 / math.tan(math.radians(setting.hfov_deg) / 2)
+    return Projection("pinhole", f_px, f_px, (camera.width - 1) / 2, (camera.height - 1) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +85,10 @@ class StudyFrame:
         Mid-exposure.
     dut1_s : float
         UT1 - UTC.
-    model : str
-        Projection of the lens.
+    lens : Projection
+        The frame's own; `view` has the one that a solver is given.
+    width, height : int
+        Of the frame, px.
     """
 
     site: int
@@ -88,7 +100,14 @@ class StudyFrame:
     longitude_deg: float
     utc: str
     dut1_s: float
-    model: Projection = "pinhole"
+    lens: Projection
+    width: int
+    height: int
+
+    @property
+    def tilt_deg(self) -> float:
+        """Angle of the boresight from the zenith."""
+        return math.degrees(math.acos(min(1.0, max(-1.0, float(self.view.R_cam[2, 2])))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,81 +121,83 @@ class Declared:
     pressure_hpa: float = PRESSURE_HPA
 
 
-def camera_record(setting: Setting) -> CameraRecord:
-    """The frame's camera as a pinhole, with its principal point in the middle."""
-    f_px = setting.f_px
-    return CameraRecord("pinhole", WIDTH, HEIGHT, f_px, f_px, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+def solver_camera(lens: Projection, width: int, height: int) -> celnav.Camera:
+    """A lens and a size of frame as celnav takes them."""
+    return celnav.Camera(
+        lens.model, width, height, lens.f_px, fy_px=lens.fy_px, cx_px=lens.cx_px, cy_px=lens.cy_px, k=lens.k, p=lens.p
+    )
 
 
-def make_study_frame(stars: StarList, setting: Setting, noise_px: float = NOISE_PX) -> StudyFrame:
-    """Make a frame of the brightest stars that stand high enough; the camera tilts towards an azimuth drawn for the site."""
+def make_study_frame(stars: StarList, camera: CameraSpec, setting: Setting, noise_px: float = NOISE_PX) -> StudyFrame:
+    """Make a frame of the brightest stars that stand high enough, from stars of the whole sky (`WHOLE_SKY`).
+
+    Where the setting has a tilt of its own, the camera tilts towards the azimuth of the scenario's attitude.
+    """
     plan = stars.plan
     enu = stars.rays @ np.asarray(plan.spec.R_cam)
-    towards = plan.spec.attitude
-    R_cam = pointing_matrix(
-        Pointing(azimuth_deg=towards.azimuth_deg, altitude_deg=90 - setting.tilt_deg, roll_deg=towards.roll_deg)
-    )
+    R_cam = np.asarray(plan.spec.R_cam, dtype=np.float64)
+    if setting.tilt_deg is not None:
+        towards = plan.spec.attitude
+        R_cam = pointing_matrix(
+            Pointing(azimuth_deg=towards.azimuth_deg, altitude_deg=90 - setting.tilt_deg, roll_deg=towards.roll_deg)
+        )
     rays = enu @ R_cam.T
-    uv = project(rays, camera_record(setting), setting.projection)
+    declared = declared_lens(camera, setting)
+    lens = replace(declared, model="stereographic") if setting.stereographic else declared
+    uv = project(rays, lens)
+    edge = np.array([camera.width - 0.5, camera.height - 0.5])
     with np.errstate(invalid="ignore"):
-        inside = (uv > -0.5).all(axis=1) & (uv[:, 0] < WIDTH - 0.5) & (uv[:, 1] < HEIGHT - 0.5)
-    # A stereographic frame reaches farther from the axis than a pinhole can; its rim has no image in the declared camera.
-    inside &= (enu[:, 2] > math.sin(math.radians(LOWEST_ALTITUDE_DEG))) & (rays[:, 2] > 0.2)
+        inside = (uv > -0.5).all(axis=1) & (uv < edge).all(axis=1)
+        if camera.image_circle_px is not None and setting.hfov_deg is None:
+            inside &= np.hypot(*(uv - [lens.cx_px, lens.cy_px]).T) < camera.image_circle_px
+    inside &= enu[:, 2] > math.sin(math.radians(LOWEST_ALTITUDE_DEG))
+    if setting.stereographic:
+        # It reaches farther from the axis than a pinhole can; its rim has no image in the declared camera.
+        inside &= rays[:, 2] > 0.2
     rows = np.flatnonzero(inside)
     rows = rows[np.argsort(stars.v_mag[rows], kind="stable")][:MOST_STARS]
     noise = random_stream(plan.scenario.seed, "study.calibration_noise", plan.index).normal(
         0.0, noise_px, (MOST_STARS, 2)
     )
-    seen = np.clip(uv[rows] + noise[: len(rows)], -0.5, [WIDTH - 0.5, HEIGHT - 0.5])
     site = plan.spec.site
     return StudyFrame(
         site=plan.index,
-        uv=seen,
+        uv=np.clip(uv[rows] + noise[: len(rows)], -0.5, edge),
         flux=10.0 ** (-0.4 * stars.v_mag[rows]),
         star_id=stars.star_id[rows],
-        view=View(rays[rows], R_cam, site.latitude_deg, setting.f_px, math.hypot(WIDTH, HEIGHT) / 2),
+        view=View(rays[rows], R_cam, site.latitude_deg, declared, math.hypot(camera.width, camera.height) / 2),
         latitude_deg=site.latitude_deg,
         longitude_deg=site.longitude_deg,
         utc=plan.utc_mid.isoformat(),
         dut1_s=plan.orientation.ut1_utc_s,
-        model=setting.projection,
+        lens=lens,
+        width=camera.width,
+        height=camera.height,
     )
 
 
 def declared_truth(frame: StudyFrame) -> Declared:
     """The true values."""
-    return Declared(celnav.Camera(frame.model, WIDTH, HEIGHT, f_px=frame.view.f_px), frame.view.R_cam, frame.utc)
+    return Declared(solver_camera(frame.lens, frame.width, frame.height), frame.view.R_cam, frame.utc)
 
 
 @dataclass(frozen=True)
-class Fault:
-    """A kind of fault in several sizes.
+class Fault(Kind):
+    """A kind of fault, and what it does to a frame.
 
     Attributes
     ----------
-    key, title, unit : str
-    sizes : tuple of float
-    typical : float
-        The size shown in the summary.
-    setting : callable
-        Setting of the frame for a size.
     declare : callable
         Makes the values that the solver is given, for a size.
     misfit : callable
         Its first-order misfit.
-    logarithmic : bool
-        Sizes go by factors.
+    setting : callable
+        Setting of the frame for a size.
     """
 
-    key: str
-    title: str
-    unit: str
-    sizes: tuple[float, ...]
-    typical: float
-    declare: Callable[[StudyFrame, float], Declared]
-    misfit: Callable[[StudyFrame, float], Misfit]
+    declare: Callable[[StudyFrame, float], Declared] = field(kw_only=True)
+    misfit: Callable[[StudyFrame, float], Misfit] = field(kw_only=True)
     setting: Callable[[float], Setting] = lambda size: Setting()
-    logarithmic: bool = True
 
 
 def _turned(frame: StudyFrame, turn_rad: F8) -> Declared:
@@ -184,26 +205,29 @@ def _turned(frame: StudyFrame, turn_rad: F8) -> Declared:
     return replace(declared_truth(frame), R_cam=R_cam)
 
 
+def _declare_lens(frame: StudyFrame, lens: Projection) -> Declared:
+    return replace(declared_truth(frame), camera=solver_camera(lens, frame.width, frame.height))
+
+
 def _declare_focal(frame: StudyFrame, percent: float) -> Declared:
-    declared = declared_truth(frame)
-    f_px = frame.view.f_px * (1 + percent / 100)
-    return replace(declared, camera=replace(declared.camera, f_px=f_px, fy_px=f_px))
+    factor = 1 + percent / 100
+    return _declare_lens(frame, replace(frame.lens, f_px=frame.lens.f_px * factor, fy_px=frame.lens.fy_px * factor))
 
 
 def _declare_centre(frame: StudyFrame, shift_px: float) -> Declared:
-    declared = declared_truth(frame)
-    return replace(declared, camera=replace(declared.camera, cx_px=declared.camera.cx_px + shift_px))
+    return _declare_lens(frame, replace(frame.lens, cx_px=frame.lens.cx_px + shift_px))
 
 
 def _declare_k1(frame: StudyFrame, k1: float) -> Declared:
-    declared = declared_truth(frame)
-    return replace(declared, camera=replace(declared.camera, model="brown_conrady", k=(k1,)))
+    bent = with_k1(frame.lens, k1)
+    if bent is None:
+        raise ValueError(f"{frame.lens.model} has no k1")
+    return _declare_lens(frame, bent)
 
 
 def _declare_pinhole(frame: StudyFrame, size: float) -> Declared:
     del size
-    declared = declared_truth(frame)
-    return replace(declared, camera=replace(declared.camera, model="pinhole"))
+    return _declare_lens(frame, frame.view.lens)
 
 
 def _declare_clock(frame: StudyFrame, late_s: float) -> Declared:
@@ -236,44 +260,76 @@ def _earlier_date(utc: str, years: float) -> str:
     return _later(utc, -round(years * TURNS_PER_YEAR) * EARTH_TURN_S)
 
 
+def _fault(
+    key: str,
+    declare: Callable[[StudyFrame, float], Declared],
+    misfit: Callable[[StudyFrame, float], Misfit],
+    setting: Callable[[float], Setting] = lambda size: Setting(),
+) -> Fault:
+    return Fault(**vars(KINDS[key]), declare=declare, misfit=misfit, setting=setting)
+
+
 FAULTS = (
-    Fault(
-        "focal", "Focal length too long", "%", (0.1, 0.3, 1.0, 3.0), 0.3, _declare_focal,
-        lambda frame, size: bias.focal_misfit(frame.view, size / 100),
+    _fault("focal", _declare_focal, lambda frame, size: bias.focal_misfit(frame.view, size / 100)),
+    _fault("centre", _declare_centre, lambda frame, size: bias.centre_misfit(frame.view, np.array([size, 0.0]))),
+    _fault("k1", _declare_k1, lambda frame, size: bias.k1_misfit(frame.view, size)),
+    _fault(
+        "projection",
+        _declare_pinhole,
+        lambda frame, size: bias.projection_misfit(frame.view),
+        lambda size: Setting(hfov_deg=size, stereographic=True),
     ),
-    Fault(
-        "centre", "Principal point off", "px", (0.3, 1.0, 3.0, 10.0), 1.0, _declare_centre,
-        lambda frame, size: bias.centre_misfit(frame.view, np.array([size, 0.0])),
-    ),
-    Fault(
-        "k1", "Radial distortion k1 declared for a lens without", "", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2), 3e-4, _declare_k1,
-        lambda frame, size: bias.k1_misfit(frame.view, size),
-    ),
-    Fault(
-        "projection", "Stereographic lens declared as pinhole, by horizontal field", "deg",
-        (20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
-        40.0, _declare_pinhole, lambda frame, size: bias.projection_misfit(frame.view),
-        lambda size: Setting(hfov_deg=size, projection="stereographic"), logarithmic=False,
-    ),
-    Fault(
-        "tilt", "Vertical off", "deg", (0.01, 0.03, 0.1, 0.3, 1.0), 0.1,
+    _fault(
+        "tilt",
         lambda frame, size: _turned(frame, np.radians([size, 0.0, 0.0])),
         lambda frame, size: bias.attitude_misfit(frame.view, np.radians([size, 0.0, 0.0])),
     ),
-    Fault(
-        "heading", "Heading off", "deg", (0.01, 0.03, 0.1, 0.3, 0.9), 0.1,
+    _fault(
+        "heading",
         lambda frame, size: _turned(frame, np.radians([0.0, 0.0, size])),
         lambda frame, size: bias.attitude_misfit(frame.view, np.radians([0.0, 0.0, size])),
     ),
-    Fault(
-        "clock", "Clock fast", "s", (0.1, 1.0, 10.0, 100.0), 10.0, _declare_clock,
-        lambda frame, size: bias.clock_misfit(frame.view, size),
-    ),
-    Fault(
-        "refraction", "Refraction neglected, by tilt of a 60 deg camera", "deg", (0.0, 10.0, 20.0, 30.0, 40.0), 30.0,
+    _fault("clock", _declare_clock, lambda frame, size: bias.clock_misfit(frame.view, size)),
+    _fault(
+        "refraction",
         lambda frame, size: replace(declared_truth(frame), pressure_hpa=0.0),
         lambda frame, size: bias.refraction_misfit(frame.view, PRESSURE_HPA, TEMPERATURE_C),
-        lambda size: Setting(hfov_deg=60.0, tilt_deg=size), logarithmic=False,
+        lambda size: Setting(hfov_deg=NARROW_DEG, tilt_deg=size),
     ),
-    Fault("epoch", "Epoch of the sky too early", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, _declare_epoch, _epoch_misfit),
-)  # fmt: skip
+    _fault("epoch", _declare_epoch, _epoch_misfit),
+)
+"""All faults in their usual sizes, for a pinhole wider than `NARROW_DEG`."""
+
+
+def chosen_faults(subject: Subject, sizes: Mapping[str, tuple[float, ...]]) -> tuple[Fault, ...]:
+    """The faults that the camera can have, in the sizes asked for; see `chosen.check_sizes`."""
+    faults = []
+    for fault in FAULTS:
+        if fault.key == "k1" and not subject.has_k1:
+            continue
+        made = fault
+        if fault.key == "refraction" and subject.field_deg <= NARROW_DEG:
+            title = "Refraction neglected, by tilt"
+            made = replace(made, title=title, setting=lambda size: Setting(tilt_deg=size))
+        if fault.key in sizes:
+            wanted = sizes[fault.key]
+            typical = fault.typical if fault.typical in wanted else wanted[(len(wanted) - 1) // 2]
+            made = replace(made, sizes=wanted, typical=typical)
+        faults.append(made)
+    return tuple(faults)
+
+
+def check_stars(scenario: Scenario, camera: CameraSpec, lists: Sequence[StarList]) -> None:
+    """Refuse a scenario in whose typical frame too few stars stand for a position.
+
+    Raises
+    ------
+    BenchmarkError
+    """
+    counts = sorted(len(make_study_frame(stars, camera, Setting()).uv) for stars in lists)
+    median = counts[len(counts) // 2]
+    if median < LEAST_STARS:
+        raise BenchmarkError(
+            f"{scenario.source}: stars.limiting_magnitude: half of the frames hold {median} stars or fewer, and a solver "
+            f"needs {LEAST_STARS}; draw fainter stars or take a wider field"
+        )

@@ -22,6 +22,8 @@ _SHAPES = {
     run.VERTICAL: ("square", False, -8.0),
     run.THESIS_FIX: ("triangle", False, 0.0),
 }
+_SIZES = {"projection": "horizontal field", "refraction": "tilt of the camera", "k1": "k1 too large by"}
+"""What a size is, where the title of the fault is too long for an axis."""
 _RMS_COLOUR = 1
 _COLOURS = {name: place for place, name in enumerate(_SHAPES)}
 
@@ -61,16 +63,23 @@ def figure_fault(shifts: Shifts, fault: Fault) -> str:
             )
         )
     floor = shifts.of(run.CENTROIDS, fault.key, run.DECLARED).faultless_km().value
-    low, high = min(fault.sizes), max(fault.sizes)
-    margin = ((high / low) ** 0.06) if fault.logarithmic else 1.0
-    ends = (
-        (low / margin, high * margin) if fault.logarithmic else (low - 0.06 * (high - low), high + 0.06 * (high - low))
-    )
+    ends = _ends(fault)
     series.append(Series("error without the fault", ends, [floor, floor], shape="none", line="dotted"))
-    title = f"{fault.title}, {fault.unit}" if fault.unit else fault.title
+    what = _SIZES.get(fault.key, fault.title)
+    title = f"{what}, {fault.unit}" if fault.unit else what
     x = Axis(title, *ends, tuple((size, f"{size:g}") for size in fault.sizes), log=fault.logarithmic)
     y = Axis("shift of the position, km", LEAST_KM, MOST_KM, _KM, log=True)
     return plot(series, x, y, f"Shift of the position against the size of the fault: {fault.title}")
+
+
+def _ends(fault: Fault) -> tuple[float, float]:
+    """Ends of the axis of sizes, a little beyond them; one size alone stands in the middle."""
+    low, high = min(fault.sizes), max(fault.sizes)
+    if fault.logarithmic:
+        margin = (high / low) ** 0.06 if high > low else 2.0
+        return low / margin, high * margin
+    margin = 0.06 * (high - low) or max(1.0, 0.1 * high)
+    return low - margin, high + margin
 
 
 def figure_paths(found: Sequence[Recovery]) -> str:

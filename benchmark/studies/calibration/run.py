@@ -19,25 +19,25 @@ from benchmark.judge.geodesy import east_north_km
 from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration.bias import Estimator, View
 from benchmark.studies.calibration.faults import (
-    FAULTS,
-    HEIGHT,
     MOST_STARS,
     NOISE_PX,
     TEMPERATURE_C,
-    WIDTH,
     Declared,
     Fault,
     Setting,
     StudyFrame,
+    declared_lens,
     declared_truth,
     make_study_frame,
+    solver_camera,
 )
-from benchmark.studies.common.centroid_frames import Projection, StarList
+from benchmark.studies.common.centroid_frames import StarList
 from benchmark.studies.common.progress import Advance
 from celnav.position import Weather
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS
 from generator.places.times import Instant, earth_orientation
+from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario, parse_scenario
 
 F8 = NDArray[np.float64]
@@ -61,6 +61,9 @@ _MODES = {DECLARED: "none", VERTICAL: "none", FOCAL: "auto", CALIBRATED: "full"}
 SOLVER_OF = {name: SkybenchSolver(SkybenchConfig(calibrate=mode)) for name, mode in _MODES.items()}  # type: ignore[arg-type]
 TRACE_SNR = 5.0
 THESIS_CASE = "thesis' own case"
+THESIS_FIELD_DEG = 120.0
+LEAST_STARS = 3
+"""Fewer do not determine a position by least squares."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def shifts_of(
     for name in contestants:
         with_fault, without = offset_km(frame, name, declared), faultless[name]
         predicted = np.full(2, math.nan)
-        if name in ESTIMATORS:
+        if name in ESTIMATORS and len(frame.view.rays) >= LEAST_STARS:
             predicted = bias.position_bias_km(frame.view, misfit, ESTIMATORS[name])
         lengths = [float(np.linalg.norm(one)) if np.isfinite(one).all() else math.inf for one in (with_fault, without)]
         moved = with_fault - without
@@ -156,16 +159,18 @@ def shifts_of(
     return rows
 
 
-def solve_centroids(sites: Sequence[StarList], progress: Advance) -> list[Shift]:
+def solve_centroids(
+    sites: Sequence[StarList], camera: CameraSpec, faults: Sequence[Fault], progress: Advance
+) -> list[Shift]:
     """All faults in all sizes on star positions with noise."""
     rows: list[Shift] = []
     for stars in sites:
         known: dict[Setting, tuple[StudyFrame, dict[str, F8]]] = {}
-        for fault in FAULTS:
+        for fault in faults:
             for size in fault.sizes:
                 setting = fault.setting(size)
                 if setting not in known:
-                    frame = make_study_frame(stars, setting)
+                    frame = make_study_frame(stars, camera, setting)
                     right = {name: offset_km(frame, name, declared_truth(frame)) for name in ON_CENTROIDS}
                     known[setting] = frame, right
                 rows += shifts_of(CENTROIDS, fault, size, known[setting][0], ON_CENTROIDS, known[setting][1])
@@ -179,39 +184,70 @@ def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: A
     return parse_scenario(yaml.safe_dump({**header, **scenario.template, **sections}), scenario.source)
 
 
-def solve_pictures(scenario: Scenario, n_frames: int, folder: Path, progress: Advance) -> list[Shift]:
+def solve_pictures(
+    scenario: Scenario, camera: CameraSpec, faults: Sequence[Fault], n_frames: int, folder: Path, progress: Advance
+) -> list[Shift]:
     """Faults of typical size on rendered frames, and the thesis' own case: a stereographic frame at the zenith.
 
     The size of the thesis' case is the horizontal field of the declared pinhole.
     """
     from generator.frame.render import render_dataset  # loads Mitsuba
 
-    f_px = Setting().f_px
-    stereographic = {**scenario.template["camera"], "model": "stereographic", "f_px": f_px}
-    del stereographic["hfov_deg"]
-    sets: dict[Projection, Scenario] = {
-        "pinhole": changed_scenario(scenario, "pictures", n_frames),
-        "stereographic": changed_scenario(
-            scenario, "stereographic", n_frames, camera=stereographic, attitude="zenith-north-up"
+    swapped = Setting(hfov_deg=THESIS_FIELD_DEG, stereographic=True)
+    sets = {
+        Setting(): changed_scenario(scenario, "pictures", n_frames),
+        swapped: changed_scenario(
+            scenario,
+            "stereographic",
+            n_frames,
+            camera=stereographic_camera(scenario, declared_lens(camera, swapped).f_px),
+            attitude="zenith-north-up",
         ),
     }
     rows: list[Shift] = []
-    for projection, made in sets.items():
-        render_dataset(made, folder / projection, lambda frame: progress())
-        for frame in open_dataset(folder / projection).frames:
-            seen = picture_frame(frame, projection, f_px)
+    for setting, made in sets.items():
+        name = "stereographic" if setting.stereographic else "own"
+        render_dataset(made, folder / name, lambda frame: progress())
+        for frame in open_dataset(folder / name).frames:
+            seen = picture_frame(frame, camera, setting)
             right = {name: offset_km(seen, name, declared_truth(seen)) for name in ON_PICTURES}
-            for fault in FAULTS:
-                if (fault.key == "projection") != (projection == "stereographic"):
+            for fault in faults:
+                if (fault.key == "projection") != setting.stereographic:
                     continue
-                # Refraction is left out of these frames as they are: a wide field at 20 deg, not of its sweep.
-                chosen = replace(fault, key=THESIS_CASE) if fault.key == "projection" else fault
-                size = 120.0 if fault.key == "projection" else 20.0 if fault.key == "refraction" else fault.typical
+                chosen = replace(fault, key=THESIS_CASE) if setting.stereographic else fault
+                # Refraction is left out of these frames as they are, not of those of its sweep.
+                size = {"projection": THESIS_FIELD_DEG, "refraction": round(seen.tilt_deg, 3)}.get(
+                    fault.key, fault.typical
+                )
                 rows += shifts_of(PICTURES, chosen, size, seen, ON_PICTURES, right)
     return rows
 
 
-def picture_frame(frame: Frame, projection: Projection, f_px: float) -> StudyFrame:
+def stereographic_camera(scenario: Scenario, f_px: float) -> dict[str, Any]:
+    """The camera section of a scenario with an ideal stereographic lens, centred, instead of its own."""
+    lens = (
+        "model",
+        "hfov_deg",
+        "f_px",
+        "focal_length_mm",
+        "cx_px",
+        "cy_px",
+        "k",
+        "p",
+        "image_circle_px",
+        "pixel_aspect",
+    )
+    kept = {key: value for key, value in scenario.template["camera"].items() if key not in lens}
+    return {**kept, "model": "stereographic", "f_px": f_px, "k": [], "p": []}
+
+
+def thesis_edge_px(camera: CameraSpec) -> float:
+    """How far the two projections of the thesis' case lie apart at the left and right edge of the pinhole's field, px."""
+    half = math.radians(THESIS_FIELD_DEG / 2)
+    return camera.width / 2 * (1 - 2 * math.tan(half / 2) / math.tan(half))
+
+
+def picture_frame(frame: Frame, camera: CameraSpec, setting: Setting) -> StudyFrame:
     """Detect the stars of a picture; for predictions, take the true stars that leave a trace in the declared field."""
     detections = celnav.detect(load_image(frame))
     if detections.flux is None:
@@ -220,13 +256,10 @@ def picture_frame(frame: Frame, projection: Projection, f_px: float) -> StudyFra
     truth, observation = frame.truth, frame.observation
     traced = np.flatnonzero(truth.snr >= TRACE_SNR)
     traced = traced[np.argsort(-truth.electrons_e[traced], kind="stable")][:MOST_STARS]
-    place = (truth.uv[traced] - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) / f_px
-    square = np.sum(place**2, axis=1)
-    if projection == "pinhole":
-        rays = np.column_stack((place, np.ones(len(place))))
-    else:
-        rays = np.column_stack((place, 1 - square / 4))
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    declared = declared_lens(camera, setting)
+    lens = replace(declared, model="stereographic") if setting.stereographic else declared
+    rays = solver_camera(lens, camera.width, camera.height).to_rays(truth.uv[traced])
+    rays = rays[np.isfinite(rays).all(axis=1) & (not setting.stereographic or rays[:, 2] > 0)]
     where = frame.conditions
     orientation = earth_orientation(Instant.parse(observation.utc))
     return StudyFrame(
@@ -234,10 +267,12 @@ def picture_frame(frame: Frame, projection: Projection, f_px: float) -> StudyFra
         uv=detections.uv[brightest],
         flux=detections.flux[brightest],
         star_id=None,
-        view=View(rays, observation.R_cam, where.latitude_deg, f_px, math.hypot(WIDTH, HEIGHT) / 2),
+        view=View(rays, observation.R_cam, where.latitude_deg, declared, math.hypot(camera.width, camera.height) / 2),
         latitude_deg=where.latitude_deg,
         longitude_deg=where.longitude_deg,
         utc=observation.utc,
         dut1_s=orientation.ut1_utc_s,
-        model=projection,
+        lens=lens,
+        width=camera.width,
+        height=camera.height,
     )

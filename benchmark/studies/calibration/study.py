@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import pyarrow as pa
 from markupsafe import Markup
@@ -18,8 +20,9 @@ from benchmark.run.results import write_atomically
 from benchmark.studies.calibration import figures as figures
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration import summary as summary
-from benchmark.studies.calibration.camera_by_gradient import Recovery, as_table, recover_all
-from benchmark.studies.calibration.faults import FAULTS
+from benchmark.studies.calibration.camera_by_gradient import Recovery, as_table, gradient_scenario, recover_all
+from benchmark.studies.calibration.chosen import Subject, check_gradient, check_sizes, notes_of, subject_of
+from benchmark.studies.calibration.faults import MOST_STARS, NOISE_PX, WHOLE_SKY, check_stars, chosen_faults
 from benchmark.studies.calibration.gradient_summary import PARAMETERS, gradient_finding, gradient_table
 from benchmark.studies.calibration.summary import Shifts
 from benchmark.studies.common.centroid_frames import list_stars
@@ -30,9 +33,6 @@ from generator.scenario.file import load_scenario
 
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS, SHIFTS, GRADIENT = "index.html", "study.json", "shifts.parquet", "gradient.parquet"
-GRADIENT_CAMERA = {
-    "model": "brown_conrady", "width": 1080, "height": 720, "f_px": 700.0, "k": [-0.1], "aperture_mm": 4,
-}  # fmt: skip
 UNITS = dict.fromkeys(
     ("east_km", "north_km", "predicted_east_km", "predicted_north_km", "error_km", "faultless_error_km"), "km"
 )
@@ -49,7 +49,7 @@ class Sizes:
     pictures : int
         Rendered frames of each kind.
     gradient : int
-        Frames whose camera is recovered by gradient.
+        Frames whose camera is recovered by gradient; 0 leaves this part out.
     """
 
     sites: int = 40
@@ -61,6 +61,7 @@ class Sizes:
 class Study:
     """Everything that the page shows."""
 
+    subject: Subject
     sizes: Sizes
     shifts: Shifts
     recovered: tuple[Recovery, ...]
@@ -69,45 +70,70 @@ class Study:
     minutes: float
 
 
-def run_study(scenario_path: Path, sizes: Sizes, work: Path, out: Path, command: str, progress: StudyProgress) -> Study:
+def run_study(
+    scenario_path: Path,
+    sizes: Sizes,
+    work: Path,
+    out: Path,
+    command: str,
+    progress: StudyProgress,
+    fault_sizes: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
+) -> Study:
     """Run the study and write its results.
 
     Parameters
     ----------
     scenario_path : Path
-        Sites, instants and camera.
+        Sites, instants, attitude and camera.
     sizes : Sizes
     work, out : Path
         Where frames and results go.
     command : str
         For the page.
     progress : StudyProgress
+    fault_sizes : mapping of str to tuple of float
+        Sizes of faults instead of the usual ones, as `chosen.read_sizes` returns them.
 
     Raises
     ------
+    BenchmarkError
+        The study cannot be made of the scenario; nothing has been done yet.
     GeneratorError
         With what to do about it.
     """
     start = time.monotonic()
     scenario = load_scenario(scenario_path)
+    subject = subject_of(scenario)
+    check_sizes(subject, fault_sizes)
+    if sizes.gradient:
+        check_gradient(scenario, subject)
+    faults = chosen_faults(subject, fault_sizes)
+    sites = run.changed_scenario(scenario, "centroids", sizes.sites, camera=WHOLE_SKY)
     progress.begin("faults on centroids", sizes.sites)
-    sites = run.changed_scenario(scenario, "centroids", sizes.sites)
-    rows = run.solve_centroids([list_stars(sites, index) for index in range(sizes.sites)], progress.advance)
+    lists = [list_stars(sites, index) for index in range(sizes.sites)]
+    check_stars(scenario, subject.camera, lists)
+    rows = run.solve_centroids(lists, subject.camera, faults, progress.advance)
     progress.begin("faults on pictures", 2 * sizes.pictures)
-    rows += run.solve_pictures(scenario, sizes.pictures, work, progress.advance)
-    progress.begin("camera by gradient", sizes.gradient)
-    with_k1 = run.changed_scenario(scenario, "gradient", sizes.gradient, camera=GRADIENT_CAMERA)
-    recovered = recover_all(with_k1, sizes.gradient, progress.advance)
-    shifts = Shifts(tuple(rows))
+    rows += run.solve_pictures(scenario, subject.camera, faults, sizes.pictures, work, progress.advance)
+    recovered: tuple[Recovery, ...] = ()
+    if sizes.gradient:
+        progress.begin("camera by gradient", sizes.gradient)
+        recovered = recover_all(
+            gradient_scenario(scenario, subject.camera, sizes.gradient), sizes.gradient, progress.advance
+        )
+    shifts = Shifts(tuple(rows), faults)
     tables = (
         summary.summary_table(shifts),
-        summary.picture_table(shifts),
-        gradient_table(recovered),
+        summary.picture_table(shifts, subject.text),
+        *((gradient_table(recovered),) if recovered else ()),
         *summary.size_tables(shifts),
     )
-    study = Study(sizes, shifts, recovered, tables, command, (time.monotonic() - start) / 60)
+    study = Study(subject, sizes, shifts, recovered, tables, command, (time.monotonic() - start) / 60)
     write_rows(out / SHIFTS, rows, UNITS)
-    write_table(out / GRADIENT, pa.table(as_table(recovered)))
+    if recovered:
+        write_table(out / GRADIENT, pa.table(as_table(recovered)))
+    else:
+        (out / GRADIENT).unlink(missing_ok=True)
     write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
     mark, sentence = mark_of_today(command, CALIBRATION_STUDY, out / NUMBERS)
     write_atomically(out / PAGE, page(study, mark, sentence).encode())
@@ -127,23 +153,35 @@ def _numbers(study: Study) -> dict[str, object]:
         "date_utc": provenance.now_utc(),
         "faults": plain(summary.fault_findings(study.shifts)),
         "thesis_case": plain(summary.thesis_case(study.shifts)),
-        "gradient": plain(gradient_finding(study.recovered)),
+        "camera": study.subject.text,
+        "gradient": plain(gradient_finding(study.recovered)) if study.recovered else None,
         "tables": [plain(table) for table in study.tables],
     }
 
 
 def page(study: Study, mark: Mark, sentence: str) -> str:
     """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    recovered = study.recovered
+    n_faults = len(study.shifts.faults)
     return render_page(
         "study_calibration.html",
+        subject=study.subject,
+        most_stars=MOST_STARS,
+        noise_px=NOISE_PX,
+        thesis_field_deg=run.THESIS_FIELD_DEG,
+        thesis_edge_px=run.thesis_edge_px(study.subject.camera),
         faults=summary.fault_findings(study.shifts),
         Effect=summary.Effect,
         thesis_case=summary.thesis_case(study.shifts),
-        gradient=gradient_finding(study.recovered),
-        tables=study.tables,
-        fault_figures=[(fault, Markup(figures.figure_fault(study.shifts, fault))) for fault in FAULTS],
-        errors_figure=Markup(figures.figure_errors(study.recovered, PARAMETERS)),
-        paths_figure=Markup(figures.figure_paths(study.recovered)),
+        gradient=gradient_finding(recovered) if recovered else None,
+        shift_table=study.tables[0],
+        picture_table=study.tables[1],
+        gradient_table=study.tables[2] if recovered else None,
+        size_tables=study.tables[-n_faults:],
+        notes=notes_of(study.subject, study.shifts.faults),
+        fault_figures=[(fault, Markup(figures.figure_fault(study.shifts, fault))) for fault in study.shifts.faults],
+        errors_figure=Markup(figures.figure_errors(recovered, PARAMETERS)) if recovered else None,
+        paths_figure=Markup(figures.figure_paths(recovered)) if recovered else None,
         sizes=study.sizes,
         command=study.command,
         machine=provenance.machine(),

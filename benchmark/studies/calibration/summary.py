@@ -32,14 +32,15 @@ class Effect(StrEnum):
 
 @dataclass(frozen=True)
 class Shifts:
-    """Shifts that can be asked for."""
+    """Shifts that can be asked for, and the faults that made them."""
 
     rows: tuple[Shift, ...]
+    faults: tuple[Fault, ...] = FAULTS
 
     def of(self, part: str, fault: str, contestant: str, size: float | None = None) -> Shifts:
         """Keep those of an experiment."""
         kept = (r for r in self.rows if (r.part, r.fault, r.contestant) == (part, fault, contestant))
-        return Shifts(tuple(r for r in kept if size is None or r.size == size))
+        return Shifts(tuple(r for r in kept if size is None or r.size == size), self.faults)
 
     def moved_km(self) -> Estimate:
         """Median length of the shift over all frames, refusals infinite."""
@@ -95,7 +96,7 @@ def fault_text(fault: Fault, size: float) -> str:
 def summary_table(shifts: Shifts) -> Table:
     """One row a fault, at its typical size, on centroids."""
     body: list[tuple[Cell, ...]] = []
-    for fault in FAULTS:
+    for fault in shifts.faults:
         declared, auto, full, vertical, thesis = (
             shifts.of(run.CENTROIDS, fault.key, name, fault.typical) for name in run.ON_CENTROIDS
         )
@@ -138,7 +139,7 @@ def summary_table(shifts: Shifts) -> Table:
 def size_tables(shifts: Shifts) -> tuple[Table, ...]:
     """One table a fault: all sizes, all solvers."""
     tables = []
-    for fault in FAULTS:
+    for fault in shifts.faults:
         body: list[tuple[Cell, ...]] = []
         for size in fault.sizes:
             cells: list[Cell] = [size_text(fault, size)]
@@ -167,14 +168,12 @@ def _headings() -> Iterable[str]:
         yield name
 
 
-def picture_table(shifts: Shifts) -> Table:
-    """Rendered frames."""
+def picture_table(shifts: Shifts, camera: str) -> Table:
+    """Rendered frames of a camera, which is given in words."""
     body: list[tuple[Cell, ...]] = []
-    faults = [*(fault for fault in FAULTS if fault.key != "projection")]
-    rows = [(fault.key, _picture_title(fault)) for fault in faults]
-    rows.append(
-        (run.THESIS_CASE, "The thesis' own case: a stereographic frame at the zenith declared as a 120 deg pinhole")
-    )
+    rows = [(fault.key, _picture_title(fault)) for fault in shifts.faults if fault.key != "projection"]
+    thesis = f"a stereographic frame at the zenith declared as a {run.THESIS_FIELD_DEG:g} deg pinhole"
+    rows.append((run.THESIS_CASE, f"The thesis' own case: {thesis}"))
     for key, title in rows:
         found = [shifts.of(run.PICTURES, key, name) for name in run.ON_PICTURES]
         cells: list[Cell] = [title, number(found[0].predicted_km()), Number(found[0].along())]
@@ -188,7 +187,7 @@ def picture_table(shifts: Shifts) -> Table:
     n = len({row.site for row in shifts.rows if row.part == run.PICTURES})
     return Table(
         "Rendered frames",
-        f"{n} rendered frames a row, detected by celnav; median shift, km",
+        f"{n} rendered frames a row ({camera}), detected by celnav; median shift, km",
         (
             "fault",
             "predicted",
@@ -204,7 +203,7 @@ def picture_table(shifts: Shifts) -> Table:
 
 def _picture_title(fault: Fault) -> str:
     if fault.key == "refraction":
-        return "Refraction neglected (120 deg camera, tilted by 20 deg)"
+        return "Refraction neglected (the camera as it points)"
     return fault_text(fault, fault.typical)
 
 
@@ -248,14 +247,14 @@ def fault_findings(shifts: Shifts) -> FaultFindings:
     """Sort the faults by their agreement with the prediction and by the effect of self-calibration."""
     by_effect: dict[Effect, list[str]] = {effect: [] for effect in Effect}
     as_predicted = []
-    for fault in FAULTS:
+    for fault in shifts.faults:
         declared = shifts.of(run.CENTROIDS, fault.key, run.DECLARED, fault.typical)
         full = shifts.of(run.CENTROIDS, fault.key, run.CALIBRATED, fault.typical)
         by_effect[effect_of_calibration(declared, full)].append(fault_text(fault, fault.typical))
         if abs(declared.along().value - 1.0) <= AS_PREDICTED:
             as_predicted.append(fault.title)
     return FaultFindings(
-        len(FAULTS), tuple(as_predicted), {effect: tuple(names) for effect, names in by_effect.items()}
+        len(shifts.faults), tuple(as_predicted), {effect: tuple(names) for effect, names in by_effect.items()}
     )
 
 

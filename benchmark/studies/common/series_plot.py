@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from typing import Any
 
@@ -129,17 +130,21 @@ def _draw(axes: Axes, one: Series, y: Axis) -> None:
 
 def _legend(named: Iterable[Series]) -> str:
     """A list of names with samples of their lines and marks; empty without names."""
-    across, down = _SAMPLE_PX
-    items = []
-    for one in named:
-        figure = new_figure(across, down)
-        axes = axes_at(figure, 0, 0, across, down)
-        axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), autoscale_on=False)
-        axes.set_axis_off()
-        axes.plot([0.0, 0.5, 1.0], [0.5, 0.5, 0.5], markevery=[1], **_look(one))
-        sample = f'<svg viewBox="0 0 {across} {down}" fill="none" aria-hidden="true">{svg_marks(figure)}</svg>'
-        items.append(f"<li>{sample}{escape(one.name)}</li>")
+    items = [f"<li>{_sample(one.shape, one.filled, one.line, one.colour)}{escape(one.name)}</li>" for one in named]
     return f'<ul class="legend">{"".join(items)}</ul>' if items else ""
+
+
+@cache
+def _sample(shape: str, filled: bool, line: str, colour: int | None) -> str:
+    """Draw a short piece of a series' line with one mark."""
+    across, down = _SAMPLE_PX
+    figure = new_figure(across, down)
+    axes = axes_at(figure, 0, 0, across, down)
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), autoscale_on=False)
+    axes.set_axis_off()
+    look = _look(Series("", (), (), shape=shape, filled=filled, line=line, colour=colour))
+    axes.plot([0.0, 0.5, 1.0], [0.5, 0.5, 0.5], markevery=[1], **look)
+    return f'<svg viewBox="0 0 {across} {down}" fill="none" aria-hidden="true">{svg_marks(figure)}</svg>'
 
 
 def _look(one: Series) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from benchmark.studies.calibration import bias as bias
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration.bias import Estimator, View
 from benchmark.studies.calibration.camera_by_gradient import Recovery
+from benchmark.studies.calibration.chosen import subject_of
 from benchmark.studies.calibration.faults import (
     EARTH_TURN_S,
     FAULTS,
@@ -47,6 +48,7 @@ from benchmark.studies.common.progress import StudyProgress
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.times import Instant
 from generator.scenario.file import load_scenario
+from generator.scenario.projection import Projection
 
 SCENARIO = Path(__file__).parents[3] / "scenes" / "calibration_study.yaml"
 AIR = Air(PRESSURE_HPA, 10.0, 0.5)
@@ -61,14 +63,14 @@ class World:
     def __init__(self, index):
         self.stars = list_stars(load_scenario(SCENARIO), index)
         self.plan = self.stars.plan
-        frame = make_study_frame(self.stars, Setting(), noise_px=0.0)
+        frame = make_study_frame(self.stars, self.plan.spec.camera, Setting(), noise_px=0.0)
         order = {star: row for row, star in enumerate(self.plan.stars.star_id.tolist())}
         rows = np.array([order[star] for star in frame.star_id[:N_STARS].tolist()])
         self.catalogue = self.plan.stars[rows]
         self.R_cam = frame.view.R_cam
-        self.f_px = frame.view.f_px
+        self.f_px = frame.view.lens.f_px
         self.view = View(
-            frame.view.rays[:N_STARS], self.R_cam, frame.latitude_deg, self.f_px, frame.view.half_diagonal_px
+            frame.view.rays[:N_STARS], self.R_cam, frame.latitude_deg, frame.view.lens, frame.view.half_diagonal_px
         )
         self.lat, self.lon = frame.latitude_deg, frame.longitude_deg
 
@@ -221,13 +223,17 @@ def test_wrong_epoch_shifts_as_predicted(world):
     close(measured(366) - measured(-366), predicted[0] - predicted[1], 0.03)
 
 
+def pinhole(f_px):
+    return Projection("pinhole", f_px, f_px, 0.0, 0.0)
+
+
 def view_towards_zenith(latitude_deg=45.0, f_px=300.0):
     """A ring of stars about the zenith and one in the middle."""
     angle = np.arange(12) / 12 * 2 * math.pi
     rays = np.column_stack((0.3 * np.cos(angle), 0.3 * np.sin(angle), np.ones(12)))
     rays = np.vstack((rays / np.linalg.norm(rays, axis=1, keepdims=True), [0.0, 0.0, 1.0]))
     R_cam = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0]])
-    return View(rays, R_cam, latitude_deg, f_px, 500.0)
+    return View(rays, R_cam, latitude_deg, pinhole(f_px), 500.0)
 
 
 def test_sizes_that_everybody_knows():
@@ -245,7 +251,7 @@ def test_sizes_that_everybody_knows():
     # The Nautical Almanac's table of altitude corrections for stars: 5.3' at 10 degrees, 1.0' at 45.
     for altitude_deg, arcmin in ((10.0, 5.3), (45.0, 1.0)):
         z = math.radians(90 - altitude_deg)
-        star = View(np.array([[math.sin(z), 0.0, math.cos(z)]]), view.R_cam, 0.0, 1.0, 1.0)
+        star = View(np.array([[math.sin(z), 0.0, math.cos(z)]]), view.R_cam, 0.0, pinhole(1.0), 1.0)
         lift = np.linalg.norm(bias.refraction_misfit(star, 1010.0, 10.0).shift_px) * math.cos(z) ** 2
         assert math.degrees(lift) * 60 == pytest.approx(arcmin, abs=0.1)
 
@@ -258,7 +264,7 @@ def test_the_pole_moves_twenty_arcseconds_a_year():
 
 def test_the_mix_up_is_of_third_order():
     angles = np.radians([2.0, 5.0, 10.0])
-    view = View(np.column_stack((np.sin(angles), np.zeros(3), np.cos(angles))), np.eye(3), 0.0, 300.0, 500.0)
+    view = View(np.column_stack((np.sin(angles), np.zeros(3), np.cos(angles))), np.eye(3), 0.0, pinhole(300.0), 500.0)
     shift = bias.projection_misfit(view).shift_px[:, 0]
     np.testing.assert_allclose(shift, -300.0 * angles**3 / 4, rtol=0.02)
 
@@ -270,7 +276,7 @@ def test_solver_shifts_as_predicted_and_calibrates_it_away():
         if fault.key == "projection":
             continue
         for stars in sites:
-            frame = make_study_frame(stars, fault.setting(fault.typical))
+            frame = make_study_frame(stars, stars.plan.spec.camera, fault.setting(fault.typical))
             names = (run.DECLARED, run.CALIBRATED)
             right = {name: run.offset_km(frame, name, declared_truth(frame)) for name in names}
             declared, calibrated = run.shifts_of(run.CENTROIDS, fault, fault.typical, frame, names, right)
@@ -312,6 +318,7 @@ def test_interval_of_squared_errors():
     assert nees_interval(10) == pytest.approx((32.357, 71.420), abs=1e-2)
 
 
+SUBJECT = subject_of(load_scenario(SCENARIO))
 LEFT = {"focal": 0.05, "centre": 0.05, "clock": 2.0, "heading": 5.0}
 """Shift, km, that self-calibration leaves of 2 km; 1 km of the others."""
 
@@ -365,8 +372,13 @@ def test_findings_by_hand():
 
 def test_page_says_the_findings():
     shifts, recovered = made_by_hand()
-    tables = (summary_table(shifts), picture_table(shifts), gradient_table(recovered), *size_tables(shifts))
-    study = Study(Sizes(20, 4, 3), shifts, recovered, tables, "skybench <study>", 1.0)
+    tables = (
+        summary_table(shifts),
+        picture_table(shifts, SUBJECT.text),
+        gradient_table(recovered),
+        *size_tables(shifts),
+    )
+    study = Study(SUBJECT, Sizes(20, 4, 3), shifts, recovered, tables, "skybench <study>", 1.0)
     mark = Mark(study.command, {"the study calibration": None})
     sentence = "Measured before revisions of the study calibration were recorded."
     made = page(study, mark, sentence)
