@@ -12,6 +12,7 @@ PAGES = {
     "task": SITE / "bortle@1-dev-own.html",
     "failures": SITE / "bortle@1-dev-own-failures.html",
     "solver": SITE / "solver-skybench.html",
+    "calibration": RESULTS / "studies" / "calibration" / "index.html",
 }
 SCREEN_PX, PHONE_PX = 1300, 400
 TITLES = {
@@ -19,6 +20,7 @@ TITLES = {
     "task": "bortle@1",
     "failures": "Failures of all solvers on bortle@1",
     "solver": "skybench leaderboard",
+    "calibration": "Effects of calibration errors",
 }
 # Tables by what they show; those with a column for each of many values may be wider than a telephone.
 SCROLLING = """
@@ -29,7 +31,8 @@ return [...document.querySelectorAll(".scroll, pre")].filter((one) => one.scroll
 CLIPPED = """
 const out = [];
 for (const drawing of document.querySelectorAll("svg.panel:not(.store)")) {
-  const frame = drawing.getBoundingClientRect();
+  const free = getComputedStyle(drawing).overflow === "visible";
+  const frame = (free ? document.body : drawing).getBoundingClientRect();
   for (const words of drawing.querySelectorAll("text")) {
     const box = words.getBoundingClientRect();
     if (box.left < frame.left - 1 || box.right > frame.right + 1 || box.top < frame.top - 1 || box.bottom > frame.bottom + 1)
