@@ -203,6 +203,19 @@ def test_frame_stretch_zoom_and_overlay(browser, dataset, page) -> None:
     assert viewer.problems() == []
 
 
+def test_an_open_frame_fits_a_telephone(browser, page) -> None:
+    size = {"width": 400, "height": 900, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        viewer = Viewer(browser, page)
+        viewer.open_frame(0)
+        inside, room = viewer.run("const v = document.getElementById('viewer'); return [v.scrollWidth, v.clientWidth]")
+        assert inside <= room
+        assert viewer.run("return document.documentElement.scrollWidth") <= 400
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
 def test_pointer_wheel_keys_and_neighbours(browser, page) -> None:
     from selenium.webdriver import ActionChains, Keys
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
