@@ -153,7 +153,7 @@ def report(
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
     from benchmark.report.site.terminal import boards_document, result_table
-    from benchmark.run.results import write_atomically
+    from generator.files import write_bytes
 
     try:
         with progress_bars("boards") as bar:
@@ -162,7 +162,7 @@ def report(
         if not as_json:
             print_tables(result_table(boards))
         if figure is not None:
-            write_atomically(figure, render_figure(boards, Places(out, data or DEFAULT_DATA), figure).encode())
+            write_bytes(figure, render_figure(boards, Places(out, data or DEFAULT_DATA), figure).encode())
         with working("writing the pages"):
             path = write_site(
                 boards, Places(out, data or DEFAULT_DATA), MOST_PICTURES if pictures is None else pictures

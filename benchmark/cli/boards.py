@@ -139,13 +139,13 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
 def _report(out: Path, data: Path, figure: Path | None) -> Path:
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
-    from benchmark.run.results import write_atomically
+    from generator.files import write_bytes
 
     with progress_bars("boards") as bar:
         line = bar.add_task("comparing", total=None)
         made = make_boards(out, lambda done, of: bar.update(line, completed=done, total=of))
     if figure is not None:
-        write_atomically(figure, render_figure(made, Places(out, data), figure).encode())
+        write_bytes(figure, render_figure(made, Places(out, data), figure).encode())
     return write_site(made, Places(out, data))
 
 

@@ -16,8 +16,8 @@ from benchmark.frames.preview import preview_webp
 from benchmark.report.formatting import number, percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.templates import read_sheet, render_page
-from benchmark.run.results import write_atomically
 from benchmark.stats.metrics import FIX
+from generator.files import write_bytes
 from generator.scenario.file import Scenario
 
 PAGE = "index.html"
@@ -124,7 +124,7 @@ def write_demo(demo: Demo, folder: Path, details: Path) -> Path:
         percent=percent,
         number=number,
     )
-    write_atomically(path, page.encode())
+    write_bytes(path, page.encode())
     return path
 
 

@@ -12,7 +12,8 @@ import pyarrow as pa
 
 from benchmark.judge.outcome import SolverOutcome
 from benchmark.run.result_tables import frame_table, in_order, match_table
-from benchmark.run.results import read_table, write_atomically, write_parquet
+from benchmark.run.results import read_table, write_parquet
+from generator.files import write_bytes
 
 FOLDER = "unfinished"
 LONGEST_WAIT_S = 20.0
@@ -67,7 +68,7 @@ class Journal:
         if self._waiting and self._kept:
             part = f"{len(self._frames):05d}.parquet"
             self._gather()
-            write_atomically(self._folder / "stamp.json", self._stamp.encode())
+            write_bytes(self._folder / "stamp.json", self._stamp.encode())
             write_parquet(self._folder / f"matches-{part}", self._matches[-1])
             write_parquet(self._folder / f"frames-{part}", self._frames[-1])
         self._written = time.monotonic()

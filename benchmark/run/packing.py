@@ -10,8 +10,9 @@ from pathlib import Path
 
 from benchmark.errors import ResultsError
 from benchmark.run.packed import PackedRow, pack, read_packed
-from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary, write_atomically
+from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary
 from benchmark.stats.frame_metrics import read_frames
+from generator.files import write_bytes
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ def _pack_part(part: Path, raw: list[tuple[Path, PackedRow]]) -> PackedTable:
     rows = {(row.detections, row.solver): row for row in kept} | new
     ordered = [rows[place] for place in sorted(rows)]
     table, text = pack(ordered)
-    write_atomically(listing.with_suffix(".parquet"), table)
-    write_atomically(listing, text)
+    write_bytes(listing.with_suffix(".parquet"), table)
+    write_bytes(listing, text)
     _check(listing, ordered)
     for folder, _ in raw:
         shutil.rmtree(folder)

@@ -26,6 +26,7 @@ from benchmark.run.provenance import RunProvenance, blanks, read_provenance
 from benchmark.run.result_tables import finite, scores_of
 from benchmark.stats.intervals import CONFIDENCE, Estimate
 from benchmark.stats.metrics import DEFINITIONS, Summary, by_bortle, summarise
+from generator.files import write_bytes
 
 RESULT_FORMAT = "skybench-result/2"
 SUMMARY_NAME = "summary.json"
@@ -101,7 +102,7 @@ def write_result(folder: Path, solver: str, frames: pa.Table, matches: pa.Table,
         "provenance": source,
     }
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    write_atomically(folder / SUMMARY_NAME, text.encode())
+    write_bytes(folder / SUMMARY_NAME, text.encode())
     return overall
 
 
@@ -162,22 +163,11 @@ def check_writable(out: Path) -> None:
         raise ResultsError(f"{out}: cannot be written ({error.strerror}); choose another folder with --out") from error
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that appears under its name only when whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def write_parquet(path: Path, table: pa.Table) -> None:
     """Write a table that appears under its name only when whole."""
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
-    write_atomically(path, sink.getvalue().to_pybytes())
+    write_bytes(path, sink.getvalue().to_pybytes())
 
 
 def _summary_to_json(summary: Summary) -> dict[str, Any]:

@@ -59,6 +59,11 @@ class Sources:
             modules[name] = text
         return cls(modules, packages)
 
+    def edited(self, texts: Mapping[str, str]) -> Sources:
+        """The same modules but for other texts of some of them."""
+        read = {name: module for name, module in self._read.items() if name not in texts}
+        return Sources({**self.modules, **texts}, self.packages, read)
+
     def module(self, name: str) -> _Module:
         """Read a module.
 

@@ -20,10 +20,10 @@ import celnav
 from benchmark.errors import DatasetError, ResultsError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.frames.record_values import FRAME_FORMAT
-from benchmark.run.results import write_atomically
 from benchmark.stats.metrics import REFUSED
 from benchmark.submit.csv_cells import csv_lines
 from benchmark.submit.submission import FRAME_COLUMNS
+from generator.files import write_bytes
 
 LISTING = "frames.json"
 TEMPLATE = "answers.csv"
@@ -78,13 +78,13 @@ def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = l
         for frame in sorted(frames, key=lambda frame: names[frame.frame_id]):
             name = names[frame.frame_id]
             image = _png(load_image(frame))
-            write_atomically(out / f"{name}.png", image)
-            write_atomically(out / f"{name}.json", (json.dumps(public_record(name, frame), indent=1) + "\n").encode())
+            write_bytes(out / f"{name}.png", image)
+            write_bytes(out / f"{name}.json", (json.dumps(public_record(name, frame), indent=1) + "\n").encode())
             listing.append({"frame_id": name, "sha256": hashlib.sha256(image).hexdigest()})
             progress(name)
         rows = [(entry["frame_id"], REFUSED, *[""] * (len(FRAME_COLUMNS) - 2)) for entry in listing]
-        write_atomically(out / TEMPLATE, csv_lines([FRAME_COLUMNS, *rows]).encode())
-        write_atomically(out / LISTING, (json.dumps(listing, indent=1) + "\n").encode())
+        write_bytes(out / TEMPLATE, csv_lines([FRAME_COLUMNS, *rows]).encode())
+        write_bytes(out / LISTING, (json.dumps(listing, indent=1) + "\n").encode())
     except OSError as error:
         raise ResultsError(f"{error.filename or out}: {error.strerror}; choose another folder") from error
 

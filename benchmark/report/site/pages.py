@@ -42,10 +42,10 @@ from benchmark.report.site.site_view import (
 )
 from benchmark.report.site.tree import read_tree
 from benchmark.report.templates import environment, read_sheet
-from benchmark.run.results import write_atomically
 from benchmark.stats.confidence import RiskCoverage
 from benchmark.stats.intervals import Estimate
 from generator.drawing.palette import palette_sheet
+from generator.files import write_bytes
 
 SITE_FOLDER = "site"
 _SHEETS = ("page.css", "figure.css", "site/site.css")
@@ -105,7 +105,7 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
     ]
     pages = render_site(boards, failed, pictures, places)
     for name, text in (*shared_files().items(), *pages.items()):
-        write_atomically(folder / name, text.encode())
+        write_bytes(folder / name, text.encode())
     for old in folder.glob("*.html"):
         if old.name not in pages:
             old.unlink()

@@ -13,7 +13,7 @@ from benchmark.report.overlay import Overlay, draw_overlay
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.failures import Failure, pictured_frames
 from benchmark.report.site.frame_source import FrameSource, rendered_id
-from benchmark.run.results import write_atomically
+from generator.files import write_bytes
 
 PICTURES_FOLDER = "pictures"
 MOST_PICTURES = 100
@@ -92,7 +92,7 @@ def write_pictures(
         picture = source.picture(stored, frame_id, PICTURE_WIDTH_PX)
         if picture is None:
             return Pictures()
-        write_atomically(site / place, picture)
+        write_bytes(site / place, picture)
         frames[rendered] = place.as_posix()
     stars = source.true_stars(stored, chosen)
     overlays: dict[tuple[int, str], str] = {}
@@ -103,7 +103,7 @@ def write_pictures(
         name = re.sub(r"[^A-Za-z0-9._+-]", "-", entry.label)
         for frame_id, rows in entry.stored.detections_in(ids).items():
             path = folder / f"{frame_id}-{name}.svg"
-            write_atomically(site / path, _svg(_overlay(entry, frame_id, rows, stars.get(frame_id, ()))).encode())
+            write_bytes(site / path, _svg(_overlay(entry, frame_id, rows, stars.get(frame_id, ()))).encode())
             overlays[(place, frame_id)] = path.as_posix()
     return Pictures(frames, overlays, at_hand=True)
 

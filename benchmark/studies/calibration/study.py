@@ -16,7 +16,6 @@ from benchmark import provenance
 from benchmark.report.marks import Mark
 from benchmark.report.stale import CALIBRATION_STUDY, mark_of_today, revision_today
 from benchmark.report.templates import render_page
-from benchmark.run.results import write_atomically
 from benchmark.studies.calibration import figures as figures
 from benchmark.studies.calibration import run as run
 from benchmark.studies.calibration import summary as summary
@@ -29,6 +28,7 @@ from benchmark.studies.common.centroid_frames import list_stars
 from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import write_rows, write_table
+from generator.files import write_bytes
 from generator.scenario.file import load_scenario
 
 FORMAT = "skybench-study/1"
@@ -134,9 +134,9 @@ def run_study(
         write_table(out / GRADIENT, pa.table(as_table(recovered)))
     else:
         (out / GRADIENT).unlink(missing_ok=True)
-    write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
+    write_bytes(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
     mark, sentence = mark_of_today(command, CALIBRATION_STUDY, out / NUMBERS)
-    write_atomically(out / PAGE, page(study, mark, sentence).encode())
+    write_bytes(out / PAGE, page(study, mark, sentence).encode())
     return study
 
 

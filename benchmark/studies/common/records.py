@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from benchmark.judge.outcome import SolverOutcome
-from benchmark.run.results import write_atomically
 from benchmark.stats.intervals import Estimate, proportion, quantile_estimate
 from benchmark.stats.metrics import SUCCESS_KM
 from benchmark.stats.paired_tests import PairedTest, mcnemar_exact
+from generator.files import write_bytes
 
 UNITS = {"depth_mag": "mag", "error_km": "km", "detect_ms": "ms", "solve_ms": "ms"}
 
@@ -193,4 +193,4 @@ def write_table(path: Path, table: pa.Table) -> None:
     """Write a table as one Parquet file, whole or not at all."""
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", compression_level=15)
-    write_atomically(path, sink.getvalue().to_pybytes())
+    write_bytes(path, sink.getvalue().to_pybytes())

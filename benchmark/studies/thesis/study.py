@@ -16,7 +16,6 @@ from benchmark.report.formatting import interval, number, percent
 from benchmark.report.marks import Mark
 from benchmark.report.stale import THESIS_STUDY, mark_of_today, revision_today
 from benchmark.report.templates import environment
-from benchmark.run.results import write_atomically
 from benchmark.stats.intervals import Estimate
 from benchmark.studies.common.page_model import Answer, Outcome, Table, p_text, plain
 from benchmark.studies.common.progress import StudyProgress
@@ -36,6 +35,7 @@ from benchmark.studies.thesis.answers_time import Speed, h11, speeds
 from benchmark.studies.thesis.centroids import DEPTHS_MAG, CentroidPart, sites_of, solve_centroids
 from benchmark.studies.thesis.disturbed import MOST_FRAMES, SETTINGS, solve_disturbed
 from benchmark.studies.thesis.rendered import PART, RenderedPart, render_scenario, solve_pictures, study_scenario
+from generator.files import write_bytes
 
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS, ROWS = "index.html", "study.json", "frames.parquet"
@@ -154,9 +154,9 @@ def run_study(
         (time.monotonic() - start) / 60,
     )
     write_rows(out / ROWS, rows.rows)
-    write_atomically(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
+    write_bytes(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
     mark, sentence = mark_of_today(command, THESIS_STUDY, out / NUMBERS)
-    write_atomically(out / PAGE, page(study, mark, sentence).encode())
+    write_bytes(out / PAGE, page(study, mark, sentence).encode())
     return study
 
 

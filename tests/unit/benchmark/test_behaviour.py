@@ -53,12 +53,14 @@ def digests_as_installed() -> dict[str, str]:
 
 def changed(**edits: tuple[str, str]) -> set[str]:
     """Whose digests differ after edits of modules, each an old text and a new one; dots are underscores twice."""
-    modules = dict(installed_packages().sources.modules)
+    installed = installed_packages().sources
+    texts = {}
     for name, (old, new) in edits.items():
         module = name.replace("__", ".")
-        assert old in modules[module], f"{module} has no {old!r}: this test needs another place to change"
-        modules[module] = modules[module].replace(old, new, 1)
-    before, after = digests_as_installed(), digests(Sources(modules, installed_packages().sources.packages))
+        text = installed.modules[module]
+        assert old in text, f"{module} has no {old!r}: this test needs another place to change"
+        texts[module] = text.replace(old, new, 1)
+    before, after = digests_as_installed(), digests(installed.edited(texts))
     return {name for name in before if before[name] != after[name]}
 
 
