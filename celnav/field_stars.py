@@ -109,10 +109,12 @@ def seen_planets(
     free = np.flatnonzero(is_free[:n_bright])
     predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
     visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
+    scale = camera.radians_per_px(predicted[visible])
+    # Far outside the image a place may have an image by the lens' formula, and no scale.
+    visible, scale = visible[np.isfinite(scale)], scale[np.isfinite(scale)]
     if not len(free) or not len(visible):
         return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
-    scale = camera.radians_per_px(predicted[visible])
-    radius = float(np.nanmax(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
+    radius = float(np.max(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
     # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
