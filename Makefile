@@ -2,13 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow lint format install lock clean
+.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow fuzz lint format install lock clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with four solvers, write results/demo/index.html"
 	@echo "make test        run the tests"
 	@echo "make test-journeys  run whole programs from end to end: documented commands, killed processes, clusters"
 	@echo "make test-slow   run the tests that take longer"
+	@echo "make fuzz        put damaged and random inputs to every reader: EXAMPLES=2000 of them to each target"
 	@echo "make boards        run the rows of the leaderboard that are not of today's code"
 	@echo "make boards-plan   only list them, with an estimate of the time"
 	@echo "make check-results check that measured numbers are of the revision printed beside them"
@@ -16,7 +17,7 @@ help:
 	@echo "make lint        ruff and mypy"
 	@echo "make format      format the code"
 	@echo "make lock        pin the dependencies anew (requirements.lock)"
-	@echo "make clean       remove what was made, .venv included"
+	@echo "make clean       remove .venv, the documentation, the demos and caches; other files in out/ and results/ stay"
 
 install:
 	@$(PYTHON) tools/bootstrap.py
@@ -35,6 +36,12 @@ test-journeys: install
 
 test-slow: install
 	@$(BIN)/python -m pytest -m slow
+
+# Inputs to each target; failing ones are kept in .hypothesis and tried first the next time.
+EXAMPLES ?= 2000
+
+fuzz: install
+	@SKYBENCH_FUZZ_EXAMPLES=$(EXAMPLES) $(BIN)/python -m pytest tests/fuzz
 
 # Frames to solve at the same time.
 JOBS ?= 2
@@ -68,4 +75,6 @@ lock:
 		--custom-compile-command "make lock" pyproject.toml --output-file requirements.lock
 
 clean:
-	@rm -rf .venv out results/demo results/demo-small .pytest_cache .mypy_cache .ruff_cache
+	@rm -rf .venv out/docs out/demo out/demo-small results/demo results/demo-small
+	@rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rmdir out 2>/dev/null || true

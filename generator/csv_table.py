@@ -133,7 +133,8 @@ def _fault(
             except ValueError as error:
                 return CsvError(f"'{name}', line {number}, column {columns[0]}: {error}")
         for column, cell in list(zip(columns, cells, strict=True))[0 if convert is None else 1 :]:
-            if not _NUMBER.fullmatch(cell.strip()) or not math.isfinite(float(cell)):
-                short = cell.strip()[:40]
+            found = cell.strip()
+            if not _NUMBER.fullmatch(found) or not math.isfinite(float(found)):
+                short = found[:40]
                 return CsvError(f"'{name}', line {number}, column {column}: found {short!r}, expected a finite number")
     return None

@@ -34,6 +34,7 @@ from benchmark.run.results import (
     read_table,
     result_folder,
     write_result,
+    writing,
 )
 from benchmark.run.sessions import SessionPool, session_pool
 from benchmark.run.shared_detections import shared_detections
@@ -121,7 +122,7 @@ def run(
     Raises
     ------
     UnknownSolverError, SolverError, DatasetError, TaskError, ResultsError
-        Before any frame is solved, but for a damaged image and a solver that does not start.
+        Before any frame is solved, but for a damaged image, a solver that does not start and a disk that takes no more.
     """
     contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
     check_writable(out)
@@ -191,19 +192,20 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     ids = [frame.frame_id for frame in frames.frames]
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
     journal = Journal(folder, stamp, contestant.settled)
-    done = journal.take_over(ids)
-    progress(len(done))
-    left = [frame for frame in frames.frames if frame.frame_id not in done]
-    try:
-        for outcome in outcomes(left, found.pool, found.detections, found.bounds):
-            journal.add(outcome)
-            progress(1)
-    except BaseException:
-        journal.flush()
-        raise
-    ended = dataclasses.replace(source, date_utc=now_utc())
-    summary = write_result(folder, contestant.name, *journal.tables(ids), ended)
-    journal.clear()
+    with writing(folder):
+        done = journal.take_over(ids)
+        progress(len(done))
+        left = [frame for frame in frames.frames if frame.frame_id not in done]
+        try:
+            for outcome in outcomes(left, found.pool, found.detections, found.bounds):
+                journal.add(outcome)
+                progress(1)
+        except BaseException:
+            journal.flush()
+            raise
+        ended = dataclasses.replace(source, date_utc=now_utc())
+        summary = write_result(folder, contestant.name, *journal.tables(ids), ended)
+        journal.clear()
     return SolverRun(contestant.name, folder, summary, len(left), time.monotonic() - started)
 
 

@@ -12,7 +12,8 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,24 @@ def check_writable(out: Path) -> None:
             probe.write(b"\0")
     except OSError as error:
         raise ResultsError(f"{out}: cannot be written ({error.strerror}); choose another folder with --out") from error
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Do what writes results into a folder; each file appears under its name only when whole.
+
+    Raises
+    ------
+    ResultsError
+        The operating system refuses: a full disk, a renaming that fails.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultsError(
+            f"{error.filename or folder}: writing failed ({error.strerror or error}); free some space and run the same "
+            "command again"
+        ) from error
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:

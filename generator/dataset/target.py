@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -91,59 +94,67 @@ class RemoteTarget:
         """Name for messages."""
         return self.url
 
-    def _open(self, place: str) -> tuple[Any, str]:
+    @contextmanager
+    def _open(self, place: str) -> Iterator[tuple[Any, str]]:
+        """File system and path of an object; whatever the store raises comes as an OSError that names the object."""
         try:
             import fsspec
 
             system, root = fsspec.core.url_to_fs(self.url)
         except (ImportError, ValueError) as error:
             raise GeneratorError(f"{self.url}: {error}; pip install 'skybench[cluster]'") from error
-        return system, f"{root}/{place}" if place else root
+        try:
+            yield system, f"{root}/{place}" if place else root
+        except OSError:
+            raise
+        except Exception as error:  # each store has classes of its own, for a connection that breaks off among others
+            url = f"{self.url}/{place}" if place else self.url
+            raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
 
     def read(self, place: str) -> bytes | None:
         """Contents of an object, or None."""
-        system, path = self._open(place)
         try:
-            return bytes(system.cat_file(path))
+            with self._open(place) as (system, path):
+                return bytes(system.cat_file(path))
         except FileNotFoundError:
             return None
 
     def size(self, place: str) -> int | None:
         """Size of an object, or None."""
-        system, path = self._open(place)
-        system.invalidate_cache()
         try:
-            return int(system.info(path)["size"])
+            with self._open(place) as (system, path):
+                system.invalidate_cache()
+                return int(system.info(path)["size"])
         except FileNotFoundError:
             return None
 
     def put(self, local: Path, place: str) -> None:
         """Upload a file."""
-        system, path = self._open(place)
-        system.put_file(str(local), path)
+        with self._open(place) as (system, path):
+            system.put_file(str(local), path)
 
     def remove(self, place: str) -> None:
         """Remove an object."""
-        system, path = self._open(place)
-        system.invalidate_cache()
-        if system.exists(path):
-            system.rm_file(path)
+        with self._open(place) as (system, path):
+            system.invalidate_cache()
+            if system.exists(path):
+                system.rm_file(path)
 
     def fetch(self, place: str, scratch: Path) -> Path:
         """Download an object, once."""
         local = path_within(scratch, place)
         if not local.exists():
             local.parent.mkdir(parents=True, exist_ok=True)
-            system, path = self._open(place)
-            system.get_file(path, str(local))
+            with atomic_path(local) as waiting, self._open(place) as (system, path):
+                system.get_file(path, str(waiting))
         return local
 
     def listing(self) -> list[str]:
         """Names at the root."""
-        system, path = self._open("")
-        system.invalidate_cache()
         try:
-            return sorted(Path(entry).name for entry in system.ls(path, detail=False))
+            with self._open("") as (system, path):
+                system.invalidate_cache()
+                return sorted(Path(entry).name for entry in system.ls(path, detail=False))
         except FileNotFoundError:
             return []
 

@@ -42,6 +42,7 @@ from benchmark.report.site.site_view import (
 )
 from benchmark.report.site.tree import read_tree
 from benchmark.report.templates import environment, read_sheet
+from benchmark.run.results import writing
 from benchmark.stats.confidence import RiskCoverage
 from benchmark.stats.intervals import Estimate
 from generator.drawing.palette import palette_sheet
@@ -95,21 +96,22 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
     Raises
     ------
     ResultsError
-        A picture is damaged.
+        A picture is damaged, or the pages cannot be written.
     """
     folder, source = places.out / SITE_FOLDER, FrameSource(places.data)
-    failed = [failures_of(board) for board in boards]
-    pictures = [
-        write_pictures(board, failures, source, folder, most_pictures)
-        for board, failures in zip(boards, failed, strict=True)
-    ]
-    pages = render_site(boards, failed, pictures, places)
-    for name, text in (*shared_files().items(), *pages.items()):
-        write_bytes(folder / name, text.encode())
-    for old in folder.glob("*.html"):
-        if old.name not in pages:
-            old.unlink()
-    remove_others(folder, pictures)
+    with writing(folder):
+        failed = [failures_of(board) for board in boards]
+        pictures = [
+            write_pictures(board, failures, source, folder, most_pictures)
+            for board, failures in zip(boards, failed, strict=True)
+        ]
+        pages = render_site(boards, failed, pictures, places)
+        for name, text in (*shared_files().items(), *pages.items()):
+            write_bytes(folder / name, text.encode())
+        for old in folder.glob("*.html"):
+            if old.name not in pages:
+                old.unlink()
+        remove_others(folder, pictures)
     return folder / "index.html"
 
 
