@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
@@ -17,6 +15,9 @@ from benchmark.errors import DatasetError
 from benchmark.frames.conditions import FrameConditions, read_conditions
 from benchmark.frames.record_values import RENDER_AGAIN, integer, number, read_record, text, value
 from benchmark.protocol import CameraRecord, Observation
+from generator.errors import GeneratorError
+from generator.frame.record import STAR_SCHEMA
+from generator.reading.table import read_table
 
 TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
 CLOUD_COLUMN = "cloud_optical_depth"
@@ -190,20 +191,24 @@ def load_image(frame: Frame) -> NDArray[np.uint16]:
         with Image.open(path, formats=["PNG"]) as picture:
             if picture.mode not in {"I;16", "I;16B"}:
                 raise DatasetError(f"{path}: expected 16 bits and one channel, found mode {picture.mode}")
+            if picture.size != (frame.observation.camera.width, frame.observation.camera.height):
+                raise DatasetError(_other_size(path, frame, *picture.size))
             picture.load()
             image = np.asarray(picture).astype(np.uint16)
     except UnidentifiedImageError as error:
         raise DatasetError(f"{path}: not a PNG image; {RENDER_AGAIN}") from error
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         # Pillow reports a cut-off or corrupted stream as any of these.
         raise DatasetError(f"{path}: truncated or damaged PNG ({error}); {RENDER_AGAIN}") from error
-    camera = frame.observation.camera
-    if image.shape != (camera.height, camera.width):
-        raise DatasetError(
-            f"{path}: the image has {image.shape[1]} x {image.shape[0]} pixels, its camera in {frame.frame_id}.json "
-            f"{camera.width} x {camera.height}; the two must agree, {RENDER_AGAIN}"
-        )
     return image
+
+
+def _other_size(path: Path, frame: Frame, width: int, height: int) -> str:
+    camera = frame.observation.camera
+    return (
+        f"{path}: the image has {width} x {height} pixels, its camera in {frame.frame_id}.json "
+        f"{camera.width} x {camera.height}; the two must agree, {RENDER_AGAIN}"
+    )
 
 
 def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
@@ -289,28 +294,36 @@ _NO_STARS = TruthStars(
 
 
 def _read_truth(path: Path) -> dict[str, TruthStars]:
+    wanted = (*TRUTH_COLUMNS, CLOUD_COLUMN, *STREAK_COLUMNS)
     try:
-        table = pq.read_table(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise DatasetError(f"{path}: not a readable Parquet file ({error}); {RENDER_AGAIN}") from error
-    missing = [name for name in TRUTH_COLUMNS if name not in table.column_names]
-    if missing:
-        raise DatasetError(f"{path}: column {missing[0]} is missing (docs/dataset_format.md); {RENDER_AGAIN}")
-    frame_ids = np.asarray(table["frame_id"].to_pylist(), dtype=str)
-    optional = [CLOUD_COLUMN] if CLOUD_COLUMN in table.column_names else []
+        table = read_table(path, STAR_SCHEMA, needed=TRUTH_COLUMNS, columns=wanted)
+    except GeneratorError as error:
+        raise DatasetError(f"{error}; {RENDER_AGAIN}") from error
+    optional = CLOUD_COLUMN in table.column_names
     streaks = all(name in table.column_names for name in STREAK_COLUMNS)
-    wanted = (*TRUTH_COLUMNS[1:], *optional, *(STREAK_COLUMNS if streaks else ()))
-    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in wanted}
+    # One sort brings the rows of each frame together, in their order in the file.
+    frame_ids = table["frame_id"].combine_chunks().dictionary_encode()
+    code = frame_ids.indices.to_numpy(zero_copy_only=False)
+    rows = np.argsort(code, kind="stable")
+    starts = np.searchsorted(code[rows], np.arange(len(frame_ids.dictionary) + 1))
+
+    def sorted_column(name: str, kind: type = np.float64) -> NDArray[Any]:
+        return np.asarray(table[name].to_numpy(zero_copy_only=False)[rows], dtype=kind)
+
+    star_id, electrons_e, snr = sorted_column("star_id", np.int64), sorted_column("electrons_e"), sorted_column("snr")
+    uv = np.column_stack([sorted_column("u_px"), sorted_column("v_px")])
+    cloud = sorted_column(CLOUD_COLUMN) if optional else None
+    streak = _streak(*(sorted_column(name) for name in STREAK_COLUMNS)) if streaks else None
     stars = {}
-    for frame_id in np.unique(frame_ids):
-        rows = frame_ids == frame_id
+    for place, frame_id in enumerate(frame_ids.dictionary.to_pylist()):
+        own = slice(starts[place], starts[place + 1])
         stars[str(frame_id)] = TruthStars(
-            star_id=columns["star_id"][rows].astype(np.int64),
-            uv=np.column_stack([columns["u_px"][rows], columns["v_px"][rows]]).astype(np.float64),
-            electrons_e=columns["electrons_e"][rows].astype(np.float64),
-            snr=columns["snr"][rows].astype(np.float64),
-            cloud_optical_depth=columns[CLOUD_COLUMN][rows].astype(np.float64) if optional else None,
-            streak_px=_streak(*(columns[name][rows] for name in STREAK_COLUMNS)) if streaks else None,
+            star_id=star_id[own],
+            uv=uv[own],
+            electrons_e=electrons_e[own],
+            snr=snr[own],
+            cloud_optical_depth=None if cloud is None else cloud[own],
+            streak_px=None if streak is None else streak[own],
         )
     return stars
 

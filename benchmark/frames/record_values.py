@@ -1,28 +1,30 @@
 """Reading frame records (docs/dataset_format.md): values by key, each checked, with the file and key in every complaint."""
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from benchmark.errors import DatasetError
+from generator.errors import GeneratorError
+from generator.reading.record import FORMAT as FRAME_FORMAT
+from generator.reading.record import LARGEST_RECORD_BYTES
+from generator.reading.record import read_record as checked_record
 
-FRAME_FORMAT = "skybench-frame/1"
+__all__ = ["FRAME_FORMAT", "RENDER_AGAIN", "integer", "number", "optional_number", "read_record", "text", "value"]
+
 RENDER_AGAIN = "render the dataset again with `skybench render`"
 
 
 def read_record(path: Path) -> dict[str, Any]:
     """A frame record. Raises DatasetError where it is none of this format."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
-        raise DatasetError(f"{path}: not readable as JSON ({error}); {RENDER_AGAIN}") from error
-    if not isinstance(record, dict):
-        raise DatasetError(f"{path}: expected one JSON object; {RENDER_AGAIN}")
-    if record.get("format") != FRAME_FORMAT:
-        raise DatasetError(f"{path}: format is {record.get('format')!r}, this version reads {FRAME_FORMAT!r}")
-    return record
+        if path.stat().st_size > LARGEST_RECORD_BYTES:
+            raise DatasetError(f"{path}: larger than any frame record; {RENDER_AGAIN}")
+        return checked_record(path.read_bytes(), str(path))
+    except (GeneratorError, OSError) as error:
+        words = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        raise DatasetError(f"{words}; {RENDER_AGAIN}") from error
 
 
 def value(path: Path, record: Mapping[str, Any], key: str) -> Any:

@@ -8,11 +8,14 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from benchmark.errors import DatasetError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
 from benchmark.frames.task_frames import UNPACKED
-from generator.dataset.archive import read_frames
+from generator.dataset.archive import StoredFrame, check_holes, read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
@@ -20,6 +23,7 @@ from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import Target, open_target
 from generator.errors import GeneratorError
 from generator.files import path_within
+from generator.reading.record import image_shape, read_record
 
 DATASETS = "datasets"
 """Folder of unpacked datasets among the frames that are kept."""
@@ -78,6 +82,8 @@ def _fetched(target: Target, place: str, scratch: Path) -> Path:
 
 def _checked(target: Target, file: StoredFile, scratch: Path) -> Path:
     path = _fetched(target, file.path, scratch)
+    if path.suffix == ".tar":
+        check_holes(path)
     root = path.parents[len(Path(file.path).parts) - 1]
     if stored_file(root, file.path) != file:
         raise DatasetError(f"{target.name}: {file.path} is not what its manifest says; run `skybench verify`")
@@ -98,6 +104,15 @@ def _keep_stars(target: Target, manifest: Manifest, folder: Path, scratch: Path)
     return kept
 
 
+def _decoded(frame: StoredFrame, codec: str, name: str) -> NDArray[np.uint16]:
+    name = f"{name}: {frame.frame_id}"
+    record = read_record(frame.members["json"], name, frame.frame_id)
+    try:
+        return decode(frame.members[codec], codec, image_shape(record))
+    except GeneratorError as error:
+        raise DatasetError(f"{name}: {error}") from error
+
+
 def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, scratch: Path) -> int:
     """Put a shard's images and records beside each other; returns how many frames it holds."""
     done = folder / "shards" / f"{Path(file.path).stem}.txt"
@@ -113,7 +128,7 @@ def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, 
             raise DatasetError(f"{target.name}: {file.path}: {frame.frame_id} has no image or no record")
         image = frame.members[codec]
         (unpacked / f"{frame.frame_id}.png").write_bytes(
-            image if codec == "png" else encode(decode(image, codec), "png")
+            image if codec == "png" else encode(_decoded(frame, codec, f"{target.name}: {file.path}"), "png")
         )
         (unpacked / f"{frame.frame_id}.json").write_bytes(frame.members["json"])
         count += 1

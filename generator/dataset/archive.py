@@ -10,12 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from generator.errors import GeneratorError
+from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
 
 LARGEST_MEMBER_BYTES = 2_000_000_000
 """More than an image of the largest frame (16384 x 16384 pixels) and all its channels of expected electrons take."""
+FREE_BYTES = 1_000_000
+"""Of a member, however few pixels its frame has."""
+BYTES_PER_PIXEL = {"png": 3, "jxl": 3, "exr": 64, "developed.png": 6, "hud.png": 3}
+"""Of a member beyond that: more than its pixels take without any compression; of expected electrons 16 channels."""
 SUFFIXES = ("png", "jxl", "json", "exr", "developed.png", "hud.png")
 """Members that a frame may have, in no order."""
 _MEMBER = re.compile(rf"(frame-\d{{5,8}})\.({'|'.join(re.escape(suffix) for suffix in SUFFIXES)})", re.ASCII)
+
+
+class TooLargeError(GeneratorError):
+    """A member has more bytes than its frame can take."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +58,19 @@ def read_frames(path: Path) -> Iterator[StoredFrame]:
     ------
     GeneratorError
         The archive is damaged, or has a member that docs/dataset_format.md does not allow: another name, no regular file,
-        larger than LARGEST_MEMBER_BYTES or than the archive itself, given twice, or a frame out of order.
+        larger than the archive itself or than its frame's pixels can take, given twice, a frame out of order, or one with
+        a wrong record.
     """
     with _opened(path) as archive:
         for frame_id, members in _frames(path, archive):
-            yield StoredFrame(frame_id, {suffix: _content(archive, member) for suffix, member in members.items()})
+            contents = {}
+            if "json" in members:
+                contents["json"] = _content(archive, members["json"])
+            check_sizes(
+                path, frame_id, {suffix: member.size for suffix, member in members.items()}, contents.get("json")
+            )
+            contents |= {suffix: _content(archive, member) for suffix, member in members.items() if suffix != "json"}
+            yield StoredFrame(frame_id, contents)
 
 
 def frame_places(path: Path) -> dict[str, dict[str, Place]]:
@@ -63,6 +80,50 @@ def frame_places(path: Path) -> dict[str, dict[str, Place]]:
             frame_id: {suffix: Place(member.offset_data, member.size) for suffix, member in members.items()}
             for frame_id, members in _frames(path, archive)
         }
+
+
+def check_sizes(path: Path, frame_id: str, sizes: dict[str, int], record: bytes | None) -> None:
+    """Compare the sizes of a frame's members, by suffix, with the number of pixels that its record states.
+
+    An archive can have holes: gigabytes of zeros that take no room on a disk.
+
+    Raises
+    ------
+    TooLargeError
+        One is larger than any image of so many pixels.
+    GeneratorError
+        The record is wrong.
+    """
+    pixels = 0
+    if record is not None:
+        height, width = image_shape(read_record(record, f"{path}: {frame_id}", frame_id))
+        pixels = height * width
+    for suffix, size in sizes.items():
+        most = LARGEST_RECORD_BYTES if suffix == "json" else FREE_BYTES + BYTES_PER_PIXEL[suffix] * pixels
+        if size > most:
+            raise TooLargeError(f"{path}: {frame_id}.{suffix} has {size} bytes, more than {most}; it is not read")
+
+
+def check_holes(path: Path) -> None:
+    """Refuse an archive whose members are too large, before gigabytes of zeros that no disk holds are read for its hash.
+
+    Raises
+    ------
+    TooLargeError
+        As :func:`check_sizes`; other damage shows in the hash.
+    """
+    state = path.stat()
+    if state.st_blocks * 512 >= state.st_size:
+        return
+    try:
+        with _opened(path) as archive:
+            for frame_id, members in _frames(path, archive):
+                record = _content(archive, members["json"]) if "json" in members else None
+                check_sizes(path, frame_id, {suffix: member.size for suffix, member in members.items()}, record)
+    except TooLargeError:
+        raise
+    except GeneratorError:
+        return
 
 
 def read_place(path: Path, place: Place) -> bytes:
@@ -128,7 +189,8 @@ def _checked(path: Path, member: tarfile.TarInfo) -> tuple[str, str]:
         raise _refused(path, member, "is not named like a frame's file")
     if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
         raise _refused(path, member, "is not a regular file")
-    if member.size > min(LARGEST_MEMBER_BYTES, path.stat().st_size):
+    largest = LARGEST_RECORD_BYTES if match[2] == "json" else LARGEST_MEMBER_BYTES
+    if member.size > min(largest, path.stat().st_size):
         raise _refused(path, member, f"claims {member.size} bytes")
     return match[1], match[2]
 

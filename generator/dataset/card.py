@@ -74,7 +74,7 @@ def _samples(shards: list[Shard], frames: pd.DataFrame, reach: Callable[[str], P
     for row in rows:
         frame = frames.iloc[row]
         image = read_member(reach(archives[frame["shard"]]), frame["image"])
-        pictures.append(decode(image, Path(frame["image"]).suffix[1:]))
+        pictures.append(decode(image, Path(frame["image"]).suffix[1:], (frame["height_px"], frame["width_px"])))
     return pictures
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -11,8 +14,15 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
+from generator.reading.record import LARGEST_SIDE_PX
 
 JXL_EFFORT = 1
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_HEADER_BYTES = 33
+"""Signature and first chunk, which holds the size."""
+DEPTHS = ("I;16", "I;16B")
+"""Modes of Pillow for 16 bits and one channel."""
+PICTURE_MODES = ("L", "RGB")
 
 
 def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
@@ -34,12 +44,74 @@ def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
     return bytes(_imagecodecs().jpegxl_encode(dn, effort=JXL_EFFORT, lossless=True))
 
 
-def decode(data: bytes, codec: str) -> NDArray[np.uint16]:
-    """Decode an image that :func:`encode` made. Raises as :func:`check_codec`, or what the decoder raises."""
+def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDArray[np.uint16]:
+    """Decode an image that :func:`encode` made.
+
+    Parameters
+    ----------
+    data : bytes
+    codec : str
+        ``png`` or ``jxl``.
+    shape : tuple of int, optional
+        Height and width (px) that its frame record states; nothing of another size is unpacked. Without a record the
+        image may have up to LARGEST_SIDE_PX a side.
+
+    Raises
+    ------
+    GeneratorError
+        As :func:`check_codec`; or the image is damaged, of another size, or not of 16 bits.
+    """
     if codec == "png":
-        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+        with _png(data, shape, DEPTHS) as image:
             return np.array(image, dtype=np.uint16)
-    return np.asarray(_imagecodecs().jpegxl_decode(data), dtype=np.uint16)
+    codecs = _imagecodecs()
+    try:
+        # The decoder compares the header with the array before it unpacks anything.
+        out = None if shape is None else np.empty(shape, dtype=np.uint16)
+        return np.asarray(codecs.jpegxl_decode(data, out=out), dtype=np.uint16)
+    except (codecs.JpegxlError, ValueError, RuntimeError) as error:
+        size = "" if shape is None else f" of {shape[1]} x {shape[0]} pixels"
+        raise GeneratorError(f"not a JPEG XL image{size} ({error})") from error
+
+
+def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Decode an 8-bit PNG with one or three channels; `shape` as of :func:`decode`. Raises GeneratorError."""
+    with _png(data, shape, PICTURE_MODES) as image:
+        return np.array(image, dtype=np.uint8)
+
+
+def png_shape(data: bytes) -> tuple[int, int]:
+    """Height and width that a PNG's header states. Raises GeneratorError; nothing is unpacked."""
+    if len(data) < PNG_HEADER_BYTES or data[:8] != PNG_SIGNATURE or data[12:16] != b"IHDR":
+        raise GeneratorError("not a PNG image")
+    width, height = struct.unpack(">II", data[16:24])
+    return height, width
+
+
+def check_png(data: bytes, shape: tuple[int, int] | None) -> None:
+    """Compare a PNG's header with the size that its frame record states. Raises GeneratorError; nothing is unpacked."""
+    found = png_shape(data)
+    if shape is None:
+        if max(found) > LARGEST_SIDE_PX:
+            raise GeneratorError(f"a PNG of {found[1]} x {found[0]} pixels, more than {LARGEST_SIDE_PX} a side")
+    elif found != shape:
+        raise GeneratorError(
+            f"a PNG of {found[1]} x {found[0]} pixels, the frame record's camera has {shape[1]} x {shape[0]}"
+        )
+
+
+@contextmanager
+def _png(data: bytes, shape: tuple[int, int] | None, modes: Collection[str]) -> Iterator[Image.Image]:
+    """An image whose header agrees with its frame's record; whatever its pixels raise is a GeneratorError."""
+    check_png(data, shape)
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            if image.mode not in modes:
+                raise GeneratorError(f"a PNG of mode {image.mode}, not {' or '.join(modes)}")
+            yield image
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        # Pillow reports a cut-off or corrupted stream as any of these.
+        raise GeneratorError(f"damaged PNG ({error})") from error
 
 
 def check_codec(codec: str) -> None:

@@ -13,6 +13,7 @@ from generator.dataset.receipt import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
+from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
 
 FORMAT = "skybench-dataset/1"
@@ -108,16 +109,37 @@ def manifest_of(target: Target) -> Manifest | None:
 
 
 def _parsed(text: bytes, name: str) -> Manifest:
+    content = strict_json(text, name, LARGEST_MANIFEST_BYTES)
     try:
-        content: dict[str, Any] = json.loads(text)
         if content.pop("format") != FORMAT:
             raise GeneratorError(f"{name}: not of format {FORMAT}")
         files = tuple(
-            StoredFile(str(file["path"]), int(file["bytes"]), str(file["sha256"])) for file in content.pop("files")
+            StoredFile(_text(file, "path"), _count(file, "bytes"), _text(file, "sha256"))
+            for file in content.pop("files")
         )
-        manifest = Manifest(**content, files=files)
+        texts: dict[str, Any] = {
+            key: _text(content, key) for key in ("scenario", "scenario_sha256", "skybench", "split", "codec")
+        }
+        counts: dict[str, Any] = {key: _count(content, key) for key in ("seed", "shard_size", "first", "stop")}
+        if not isinstance(content["exr"], bool):
+            raise ValueError("exr is neither true nor false")
+        if strangers := set(content) - set(texts) - set(counts) - {"exr"}:
+            raise ValueError(f"key {min(strangers)} is unknown")
+        manifest = Manifest(**texts, **counts, exr=content["exr"], files=files)
         # The split is a part of paths, and the codec of names.
         DatasetSpec(manifest.split, manifest.shard_size, manifest.exr, manifest.codec)
         return manifest
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise GeneratorError(f"{name}: not a manifest ({type(error).__name__}: {error})") from error
+
+
+def _text(tree: dict[str, Any], key: str) -> str:
+    if not isinstance(tree[key], str):
+        raise TypeError(f"{key} is no text")
+    return str(tree[key])
+
+
+def _count(tree: dict[str, Any], key: str) -> int:
+    if not isinstance(tree[key], int) or isinstance(tree[key], bool) or tree[key] < 0:
+        raise TypeError(f"{key} is no number of things")
+    return int(tree[key])

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import io
-import json
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,14 +25,12 @@ import numpy as np
 import platformdirs
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from PIL import Image
 
-from generator.dataset.archive import Place, StoredFrame, frame_places, read_frames, read_place
+from generator.dataset.archive import Place, StoredFrame, check_sizes, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.images import decode
-from generator.dataset.layout import CODECS, IMU, MANIFEST
+from generator.dataset.images import check_png, decode, picture
+from generator.dataset.layout import CODECS, IMU, MANIFEST, TABLES
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import open_target
@@ -43,8 +39,12 @@ from generator.files import path_within, write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.imu.table import IMU_SCHEMA
+from generator.reading.record import image_shape, read_record
+from generator.reading.table import read_table
 
 Sample = TypeVar("Sample")
+NEVER_NULL = ("index", "frame_id", "scenario", "scenario_sha256", "width_px", "height_px", "shard", "image")
+"""Columns of the table of frames that no frame is without."""
 SCHEMAS = {"frames": FRAME_SCHEMA, "stars": STAR_SCHEMA, "objects": OBJECT_SCHEMA, IMU: IMU_SCHEMA}
 
 
@@ -72,17 +72,14 @@ class ShardFrame:
         for codec in CODECS:
             if codec in self.members:
                 with _Damage(self):
-                    return decode(self.members[codec], codec)
+                    return decode(self.members[codec], codec, image_shape(self.record))
         raise GeneratorError(f"{self.path}: {self.frame_id} has no image; run `skybench verify`")
 
     @functools.cached_property
     def record(self) -> dict[str, Any]:
         """The frame record. Raises GeneratorError."""
         with _Damage(self):
-            record = json.loads(self.members["json"])
-            if not isinstance(record, dict) or not isinstance(record["index"], int):
-                raise ValueError("its record has no index")
-            return record
+            return read_record(self.members["json"], f"{self.path}: {self.frame_id}", self.frame_id)
 
     @property
     def index(self) -> int:
@@ -99,11 +96,18 @@ class ShardFrame:
         """255 where the head-up display covers the frame, (height, width); None where there is none."""
         return self._picture("hud.png")
 
+    def file(self, suffix: str) -> bytes:
+        """A member as it is stored; of a PNG only if it is one of the camera's size. Raises GeneratorError."""
+        if suffix.endswith("png"):
+            with _Damage(self):
+                check_png(self.members[suffix], image_shape(self.record))
+        return self.members[suffix]
+
     def _picture(self, suffix: str) -> NDArray[np.uint8] | None:
         if suffix not in self.members:
             return None
         with _Damage(self):
-            return picture(self.members[suffix])
+            return picture(self.members[suffix], image_shape(self.record))
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,9 @@ class Dataset:
         places = _indexed(path, *_state(path)).get(frame_id)
         if places is None:
             raise GeneratorError(f"{path}: {frame_id} is missing; run `skybench verify`")
-        members = {suffix: read_place(path, place) for suffix, place in places.items()}
+        record = {"json": read_place(path, places["json"])} if "json" in places else {}
+        check_sizes(path, frame_id, {suffix: place.size for suffix, place in places.items()}, record.get("json"))
+        members = record | {suffix: read_place(path, place) for suffix, place in places.items() if suffix != "json"}
         return self._frame(StoredFrame(frame_id, members), path)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -208,7 +214,7 @@ class Dataset:
 
     def table(self, name: str) -> pa.Table:
         """The whole table ``frames``, ``stars``, ``objects`` or ``imu``. Raises GeneratorError."""
-        parts = [_table(path, *_state(path)) for path in self.paths(name)]
+        parts = [_table(name, path, *_state(path)) for path in self.paths(name)]
         try:
             return pa.concat_tables(parts) if parts else SCHEMAS[name].empty_table()
         except pa.ArrowException as error:
@@ -286,7 +292,7 @@ class Dataset:
 
     def _rows(self, stem: str, table: str, index: int) -> pa.Table:
         path = self._file(table, stem)
-        whole = _table(path, *_state(path))
+        whole = _table(table, path, *_state(path))
         missing = set(SCHEMAS[table].names) - set(whole.schema.names)
         if missing:
             raise GeneratorError(
@@ -338,19 +344,18 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     array, dict or None
         uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png`` and ``hud.png``, the record for
         ``json``; None for others, which webdataset then leaves as they are.
+
+    Raises
+    ------
+    GeneratorError
+        It is damaged, or no record.
     """
     suffix = key.lstrip(".")
     if suffix in CODECS:
         return decode(data, suffix)
     if suffix in ("developed.png", "hud.png"):
         return picture(data)
-    return dict(json.loads(data)) if suffix == "json" else None
-
-
-def picture(data: bytes) -> NDArray[np.uint8]:
-    """Decode an 8-bit PNG, (height, width) or (height, width, 3)."""
-    with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
-        return np.array(image, dtype=np.uint8)
+    return read_record(data, key) if suffix == "json" else None
 
 
 class _Damage:
@@ -363,11 +368,12 @@ class _Damage:
         """Nothing to prepare."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Exception) and not isinstance(error, GeneratorError):
-            raise GeneratorError(
-                f"{self.frame.path}: {self.frame.frame_id} is damaged ({type(error).__name__}: {error}); "
-                "run `skybench verify`"
-            ) from error
+        name = f"{self.frame.path}: {self.frame.frame_id}"
+        if isinstance(error, GeneratorError) and str(error).startswith(name):
+            return
+        if isinstance(error, Exception):
+            words = str(error) if isinstance(error, GeneratorError) else f"{type(error).__name__}: {error}"
+            raise GeneratorError(f"{name} is damaged ({words}); run `skybench verify`") from error
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -384,9 +390,17 @@ def _indexed(path: Path, size: int, changed_ns: int) -> dict[str, dict[str, Plac
     return frame_places(path)
 
 
-@functools.lru_cache(maxsize=8)
-def _table(path: Path, size: int, changed_ns: int) -> pa.Table:
+def checked_table(name: str, path: Path, most_rows: int | None = None) -> pa.Table:
+    """A part of a table (one of SCHEMAS), as stored. Raises GeneratorError."""
+    needed = NEVER_NULL if name == "frames" else ("index",) if name in TABLES else ()
     try:
-        return pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise GeneratorError(f"{path}: damaged ({error}); run `skybench verify`") from error
+        return read_table(
+            path, SCHEMAS[name], needed=needed, never_null=NEVER_NULL if name == "frames" else (), most_rows=most_rows
+        )
+    except GeneratorError as error:
+        raise GeneratorError(f"{error}; run `skybench verify`") from error
+
+
+@functools.lru_cache(maxsize=8)
+def _table(name: str, path: Path, size: int, changed_ns: int) -> pa.Table:
+    return checked_table(name, path)

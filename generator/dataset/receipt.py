@@ -11,9 +11,12 @@ from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.target import LocalTarget, Target
 from generator.errors import GeneratorError
 from generator.files import write_bytes
+from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
 
 FORMAT = "skybench-receipt/1"
+LARGEST_RECEIPT_BYTES = 1_000_000
+"""It lists four files."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,12 @@ def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: Dataset
         The receipt belongs to another scenario, or to other options.
     """
     try:
-        receipt = json.loads(target.read(shard.receipt) or b"")
+        receipt = strict_json(target.read(shard.receipt) or b"", shard.receipt, LARGEST_RECEIPT_BYTES)
         files = tuple(StoredFile(**file) for file in receipt["files"])
         same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
         same_scenario = receipt["scenario_sha256"] == scenario.sha256
         same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
-    except (ValueError, KeyError, TypeError):
+    except (GeneratorError, ValueError, KeyError, TypeError):
         return None
     if not same_scenario:
         raise GeneratorError(f"{target.name}/{shard.receipt}: belongs to another scenario; choose another folder")

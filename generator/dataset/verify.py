@@ -6,22 +6,25 @@ agree with the manifest where they are.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
 
-from generator.dataset.layout import CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
+from generator.dataset.archive import TooLargeError, check_holes
+from generator.dataset.images import check_png
+from generator.dataset.layout import CROISSANT, IMU, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.reader import Dataset
+from generator.dataset.reader import Dataset, checked_table, read_shard
 from generator.dataset.receipt import StoredFile, read_receipt, stored_file
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
+from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display."""
+PNG_MEMBERS = {"png"} | OPTIONAL_MEMBERS
 NOT_COVERED = "logs"
 
 
@@ -102,33 +105,53 @@ def _file_problem(folder: Path, listed: StoredFile) -> str:
     if not path.is_file():
         return f"{listed.path}: missing"
     try:
+        size = path.stat().st_size
+        if size != listed.bytes:
+            return f"{listed.path}: has {size} bytes, the manifest says {listed.bytes}"
+        if path.suffix == ".tar":
+            check_holes(path)
         found = stored_file(folder, listed.path)
+    except TooLargeError as error:
+        return str(error)
     except OSError as error:
         return f"{listed.path}: cannot be read ({error.strerror})"
-    if found.bytes != listed.bytes:
-        return f"{listed.path}: has {found.bytes} bytes, the manifest says {listed.bytes}"
     if found.sha256 != listed.sha256:
         return f"{listed.path}: its contents have changed (SHA-256 differs)"
     return ""
 
 
 def _content_problems(dataset: Dataset) -> list[str]:
-    """Disagreements between tables and archives whose bytes are as listed."""
-    try:
-        dataset.stars()
-        dataset.objects()
-        dataset.imu()
-        frames = dataset.frames().to_pylist()
-        stored = list(dataset.stored_frames())
-    except (GeneratorError, OSError, pa.ArrowException) as error:
-        return [str(error)]
-    if [row["frame_id"] for row in frames] != [frame.frame_id for frame in stored]:
-        return ["frames: the table lists other frames than the shards hold"]
-    wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
+    """Disagreements between tables and archives whose bytes are as listed, one shard in memory at a time."""
     found = []
-    for row, frame in zip(frames, stored, strict=True):
+    try:
+        for name in (*TABLES[1:], IMU):
+            for path in dataset.paths(name):
+                checked_table(name, path)
+        for path in dataset.paths("data"):
+            found += _shard_problems(dataset, path)
+    except (GeneratorError, OSError, pa.ArrowException) as error:
+        found.append(str(error))
+    return found
+
+
+def _shard_problems(dataset: Dataset, archive: Path) -> list[str]:
+    """Disagreements between a shard's table of frames, its records and its images. Raises GeneratorError."""
+    table = archive.parents[2] / "frames" / archive.parent.name / f"{archive.stem}.parquet"
+    rows = checked_table("frames", table, dataset.manifest.shard_size)["frame_id"].to_pylist()
+    wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
+    found, stored = [], []
+    for frame in read_shard(archive):
+        stored.append(frame.frame_id)
         if not wanted <= set(frame.members) <= wanted | OPTIONAL_MEMBERS:
-            found.append(f"{row['shard']}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
-        elif json.loads(frame.members["json"])["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
-            found.append(f"{row['shard']}: {frame.frame_id} belongs to another scenario")
+            found.append(f"{archive.stem}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
+            continue
+        if frame.record["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
+            found.append(f"{archive.stem}: {frame.frame_id} belongs to another scenario")
+        for suffix in sorted(set(frame.members) & PNG_MEMBERS):
+            try:
+                check_png(frame.members[suffix], image_shape(frame.record))
+            except GeneratorError as error:
+                found.append(f"{archive.stem}: {frame.frame_id}.{suffix} is {error}")
+    if rows != stored:
+        found.append(f"{table.relative_to(dataset.folder)}: the table lists other frames than the shard holds")
     return found

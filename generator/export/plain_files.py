@@ -16,9 +16,9 @@ from generator.frame.render import png_bytes
 def export_files(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
     """Write every member of the shards as a file, and each table as one Parquet file."""
     del options
-    for frame in dataset.stored_frames():
-        for suffix, data in frame.members.items():
-            write_bytes(path_within(out, f"{frame.frame_id}.{suffix}"), data)
+    for frame in dataset:
+        for suffix in frame.members:
+            write_bytes(path_within(out, f"{frame.frame_id}.{suffix}"), frame.file(suffix))
         progress(frame.frame_id)
     for name in (*TABLES, *([IMU] if dataset.paths(IMU) else [])):
         with atomic_path(path_within(out, f"{name}.parquet")) as temporary:
@@ -27,4 +27,4 @@ def export_files(dataset: Dataset, out: Path, options: ExportOptions, progress: 
 
 def raw_png(frame: ShardFrame) -> bytes:
     """The raw image as a 16-bit PNG, whatever codec it is stored with."""
-    return frame.members["png"] if "png" in frame.members else png_bytes(frame.image)
+    return frame.file("png") if "png" in frame.members else png_bytes(frame.image)

@@ -19,12 +19,12 @@ from generator.mitsuba_runtime import choose_variant
 from generator.optics.motion import Motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.places.ephemeris import PLANET_ID_BASE
+from generator.reading.record import FORMAT
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.model import pointing_of
 from generator.scenario.sequences.sequence import Passage
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
-FORMAT = "skybench-frame/1"
 VISIBLE_SNR = 5.0
 """A star this far above its noise is found by any detector."""
 

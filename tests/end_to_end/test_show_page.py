@@ -252,7 +252,7 @@ def test_hostile_texts_stay_texts(browser, tmp_path) -> None:
     hostile = "</script><img src=x onerror=\"document.title='owned'\">"
     render_dataset(small_scenario(camera=VIEW["camera"], stars={"limiting_magnitude": 4.0}), tmp_path / "set")
     record = json.loads((tmp_path / "set/frame-00000.json").read_text())
-    record["scenario"]["name"] = record["camera"]["model"] = record["time"]["utc_mid"] = hostile
+    record["scenario"]["name"] = record["camera"]["model"] = hostile
     (tmp_path / "set/frame-00000.json").write_text(json.dumps(record))
     viewer = Viewer(browser, write_page(tmp_path / "set", tmp_path / "page").page)
     viewer.open_frame(0)

@@ -1,14 +1,18 @@
 """The reader of shards: what the format does not allow is refused with the archive and the member named."""
 
 import io
+import json
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from unit.benchmark.fake_night import frame_record
 
 from generator.dataset.archive import StoredFrame, read_frames, read_member
 from generator.errors import GeneratorError
+
+RECORD = json.dumps(frame_record("frame-00009", 9, 3, 48.0, 11.0, 160, 120, 0, "fake night")).encode()
 
 
 def archive_of(
@@ -26,11 +30,12 @@ def archive_of(
 def test_frames_come_in_order_with_all_their_members(tmp_path) -> None:
     path = archive_of(
         tmp_path / "a.tar",
-        ("frame-00009.png", b"p"), ("frame-00009.json", b"j"), ("frame-00009.developed.png", b"d"), ("frame-99999.jxl", b"x"),
+        ("frame-00009.png", b"p"), ("frame-00009.json", RECORD), ("frame-00009.developed.png", b"d"),
+        ("frame-99999.jxl", b"x"),
         ("frame-100000.exr", b"e"),
     )  # fmt: skip
     assert list(read_frames(path)) == [
-        StoredFrame("frame-00009", {"png": b"p", "json": b"j", "developed.png": b"d"}),
+        StoredFrame("frame-00009", {"png": b"p", "json": RECORD, "developed.png": b"d"}),
         StoredFrame("frame-99999", {"jxl": b"x"}),
         StoredFrame("frame-100000", {"exr": b"e"}),
     ]

@@ -1,6 +1,5 @@
 """What `skybench show` draws from: a dataset in shards, or a folder that `skybench render` wrote."""
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,17 +9,18 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from generator.dataset.frame_columns import frame_row
-from generator.dataset.images import decode
+from generator.dataset.images import decode, picture
 from generator.dataset.layout import MANIFEST
-from generator.dataset.reader import Dataset, picture
+from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
 from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
-from generator.frame.record import FORMAT, STAR_SCHEMA
+from generator.frame.record import STAR_SCHEMA
+from generator.reading.record import read_record
+from generator.reading.table import read_table
 
 
 class Source(Protocol):
@@ -93,9 +93,6 @@ class ShardSource:
         """Open it by its manifest. Raises GeneratorError."""
         dataset = Dataset.open(folder)
         frames = dataset.frames().to_pandas()
-        for column in ("index", "frame_id", "shard", "image"):
-            if column not in frames:
-                raise GeneratorError(f"{folder}/frames: column {column} is missing; run `skybench verify`")
         return cls(dataset, dataset.manifest.scenario, dataset.manifest.scenario_sha256, frames)
 
     def image(self, position: int) -> NDArray[np.uint16]:
@@ -150,7 +147,7 @@ class FolderSource:
         """DN of a frame."""
         path = self.folder / str(self.frames.iloc[position]["image"])
         with damage_named(path):
-            return decode(path.read_bytes(), "png")
+            return decode(path.read_bytes(), "png", self._shape(position))
 
     def developed(self, position: int) -> NDArray[np.uint8] | None:
         """Developed picture of a frame."""
@@ -158,14 +155,13 @@ class FolderSource:
         if not path.is_file():
             return None
         with damage_named(path):
-            return picture(path.read_bytes())
+            return picture(path.read_bytes(), self._shape(position))
 
     def record(self, position: int) -> dict[str, Any]:
         """Record of a frame."""
         path = self.folder / f"{self.frames.iloc[position]['frame_id']}.json"
         with damage_named(path):
-            found: dict[str, Any] = json.loads(path.read_bytes())
-            return found
+            return read_record(path.read_bytes(), str(path), path.stem)
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
@@ -175,21 +171,23 @@ class FolderSource:
         """Truth of objects."""
         return self._of(self.all_objects, position)
 
+    def _shape(self, position: int) -> tuple[int, int]:
+        row = self.frames.iloc[position]
+        return int(row["height_px"]), int(row["width_px"])
+
     def _of(self, table: pd.DataFrame, position: int) -> pd.DataFrame:
         return table if table.empty else table[table["index"] == self.frames.iloc[position]["index"]]
 
 
 def _record_row(path: Path) -> dict[str, Any]:
     with damage_named(path):
-        record = json.loads(path.read_bytes())
-        if record["format"] != FORMAT or record["frame_id"] != path.stem:
-            raise ValueError(f"it is no {FORMAT} of {path.stem}")
+        record = read_record(path.read_bytes(), str(path), path.stem)
         return frame_row(record, "", "", f"{path.stem}.png", b"")
 
 
 def _truth(path: Path, schema: pa.Schema) -> pd.DataFrame:
     with damage_named(path):
-        return pq.read_table(path, columns=schema.names).to_pandas()
+        return read_table(path, schema, needed=schema.names).to_pandas()
 
 
 @contextmanager

@@ -69,14 +69,14 @@ def put(section, key, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda record: record.pop("camera"), "camera.model is missing"),
+        (lambda record: record.pop("camera"), "key camera is missing"),
         (lambda record: record.__setitem__("format", "skybench-frame/9"), "skybench-frame/9"),
         (lambda record: record.__setitem__("frame_id", "frame-00007"), "frame-00007"),
         (put("site", "latitude_deg", 91.0), "within -90 to 90"),
         (put("site", "latitude_deg", "48"), "finite number"),
-        (put("site", "latitude_deg", float("nan")), "finite number"),
+        (put("site", "latitude_deg", float("nan")), "NaN is no number"),
         (put("time", "utc_mid", "2020-01-01T00:00:00"), "trailing Z"),
-        (put("attitude", "R_cam", [[1, 0], [0, 1]]), "rotation"),
+        (put("attitude", "R_cam", [[1, 0], [0, 1]]), "3 rows"),
         (put("attitude", "R_cam", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]), "rotation"),
         (put("attitude", "R_cam", [[1, 0, 0], [0, 1]]), "3 rows"),
         (put("atmosphere", "pressure_hpa", 2000.0), "within 0 to 1200"),
