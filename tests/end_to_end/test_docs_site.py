@@ -53,6 +53,7 @@ PAGES = {
     "CONTRIBUTING.md": "# Contributing\n\n[tasks](docs/tasks.md) [make](Makefile)\n",
     "CHANGELOG.md": "# Changelog\n",
     "THIRD_PARTY.md": "# Credits\n",
+    "SECURITY.md": "# Security\n",
     "README.md": "# Readme\n",
     "Makefile": "",
     "scenes/hello.yaml": "",
@@ -67,7 +68,7 @@ nav:
   - tasks.md
   - API reference:
       - api/index.md
-  - Project: [contributing.md, changelog.md, third_party.md]
+  - Project: [contributing.md, security.md, changelog.md, third_party.md]
 """
 
 

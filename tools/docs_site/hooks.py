@@ -17,7 +17,12 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 REPOSITORY = PROJECT["urls"]["Source"]
 # Documents at the repository's root that are pages of the site, under the names that they have there.
-ROOT_PAGES = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "THIRD_PARTY.md": "third_party.md"}
+ROOT_PAGES = {
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "CHANGELOG.md": "changelog.md",
+    "THIRD_PARTY.md": "third_party.md",
+}
 API = "API reference"
 PROJECT_PAGES = "Project"
 LOADED = re.compile(
