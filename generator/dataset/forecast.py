@@ -8,18 +8,22 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import pyarrow as pa
+
 from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
 from generator.frame.outlook import Outlook, outlook, warnings_of
 from generator.frame.record import frame_record, record_bytes
-from generator.frame.render import RenderedFrame, render_frame, write_exr
+from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.mitsuba_runtime import set_threads
 from generator.scenario.file import Scenario
 
 BYTES_PER_READING = 125
 """Of an inertial unit, compressed."""
-WORKER_START_S = 4.0
-"""Until a worker has loaded Mitsuba and compiled its first kernels, on one core of 2020s hardware."""
+AROUND_S = 5.0
+"""Starting the command and its workers, and the dataset's card, on one core of 2020s hardware."""
+SIDE_BY_SIDE = 1.4
+"""How much longer a frame takes beside other processes, which share memory and caches with it, and into a dataset."""
 FRAMES_MEASURED = 4
 
 
@@ -64,12 +68,12 @@ class Forecast:
 
 
 @dataclass(frozen=True)
-class _Cost:
-    """Of a frame: seconds on one core, bytes without and of the expected electrons."""
+class _Costs:
+    """Of the mean frame: seconds on one core, bytes without and of the expected electrons."""
 
     seconds: float
-    bytes: int
-    exr_bytes: int
+    bytes: float
+    exr_bytes: float
 
 
 def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
@@ -81,13 +85,14 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
         A frame cannot be planned or rendered.
     """
     set_threads(1)
-    first = render_frame(scenario, 0)  # which also compiles the kernels
+    started = time.perf_counter()
+    first = render_frame(scenario, 0)
+    first_s = time.perf_counter() - started
     last = scenario.frame_count - 1
     places = sorted({round(last * step / (FRAMES_MEASURED - 1)) for step in range(FRAMES_MEASURED)}) if measure else [0]
-    costs = [_cost(scenario, place) for place in places]
-    seconds, size, exr_size = (
-        sum(values) / len(costs) for values in zip(*((c.seconds, c.bytes, c.exr_bytes) for c in costs), strict=True)
-    )
+    costs = _costs(scenario, places)
+    # What the first frame takes beyond others, each worker takes too: loading Mitsuba, compiling, tables of the lens.
+    start_s = AROUND_S + max(first_s - costs.seconds, 0.0)
     cores = os.cpu_count() or 1
     spec = first.plan.spec
     found = outlook(first)
@@ -99,9 +104,9 @@ def forecast(scenario: Scenario, measure: bool = False) -> Forecast:
         catalogue_stars=len(first.plan.stars),
         first=found,
         warnings=warnings_of(spec, found),
-        seconds=WORKER_START_S + scenario.frame_count * seconds / min(cores, scenario.frame_count),
-        bytes=scenario.frame_count * size + _imu_bytes(scenario),
-        exr_bytes=scenario.frame_count * exr_size,
+        seconds=start_s + SIDE_BY_SIDE * scenario.frame_count * costs.seconds / min(cores, scenario.frame_count),
+        bytes=scenario.frame_count * costs.bytes + _imu_bytes(scenario),
+        exr_bytes=scenario.frame_count * costs.exr_bytes,
         cores=cores,
         measured=measure,
     )
@@ -116,22 +121,38 @@ def _imu_bytes(scenario: Scenario) -> float:
     return scenario.sequence_count * readings * BYTES_PER_READING
 
 
-def _cost(scenario: Scenario, index: int) -> _Cost:
-    """What a frame costs to render and to store as a dataset stores it."""
+def _costs(scenario: Scenario, places: list[int]) -> _Costs:
+    """What frames cost to render and to store as a dataset stores them; each is rendered once before it is timed."""
+    seconds, size, exr_size = 0.0, 0, 0
+    tables: list[dict[str, pa.Table]] = []
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        started = time.perf_counter()
-        frame = render_frame(scenario, index, channels=False)
-        size = _store(frame, place)
-        seconds = time.perf_counter() - started
-        write_exr(place / "frame.exr", render_frame(scenario, index))
-        return _Cost(seconds, size, (place / "frame.exr").stat().st_size)
+        exr = Path(folder) / "frame.exr"
+        for index in places:
+            write_exr(exr, render_frame(scenario, index))
+            exr_size += exr.stat().st_size
+            started = time.perf_counter()
+            frame = render_frame(scenario, index, channels=False)
+            size += _bytes_in_archive(frame)
+            tables.append({"stars": frame.stars, "objects": frame.objects})
+            _bytes_of_tables(tables[-1:], Path(folder))
+            seconds += time.perf_counter() - started
+        size += _bytes_of_tables(tables, Path(folder))
+    return _Costs(seconds / len(places), size / len(places), exr_size / len(places))
 
 
-def _store(frame: RenderedFrame, folder: Path) -> int:
-    """Store a frame's image, record and tables; returns bytes."""
-    members = [encode(frame.dn, "png"), record_bytes(frame_record(frame.plan, frame.expected, frame.stars))]
-    tables = {"stars": frame.stars, "objects": frame.objects}
-    for name, table in tables.items():
-        write_table(folder / name, table)
-    return sum(len(member) for member in members) + sum((folder / name).stat().st_size for name in tables)
+def _bytes_in_archive(frame: RenderedFrame) -> int:
+    """Size of a frame's images and record."""
+    pictures = [frame.developed, None if frame.hud is None else hud_picture(frame.hud)]
+    members = [
+        encode(frame.dn, "png"),
+        record_bytes(frame_record(frame.plan, frame.expected, frame.stars)),
+        *(png_bytes(picture) for picture in pictures if picture is not None),
+    ]
+    return sum(len(member) for member in members)
+
+
+def _bytes_of_tables(tables: list[dict[str, pa.Table]], folder: Path) -> int:
+    """Size of the tables of truth of some frames."""
+    for name in tables[0]:
+        write_table(folder / name, pa.concat_tables([frame[name] for frame in tables]))
+    return sum((folder / name).stat().st_size for name in tables[0])
