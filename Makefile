@@ -32,7 +32,7 @@ test: install
 	@$(BIN)/python -m pytest -m "not slow and not journey" -n 2 --dist loadfile
 
 test-journeys: install
-	@$(BIN)/python -m pytest -m "journey and not slow" -n 2 --dist load
+	@$(BIN)/python -m pytest -m "journey and not slow" -n 2 --dist loadfile
 
 test-slow: install
 	@$(BIN)/python -m pytest -m slow

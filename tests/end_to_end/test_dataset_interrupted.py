@@ -141,6 +141,8 @@ def test_full_disk_is_a_clear_error_and_leaves_nothing_half(scenario_path, tmp_p
     assert list((tmp_path / "full").glob("data/*/*")) == []
 
 
+# Starts the program, and makes the dataset again.
+@pytest.mark.journey
 def test_a_file_system_that_refuses_to_grow_leaves_only_whole_files(dataset, scenario_path, tmp_path) -> None:
     """The system's own limit on a file's size stops the writing of the first archive; without it the run goes on."""
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (30_000, 30_000))

@@ -188,6 +188,8 @@ def test_an_interrupted_run_does_not_look_finished_and_is_continued(folder, tmp_
     assert digest(tmp_path / "out") == digest(folder)
 
 
+# Starts the program twice.
+@pytest.mark.journey
 def test_a_frame_that_is_missing_from_a_finished_folder_is_made_again(folder, tmp_path) -> None:
     shutil.copytree(folder, tmp_path / "out")
     (tmp_path / "out" / "frame-00001.exr").unlink()
@@ -196,6 +198,8 @@ def test_a_frame_that_is_missing_from_a_finished_folder_is_made_again(folder, tm
     assert digest(tmp_path / "out") == digest(folder)
 
 
+# Starts the program five times.
+@pytest.mark.journey
 def test_frames_of_another_scenario_are_replaced_only_when_meant(folder, tmp_path) -> None:
     shutil.copytree(folder, tmp_path / "out")
     other = SCENARIO | {"sky": {"bortle": 4}, "name": "other"}
@@ -225,6 +229,8 @@ def test_expected_electrons_are_left_out_of_very_large_images_unless_asked_for()
     assert not large(5001)
 
 
+# Starts the program three times.
+@pytest.mark.journey
 def test_a_full_disk_is_one_clear_line(folder, tmp_path) -> None:
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000));"
     code = limit + "import sys; from benchmark.cli import main; sys.argv[0] = 'skybench'; main()"

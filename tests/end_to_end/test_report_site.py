@@ -13,6 +13,8 @@ from benchmark.report.site.commands import Places
 from benchmark.report.site.pages import make_boards, write_site
 
 PHONE_PX = 390
+# A browser goes through a site of four boards; `test_pages_fit.py` opens the committed pages every day.
+pytestmark = pytest.mark.journey
 
 
 @pytest.fixture(scope="module")

@@ -155,6 +155,8 @@ def test_sheet_filters_and_histograms(browser, page) -> None:
     assert viewer.problems() == []
 
 
+# A browser develops and draws frames; `test_pages_fit.py` opens one every day.
+@pytest.mark.journey
 def test_frame_stretch_zoom_and_overlay(browser, dataset, page) -> None:
     viewer = Viewer(browser, page)
     viewer.open_frame(1)
@@ -216,6 +218,8 @@ def test_an_open_frame_fits_a_telephone(browser, page) -> None:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
+# As above.
+@pytest.mark.journey
 def test_pointer_wheel_keys_and_neighbours(browser, page) -> None:
     from selenium.webdriver import ActionChains, Keys
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin

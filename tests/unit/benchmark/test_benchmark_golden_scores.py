@@ -70,6 +70,8 @@ def test_raising_is_a_refusal_on_record_and_stops_nothing(folder, frames, tmp_pa
     assert raising["reason"][0] == "error: RuntimeError: singular matrix <script>alert(1)</script>"
 
 
+# Starts processes of its own.
+@pytest.mark.journey
 def test_processes_give_the_scores_of_one(folder, frames, tmp_path):
     solvers = Truth("truth", frames), Random("random", frames)
     run(folder, tmp_path / "one", *solvers)

@@ -94,6 +94,8 @@ def test_an_object_without_revision_is_run_anew_and_leaves_nothing_to_resume(fol
     assert not list((tmp_path / "b").rglob("*.parquet"))
 
 
+# Starts processes of its own.
+@pytest.mark.journey
 def test_outcomes_of_another_machine_or_number_of_jobs_are_not_taken_over(folder, frames, tmp_path):
     interrupted(folder, Counting("truth", frames), tmp_path, after=4)
     (run,) = engine.run(folder, [Counting("truth", frames)], tmp_path, jobs=2)
@@ -120,6 +122,8 @@ class Ending(Contestant):
         return Truth.solve(self, detections, observation)
 
 
+# Starts processes of its own.
+@pytest.mark.journey
 def test_an_object_that_ends_its_process_costs_itself_the_frame(folder, frames, tmp_path):
     (run,) = engine.run(folder, [Ending("ending", frames)], tmp_path, jobs=2)
     assert (run.summary.n_errors, run.summary.n_fixes) == (1, 8)
