@@ -1,6 +1,5 @@
 """Frame records and the table of truth beside them: any files are a set of frames, or a DatasetError.
 
-docs/reliability.md lists what is left out: integers beyond the range of floating-point numbers.
 Warnings of NumPy on the way to a refusal are no errors here.
 """
 
@@ -9,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from fuzz.fuzzing import WITHIN_DOUBLES, corpus, damaged, fuzzed, grafted, values
+from fuzz.fuzzing import NUMBERS, corpus, damaged, fuzzed, grafted, values
 from hypothesis import given
 from unit.benchmark.fake_night import write_dataset
 
@@ -60,7 +59,7 @@ def test_any_bytes_of_a_record(night, content) -> None:
 
 
 @fuzzed(100)
-@given(record=grafted([json.loads(WHOLE.read_bytes())], values(WITHIN_DOUBLES)))
+@given(record=grafted([json.loads(WHOLE.read_bytes())], values(NUMBERS)))
 def test_any_values_of_a_record(night, record) -> None:
     read(night, "frame-00000.json", json.dumps(record).encode())
 
