@@ -63,7 +63,8 @@ def test_completion_knows_tasks_solvers_scenes_and_presets(tmp_path, monkeypatch
     assert completed("skybench stu") == ["study"]
 
 
-def test_completion_can_be_installed() -> None:
+def test_completion_can_be_installed(monkeypatch) -> None:
+    monkeypatch.setattr("shellingham.detect_shell", lambda *arguments: ("bash", "/bin/bash"))
     run = CliRunner().invoke(app, ["--show-completion", "bash"], prog_name="skybench")
     assert run.exit_code == 0, run.output
     assert "_SKYBENCH_COMPLETE" in run.stdout

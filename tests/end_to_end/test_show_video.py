@@ -100,8 +100,9 @@ def test_frames_of_a_dataset_that_are_not_developed_are_developed_for_the_video(
     generate(parse_scenario(text, "s.yaml"), text, tmp_path / "set", DatasetSpec(shard_size=2), frames=(0, 3))
     write_video(folder, tmp_path / "a.mp4", 5)
     write_video(tmp_path / "set", tmp_path / "b.mp4", 5)
-    # The same scene and noise, developed by the same rule.
-    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    # The same scene and noise, developed by the same rule; the encoder's choices are its own.
+    for stored, developed in zip(frames_of(tmp_path / "a.mp4"), frames_of(tmp_path / "b.mp4"), strict=True):
+        assert np.abs(stored.astype(float) - developed).mean() < 1
 
 
 def test_refusals_leave_nothing_behind(folder, tmp_path) -> None:

@@ -25,8 +25,8 @@ CODECS = (
     ("libx264", {"crf": "18", "preset": "medium", "threads": "1"}),
     ("mpeg4", {"qscale": "3", "threads": "1"}),
 )
-"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality, and one thread, which gives the same bytes
-from the same frames."""
+"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality. The same frames give the same pictures to
+within a few grey levels; x264 does not promise the same bytes."""
 PIXEL_FORMAT = "yuv420p"
 """The one that every player knows; it needs even sizes."""
 
