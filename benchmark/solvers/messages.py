@@ -98,6 +98,8 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
         lat, lon = _number(message, "lat_deg"), _number(message, "lon_deg")
     elif status == "attitude":
         rotation = _array(message.get("R_icrs_to_camera"), (3, 3), "R_icrs_to_camera")
+        if np.abs(rotation).max() > 2.0:
+            raise ValueError("R_icrs_to_camera is not a rotation")
         lat, lon = position_of_attitude(rotation, observation.R_cam[:, 2], observation.utc)
     elif status != "refused":
         raise ValueError(f"status is {status!r}, expected fix, attitude, refused or error")
