@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -59,25 +59,15 @@ def thesis(
         PAGE,
         run_study,
     )  # loads the solvers, which --help need not wait for
-    from generator.errors import GeneratorError
     from generator.scenario.shipped import find_scenario
 
     if frames is not None and dataset is not None:
         typer.echo("skybench: --frames is for rendering; leave it out with --dataset", err=True)
         raise typer.Exit(EXIT_BAD_INPUT)
     command = _command(frames, dataset, sites)
-    with _bars() as progress:
-        try:
-            study = run_study(find_scenario(scenario), frames, dataset, work, out, sites, command, progress)
-        except (BenchmarkError, GeneratorError) as error:
-            typer.echo(f"skybench: {error}", err=True)
-            raise typer.Exit(EXIT_BAD_INPUT) from None
-    if as_json:
-        _print_numbers(out / NUMBERS, out / PAGE)
-        return
-    for answer in study.answers:
-        typer.echo(f"{answer.key:6} {answer.verdict}")
-    typer.echo(str(out / PAGE))
+    with _one_line_for_bad_input(), _bars() as progress:
+        study = run_study(find_scenario(scenario), frames, dataset, work, out, sites, command, progress)
+    _print_study((f"{answer.key:6} {answer.verdict}" for answer in study.answers), out / NUMBERS, out / PAGE, as_json)
 
 
 @app.command(epilog="Example: skybench study calibration --sites 10 --pictures 4")
@@ -114,21 +104,17 @@ def calibration(
 ) -> None:
     """Give a solver a wrong camera, attitude, clock or sky, and compare its error with the first-order prediction."""
     from benchmark.studies.calibration.chosen import check_gradient, check_sizes, read_sizes, subject_of
-    from generator.errors import GeneratorError
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     # What cannot be done is refused before the solvers and the renderer are loaded.
-    try:
+    with _one_line_for_bad_input():
         by_fault = read_sizes(fault_sizes or ())
         path = find_scenario(scenario)
         subject = subject_of(loaded := load_scenario(path))
         check_sizes(subject, by_fault)
         if gradient:
             check_gradient(loaded, subject)
-    except (BenchmarkError, GeneratorError) as error:
-        typer.echo(f"skybench: {error}", err=True)
-        raise typer.Exit(EXIT_BAD_INPUT) from None
     from benchmark.studies.calibration.study import NUMBERS, PAGE, Sizes, run_study
 
     chosen = (
@@ -142,24 +128,31 @@ def calibration(
     words += [word for name, n, usual in chosen if n != usual for word in (name, str(n))]
     words += [word for one in fault_sizes or () for word in ("--sizes", one)]
     command = shlex.join(words)
-    with _bars() as progress:
-        try:
-            counts = Sizes(sites, pictures, gradient)
-            study = run_study(path, counts, work, out, command, progress, by_fault)
-        except (BenchmarkError, GeneratorError) as error:
-            typer.echo(f"skybench: {error}", err=True)
-            raise typer.Exit(EXIT_BAD_INPUT) from None
+    with _one_line_for_bad_input(), _bars() as progress:
+        study = run_study(path, Sizes(sites, pictures, gradient), work, out, command, progress, by_fault)
+    _print_study((f"{row[0]}: {row[6]}" for row in study.tables[0].rows), out / NUMBERS, out / PAGE, as_json)
+
+
+def _print_study(lines: Iterable[str], numbers: Path, page: Path, as_json: bool) -> None:
+    """Print the answers of a study, or all numbers that it has written; and where its page is."""
     if as_json:
-        _print_numbers(out / NUMBERS, out / PAGE)
+        print_json(json.loads(numbers.read_text(encoding="utf-8")) | {"page": page})
         return
-    for row in study.tables[0].rows:
-        typer.echo(f"{row[0]}: {row[6]}")
-    typer.echo(str(out / PAGE))
+    for line in lines:
+        typer.echo(line)
+    typer.echo(str(page))
 
 
-def _print_numbers(numbers: Path, page: Path) -> None:
-    """Print the numbers that a study has written, and where its page is."""
-    print_json(json.loads(numbers.read_text(encoding="utf-8")) | {"page": page})
+@contextmanager
+def _one_line_for_bad_input() -> Iterator[None]:
+    """End the command with one line where the scenario or an option cannot be used."""
+    from generator.errors import GeneratorError
+
+    try:
+        yield
+    except (BenchmarkError, GeneratorError) as error:
+        typer.echo(f"skybench: {error}", err=True)
+        raise typer.Exit(EXIT_BAD_INPUT) from None
 
 
 @contextmanager

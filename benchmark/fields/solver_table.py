@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -189,10 +190,12 @@ def image_times_ms(n_images: int, seed: int) -> np.ndarray:
     for number in range(n_images + 1):
         field, image = make_field(SPEED, seed, number), image_of(SPEED, seed, number)
         attitude = celnav.Attitude.up(field.R_cam[:, 2])
-        times.append(
-            _least_ms(lambda i=image, f=field, a=attitude: celnav.solve(celnav.detect(i), camera, f.utc, a))  # type: ignore[misc]
-        )
+        times.append(_least_ms(partial(_solve_image, image, camera, field.utc, attitude)))
     return np.array(times[1:])
+
+
+def _solve_image(image: np.ndarray, camera: celnav.Camera, utc: str, attitude: celnav.Attitude) -> celnav.Fix:
+    return celnav.solve(celnav.detect(image), camera, utc, attitude)
 
 
 def _least_ms(call: Callable[[], object]) -> float:

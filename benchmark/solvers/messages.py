@@ -6,6 +6,7 @@ What a program answers is untrusted: every field is checked for type, size and f
 import dataclasses
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,13 +125,11 @@ def _number_or_none(value: float) -> float | None:
 
 def _number(message: Mapping[str, Any], key: str) -> float:
     value = message.get(key)
-    try:
-        proper = not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
-    except OverflowError:  # an integer beyond the range of floating-point numbers
-        proper = False
-    if not proper:
-        raise ValueError(f"{plain_words(key, 50)} must be a finite number, found {plain_words(str(value), 40)!r}")
-    return float(value)  # type: ignore[arg-type]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        with suppress(OverflowError):  # an integer beyond the range of floating-point numbers
+            if math.isfinite(number := float(value)):
+                return number
+    raise ValueError(f"{plain_words(key, 50)} must be a finite number, found {plain_words(str(value), 40)!r}")
 
 
 def _array(value: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from typing import Any
 
 from celnav.solver import solvers
 
@@ -111,8 +112,8 @@ def _camera_options(group: argparse._ArgumentGroup) -> None:
 class _Version(argparse.Action):
     """``--version``: the version is looked up only when it is asked for."""
 
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:  # noqa: A002
-        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
+    def __init__(self, option_strings: Sequence[str], dest: str, **words: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **words)
 
     def __call__(self, parser: argparse.ArgumentParser, *given: object) -> None:
         from importlib.metadata import version

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,10 +110,11 @@ def camera_of_field(model: str, width: int, height: int, hfov_deg: float, k: tup
     unit = Camera(model, width, height, 1.0, k=k)
     if model not in FISHEYE:
         raise CameraError(f"hfov_deg does not give the focal length of the model {model}: give f_px")
+    law = cast("projection.Law", model)
     half = np.array([math.radians(hfov_deg) / 2])
-    if not half[0] <= projection.largest_angle(unit.model, unit.k):  # type: ignore[arg-type]
+    if not half[0] <= projection.largest_angle(law, unit.k):
         raise CameraError(f"hfov_deg = {hfov_deg:g} is more than the model {model} can show")
-    radius = float(projection.radius_of(unit.model, half, unit.k)[0])  # type: ignore[arg-type]
+    radius = float(projection.radius_of(law, half, unit.k)[0])
     return Camera(model, width, height, width / 2 / radius, k=k)
 
 

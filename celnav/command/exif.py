@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import SupportsFloat
 
 from celnav.errors import ImageError
 
@@ -155,8 +156,10 @@ def _positive(value: object) -> float | None:
     """Return a number above zero and below a thousand million, or None."""
     if isinstance(value, (tuple, list)) and len(value) == 1:
         value = value[0]
+    if not isinstance(value, (SupportsFloat, str)):
+        return None
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = float(value)
     except (TypeError, ValueError, ArithmeticError):
         return None
     return number if math.isfinite(number) and 0 < number < 1e9 else None

@@ -29,7 +29,7 @@ def generate(
     out: str | Path,
     spec: DatasetSpec,
     frames: tuple[int, int] | None = None,
-    part: Part = Part(),  # noqa: B008 - frozen
+    part: Part = Part(),
     workers: int = 0,
     run: Runner = run_shards,
     frame_done: Callable[[int], None] = lambda index: None,

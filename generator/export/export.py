@@ -32,7 +32,7 @@ def export(
     folder: Path,
     form: str,
     out: Path,
-    options: ExportOptions = ExportOptions(),  # noqa: B008 - frozen
+    options: ExportOptions = ExportOptions(),
     progress: Progress = lambda frame_id: None,
 ) -> None:
     """Export a finished dataset.

@@ -1,14 +1,15 @@
-"""What several files of tests share: a dataset of two small frames with a source of every kind that a scenario can place."""
+"""What several files of tests share: twelve tiny frames, and two small ones with a source of every kind."""
 
 from pathlib import Path
 
 import pytest
 import yaml
 from small_scenes import BASE
+from tiny_dataset import SPEC, TINY
 
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
-from generator.scenario.file import parse_scenario
+from generator.scenario.file import load_scenario, parse_scenario
 
 _TRAIL = {"v_mag": 0.0, "end_s": 0.1}
 
@@ -18,6 +19,23 @@ def _trail(kind: str, azimuth_deg: float) -> dict[str, object]:
     return _TRAIL | {"kind": kind} | {
         name: {"azimuth_deg": azimuth, "altitude_deg": altitude} for name, (azimuth, altitude) in ends.items()
     }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scenario_path(tmp_path_factory) -> Path:
+    """The scenario of twelve tiny frames."""
+    path = tmp_path_factory.mktemp("scenario") / "tiny.yaml"
+    path.write_text(yaml.safe_dump(TINY, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(scenario_path, tmp_path_factory) -> Path:
+    """The twelve tiny frames, made without a disturbance."""
+    folder = tmp_path_factory.mktemp("dataset") / "tiny"
+    report = generate(load_scenario(scenario_path), scenario_path.read_text(), folder, SPEC)
+    assert not report.missing
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -36,21 +36,6 @@ from generator.scenario.file import load_scenario, parse_scenario
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def scenario_path(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tiny.yaml"
-    path.write_text(yaml.safe_dump(TINY, sort_keys=False))
-    return path
-
-
-@pytest.fixture(scope="module")
-def dataset(scenario_path, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("dataset") / "tiny"
-    report = generate(load_scenario(scenario_path), scenario_path.read_text(), folder, SPEC)
-    assert not report.missing
-    return folder
-
-
 @pytest.fixture
 def copy(dataset, tmp_path) -> Path:
     return Path(shutil.copytree(dataset, tmp_path / "copy"))

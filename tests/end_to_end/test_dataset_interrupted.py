@@ -13,8 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-import yaml
-from tiny_dataset import SPEC, TINY, fingerprint, start
+from tiny_dataset import SPEC, fingerprint, start
 
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
@@ -23,21 +22,6 @@ from generator.scenario.file import load_scenario
 
 Moment = Callable[[Path], bool]
 """Whether a folder has come to the state, or the clock to the time, at which the program is killed."""
-
-
-@pytest.fixture(scope="module")
-def scenario_path(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tiny.yaml"
-    path.write_text(yaml.safe_dump(TINY, sort_keys=False))
-    return path
-
-
-@pytest.fixture(scope="module")
-def dataset(scenario_path, tmp_path_factory) -> Path:
-    """The same frames, made without a disturbance."""
-    folder = tmp_path_factory.mktemp("dataset") / "tiny"
-    generate(load_scenario(scenario_path), scenario_path.read_text(), folder, SPEC)
-    return folder
 
 
 def command(scenario_path: Path, folder: Path, workers: int) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -57,8 +57,13 @@ ESTIMATORS: MappingProxyType[str, Estimator] = MappingProxyType(
 )
 ON_CENTROIDS = (DECLARED, FOCAL, CALIBRATED, VERTICAL, THESIS_FIX)
 ON_PICTURES = (DECLARED, FOCAL, CALIBRATED, VERTICAL, THESIS)
-_MODES = {DECLARED: "none", VERTICAL: "none", FOCAL: "auto", CALIBRATED: "full"}
-SOLVER_OF = {name: SkybenchSolver(SkybenchConfig(calibrate=mode)) for name, mode in _MODES.items()}  # type: ignore[arg-type]
+_MODES: dict[str, Literal["auto", "none", "full"]] = {
+    DECLARED: "none",
+    VERTICAL: "none",
+    FOCAL: "auto",
+    CALIBRATED: "full",
+}
+SOLVER_OF = {name: SkybenchSolver(SkybenchConfig(calibrate=mode)) for name, mode in _MODES.items()}
 TRACE_SNR = 5.0
 THESIS_CASE = "thesis' own case"
 THESIS_FIELD_DEG = 120.0
