@@ -12,15 +12,17 @@ from generator import plugins
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.catalogue import StarCatalogue
 from generator.places.ephemeris import icrs_from_enu
+from generator.places.refraction import refraction_of_apparent_deg
 from generator.places.times import EarthOrientation, Instant
 from generator.scenario.projection import Projection
 
 Floats = NDArray[np.float64]
 
 ROUNDS = 12
-"""Corrections of a direction; each leaves a fifth of the error at the horizon, a thousandth high up."""
+"""Corrections of a direction; each leaves a thousandth of the error."""
 CLOSE_ENOUGH = 1e-9
 """Of a unit vector, 0.0002 arcsec."""
+AIRLESS = Air(0.0, 0.0, 0.0)
 
 
 def pixel_directions(record: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, Floats]:
@@ -58,16 +60,33 @@ def pixel_directions(record: dict[str, Any], u_px: Floats, v_px: Floats) -> tupl
     to_icrs = icrs_from_enu(site, instant, orientation)
     icrs = np.full_like(enu, np.nan)
     rows = np.flatnonzero(valid)
-    wanted = enu[rows]
+    wanted = _without_refraction(enu[rows], site, around)
     guess = wanted @ to_icrs.T
     for _ in range(ROUNDS):
-        miss = wanted - apparent_places(_catalogue(guess), site, instant, orientation, around).enu
+        miss = wanted - apparent_places(_catalogue(guess), site, instant, orientation, AIRLESS).enu
         guess += miss @ to_icrs.T
         guess /= np.linalg.norm(guess, axis=1, keepdims=True)
         if np.abs(miss).max(initial=0.0) < CLOSE_ENOUGH:
             break
     icrs[rows] = guess
     return icrs, np.where(valid, np.degrees(np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1]))), np.nan)
+
+
+def _without_refraction(enu: Floats, site: Site, air: Air) -> Floats:
+    """Unit vectors (n, 3) of apparent directions lowered by their refraction."""
+    level = np.hypot(enu[:, 0], enu[:, 1])
+    drop = np.radians(
+        refraction_of_apparent_deg(
+            np.degrees(np.arctan2(enu[:, 2], level)),
+            pressure_hpa=air.pressure_hpa,
+            temperature_c=air.temperature_c,
+            relative_humidity=air.relative_humidity,
+            height_m=site.height_m,
+            latitude_deg=site.latitude_deg,
+        )
+    )
+    stretch = np.cos(drop) + enu[:, 2] * np.sin(drop) / np.maximum(level, 1e-300)
+    return np.stack([stretch * enu[:, 0], stretch * enu[:, 1], enu[:, 2] * np.cos(drop) - level * np.sin(drop)], axis=1)
 
 
 def _rays(camera: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from sgp4.api import Satrec
 
 from generator.errors import ScenarioError
-from generator.places.astrometry import Air, Site
-from generator.places.refraction import refraction_deg
+from generator.places.astrometry import Air, Site, lift_deg
 from generator.places.times import EarthOrientation, Instant
 from generator.scenario.foreground_spec import DirectionSpec, ForegroundSpec, TleSpec, TrailSpec
 
@@ -145,11 +144,6 @@ def _orbit_directions(
     enu = away @ axes.T
     azimuth = np.arctan2(enu[:, 0], enu[:, 1])
     altitude_deg = np.degrees(np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1])))
-    lift = refraction_deg(
-        altitude_deg,
-        pressure_hpa=air.pressure_hpa,
-        temperature_c=air.temperature_c,
-        relative_humidity=air.relative_humidity,
-    )
+    lift = lift_deg(altitude_deg, site, air)
     altitude = np.radians(altitude_deg + lift)
     return np.stack([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)], axis=1)

@@ -183,19 +183,24 @@ def observed_places(
     # Components first: each is contiguous.
     east, north, up = _enu_from_cirs(context) @ places.cirs.T
     level = np.sqrt(east * east + north * north)
-    lift = np.radians(
-        refraction_deg(
-            np.degrees(np.arctan2(up, level)),
-            pressure_hpa=air.pressure_hpa,
-            temperature_c=air.temperature_c,
-            relative_humidity=air.relative_humidity,
-        )
-    )
+    lift = np.radians(lift_deg(np.degrees(np.arctan2(up, level)), site, air))
     # Sine and cosine of a small angle: the next terms are below 1e-12.
     square = lift * lift
     sine, cosine = lift * (1 - square / 6), 1 - square * (0.5 - square / 24)
     stretch = cosine - up * sine / np.maximum(level, 1e-300)
     return ApparentPlaces(np.stack([stretch * east, stretch * north, up * cosine + level * sine]).T)
+
+
+def lift_deg(true_altitude_deg: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
+    """Refraction, deg, at true altitudes (n,) as seen from a site."""
+    return refraction_deg(
+        true_altitude_deg,
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        relative_humidity=air.relative_humidity,
+        height_m=site.height_m,
+        latitude_deg=site.latitude_deg,
+    )
 
 
 def _enu_from_cirs(context: Any) -> NDArray[np.float64]:

@@ -1,23 +1,34 @@
-"""Astronomical refraction from the true to the apparent direction."""
+"""Astronomical refraction from the true to the apparent direction, and back."""
 
 from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
 
 import erfa
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from generator.places.ray_bending import Layers, StandardAir, bending_deg, lowest_altitude_deg
+
+Floats = NDArray[np.float64]
 
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
-LOWEST_ALTITUDE_DEG = -1.0
+FADED_BY_DEG = 12.0
+"""True altitude at which the difference between series and integral at the series' lowest altitude (0.02 arcsec) is gone."""
+BELOW_SEA_M = 500.0
+"""The lowest ray of the table touches the shell this far below sea level, or below an observer who is lower."""
+TABLE_ROWS = 240
+CLEARANCE = 1e-3
+"""Part of the table's range by which its highest ray stands above LOWEST_ALTITUDE_OF_SERIES_DEG."""
 NEWTON_STEPS = 2
+REFERENCE_NM = 550.0
+"""Wavelength of the places in the truth."""
+MIDDLE_LATITUDE_DEG = 45.0
 
 
-def _saemundsson_arcmin(true_altitude_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Refraction, arcmin, for 1010 hPa and 10 deg C. Source: Saemundsson 1986, Sky & Telescope 72, 70."""
-    h = np.maximum(true_altitude_deg, LOWEST_ALTITUDE_DEG)
-    return 1.02 / np.tan(np.radians(h + 10.3 / (h + 5.11)))
-
-
-def _series_deg(true_zenith_distance_rad: NDArray[np.float64], refa_rad: float, refb_rad: float) -> NDArray[np.float64]:
+def _series_deg(true_zenith_distance_rad: Floats, refa_rad: float, refb_rad: float) -> Floats:
     """Solve z_true = z_obs + A tan z_obs + B tan^3 z_obs for the refraction, deg, by Newton's method."""
     observed = true_zenith_distance_rad.copy()
     # From the true zenith distance, two steps come within 1e-9 arcsec above 15 deg.
@@ -29,26 +40,106 @@ def _series_deg(true_zenith_distance_rad: NDArray[np.float64], refa_rad: float, 
     return np.degrees(true_zenith_distance_rad - observed)
 
 
+@dataclass(frozen=True)
+class RefractionTable:
+    """Refraction in one air.
+
+    Attributes
+    ----------
+    refa_rad, refb_rad : float
+        Coefficients of the series, for true altitudes from LOWEST_ALTITUDE_OF_SERIES_DEG up.
+    lowest_deg : float
+        True altitude of the lowest ray; the refraction of lower ones, which the Earth hides, is that ray's.
+    lift_deg : CubicSpline
+        Refraction by the true altitude from `lowest_deg` to the series.
+    """
+
+    refa_rad: float
+    refb_rad: float
+    lowest_deg: float
+    lift_deg: CubicSpline
+
+    def of_true(self, true_altitude_deg: Floats) -> Floats:
+        """Refraction, deg, at true altitudes, (n,) arrays."""
+        series_altitude = np.maximum(true_altitude_deg, LOWEST_ALTITUDE_OF_SERIES_DEG)
+        lift = _series_deg(np.radians(90 - series_altitude), self.refa_rad, self.refb_rad)
+        low = np.flatnonzero(true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
+        if len(low):
+            lift[low] = self.lift_deg(np.maximum(true_altitude_deg[low], self.lowest_deg))
+        return lift
+
+    def slope_at(self, true_altitude_deg: Floats) -> Floats:
+        """Derivative of the refraction by the true altitude, where the table gives it; 0 elsewhere."""
+        inside = (true_altitude_deg >= self.lowest_deg) & (true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
+        return np.where(inside, self.lift_deg(true_altitude_deg, 1), 0.0)
+
+    def of_apparent(self, apparent_altitude_deg: Floats) -> Floats:
+        """Refraction, deg, at apparent altitudes, (n,) arrays: the inverse of :meth:`of_true` to 1e-7 arcsec."""
+        tangent = np.tan(np.radians(90 - np.maximum(apparent_altitude_deg, LOWEST_ALTITUDE_OF_SERIES_DEG)))
+        lift = np.degrees(tangent * (self.refa_rad + self.refb_rad * tangent * tangent))
+        low = np.flatnonzero(apparent_altitude_deg - lift < LOWEST_ALTITUDE_OF_SERIES_DEG)
+        if len(low):
+            apparent = apparent_altitude_deg[low]
+            nodes = self.lift_deg.x
+            true = np.interp(apparent, nodes + self.lift_deg(nodes), nodes)
+            true += np.minimum(apparent - nodes[0] - self.lift_deg(nodes[0]), 0)
+            for _ in range(NEWTON_STEPS + 1):
+                true -= (true + self.of_true(true) - apparent) / (1 + self.slope_at(true))
+            lift[low] = apparent - true
+        return lift
+
+
+@functools.lru_cache(maxsize=64)
+def refraction_table(
+    pressure_hpa: float,
+    temperature_c: float,
+    relative_humidity: float,
+    wavelength_nm: float = REFERENCE_NM,
+    height_m: float = 0.0,
+    latitude_deg: float = MIDDLE_LATITUDE_DEG,
+) -> RefractionTable:
+    """Tabulate the refraction of an air (pressure above 0), within 0.001 arcsec of the integral; takes a millisecond."""
+    refa, refb = (
+        float(part) for part in erfa.refco(pressure_hpa, temperature_c, relative_humidity, wavelength_nm / 1000)
+    )
+    layers = Layers(StandardAir(pressure_hpa, temperature_c, relative_humidity, height_m, latitude_deg, wavelength_nm))
+    bottom = lowest_altitude_deg(layers, min(height_m, 0.0) - BELOW_SEA_M)
+    seam_zenith_distance = np.radians(90 - np.array([LOWEST_ALTITUDE_OF_SERIES_DEG]))
+    seam_lift = float(_series_deg(seam_zenith_distance, refa, refb)[0])
+    top = LOWEST_ALTITUDE_OF_SERIES_DEG + seam_lift
+    # Denser at the bottom, where the refraction changes fastest.
+    apparent = bottom + (1 + CLEARANCE) * (top - bottom) * np.linspace(0, 1, TABLE_ROWS) ** 1.5
+    lift = bending_deg(layers, apparent)
+    true = apparent - lift
+    at_seam = float(CubicSpline(true, lift)(LOWEST_ALTITUDE_OF_SERIES_DEG))
+    share = np.clip((true - FADED_BY_DEG) / (LOWEST_ALTITUDE_OF_SERIES_DEG - FADED_BY_DEG), 0, None)
+    return RefractionTable(refa, refb, float(true[0]), CubicSpline(true, lift + (seam_lift - at_seam) * share))
+
+
 def refraction_deg(
-    true_altitude_deg: NDArray[np.float64],
+    true_altitude_deg: Floats,
     *,
     pressure_hpa: float,
     temperature_c: float,
     relative_humidity: float,
-    wavelength_nm: float = 550.0,
-) -> NDArray[np.float64]:
+    wavelength_nm: float = REFERENCE_NM,
+    height_m: float = 0.0,
+    latitude_deg: float = MIDDLE_LATITUDE_DEG,
+) -> Floats:
     """Refraction to add to a true altitude.
 
-    Above 15 deg this is ERFA's ``refco`` with its A tan z + B tan^3 z (good to some 0.05 arcsec there). Lower, where that
-    series fails, it is Saemundsson's formula, scaled to meet ERFA's value at 15 deg; below a true altitude of -1 deg,
-    where no light arrives, it stays constant.
+    Above 15 deg this is ERFA's ``refco`` with its A tan z + B tan^3 z (good to some 0.05 arcsec there). Lower it is the
+    integral of :mod:`generator.places.ray_bending`, down to the ray that touches the ground at sea level, which for an
+    observer in the air comes from below the horizontal; for what the Earth hides it stays constant.
 
     Parameters
     ----------
     true_altitude_deg : (n,) array
         Altitude without refraction, deg.
     pressure_hpa, temperature_c, relative_humidity, wavelength_nm : float
-        Air at the observer (hPa, deg C, 0-1) and the wavelength (nm).
+        Air at the observer (hPa; 0: no refraction; deg C, 0-1) and the wavelength (nm).
+    height_m, latitude_deg : float
+        Of the observer, up to 70 km.
 
     Returns
     -------
@@ -57,11 +148,22 @@ def refraction_deg(
     """
     if pressure_hpa == 0:
         return np.zeros_like(true_altitude_deg)
-    refa, refb = erfa.refco(pressure_hpa, temperature_c, relative_humidity, wavelength_nm / 1000)
-    series_altitude = np.maximum(true_altitude_deg, LOWEST_ALTITUDE_OF_SERIES_DEG)
-    series = _series_deg(np.radians(90 - series_altitude), float(refa), float(refb))
-    seam = np.array([LOWEST_ALTITUDE_OF_SERIES_DEG])
-    scale = _series_deg(np.radians(90 - seam), float(refa), float(refb)) / _saemundsson_arcmin(seam)
-    low = np.flatnonzero(true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
-    series[low] = scale * _saemundsson_arcmin(true_altitude_deg[low])
-    return series
+    air = (pressure_hpa, temperature_c, relative_humidity, wavelength_nm, height_m, latitude_deg)
+    return refraction_table(*air).of_true(true_altitude_deg)
+
+
+def refraction_of_apparent_deg(
+    apparent_altitude_deg: Floats,
+    *,
+    pressure_hpa: float,
+    temperature_c: float,
+    relative_humidity: float,
+    wavelength_nm: float = REFERENCE_NM,
+    height_m: float = 0.0,
+    latitude_deg: float = MIDDLE_LATITUDE_DEG,
+) -> Floats:
+    """Refraction to take from an apparent altitude: the inverse of :func:`refraction_deg`, with its parameters."""
+    if pressure_hpa == 0:
+        return np.zeros_like(apparent_altitude_deg)
+    air = (pressure_hpa, temperature_c, relative_humidity, wavelength_nm, height_m, latitude_deg)
+    return refraction_table(*air).of_apparent(apparent_altitude_deg)
