@@ -4,9 +4,10 @@ The walls of the benchmark are here: an `Observation` holds everything a solver 
 truth.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,13 @@ class CameraRecord:
     cy_px: float
     k: tuple[float, ...] = ()
     p: tuple[float, ...] = ()
+    s: tuple[float, ...] = ()
+    tilt_rad: tuple[float, ...] = ()
+
+    def as_given(self) -> dict[str, Any]:
+        """The camera as solvers get it; thin prism and tilt only of a lens that has them, as in the frame record."""
+        fields = dataclasses.asdict(self)
+        return {name: value for name, value in fields.items() if value or name not in ("s", "tilt_rad")}
 
 
 @dataclass(frozen=True)

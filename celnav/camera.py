@@ -19,8 +19,10 @@ from celnav.errors import CameraError
 PERSPECTIVE = ("pinhole", "brown_conrady")
 FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
 MODELS = (*PERSPECTIVE, *FISHEYE)
-# How many coefficients k and p each model takes; models that are absent take none.
-_COEFFICIENTS = {"brown_conrady": (6, 2), "kannala_brandt": (4, 0)}
+# How many coefficients k each model takes; models that are absent take none.
+_RADIAL = {"brown_conrady": 6, "kannala_brandt": 4}
+_MOST_TILT_RAD = 0.5
+_NAMES = ("model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad")
 
 
 @dataclass(frozen=True)
@@ -30,16 +32,18 @@ class Camera:
     Attributes
     ----------
     model : str
-        Projection: ``pinhole``; ``brown_conrady`` (k1..k6, p1, p2 as OpenCV); ``kannala_brandt`` (k1..k4 as OpenCV's
-        ``fisheye``); ``equidistant``, ``equisolid``, ``stereographic``, ``orthographic``.
+        Projection: ``pinhole``; ``brown_conrady`` (k1..k6 as OpenCV); ``kannala_brandt`` (k1..k4 as OpenCV's ``fisheye``);
+        ``equidistant``, ``equisolid``, ``stereographic``, ``orthographic``.
     width, height : int
         Size of the frame, pixels.
     f_px, fy_px : float
         Focal length along u and v, pixels; `fy_px` is `f_px` unless given.
     cx_px, cy_px : float
         Principal point, pixels; the middle ((width - 1)/2, (height - 1)/2) unless given.
-    k, p : tuple of float
-        Distortion coefficients, as many as the model takes or fewer; empty for the ideal projections.
+    k : tuple of float
+        Radial distortion coefficients, as many as the model takes or fewer; empty for the ideal projections.
+    p, s, tilt_rad : tuple of float
+        Of any model: decentring p1, p2; thin prism s1..s4; tilt of the sensor tau_x, tau_y, radians; as OpenCV has them.
 
     Raises
     ------
@@ -56,6 +60,8 @@ class Camera:
     cy_px: float = field(default=math.nan)
     k: tuple[float, ...] = ()
     p: tuple[float, ...] = ()
+    s: tuple[float, ...] = ()
+    tilt_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -70,20 +76,11 @@ class Camera:
             object.__setattr__(self, name, _number(name, getattr(self, name), default))
         if self.f_px <= 0 or self.fy_px <= 0:
             raise CameraError(f"camera focal lengths f_px = {self.f_px}, fy_px = {self.fy_px} must be positive pixels")
-        for name in ("k", "p"):
-            try:
-                values = tuple(float(value) for value in getattr(self, name))
-            except (TypeError, ValueError):
-                raise CameraError(f"camera {name} must be a list of numbers") from None
-            object.__setattr__(self, name, values)
-        n_k, n_p = _COEFFICIENTS.get(self.model, (0, 0))
-        if not all(math.isfinite(value) for value in (*self.k, *self.p)):
-            raise CameraError("camera k and p must be finite numbers")
-        if any(self.k[n_k:]) or any(self.p[n_p:]):
-            takes = f"{n_k} coefficients k and {n_p} p" if n_k else "no distortion coefficients; leave k and p empty"
-            raise CameraError(f"camera model {self.model!r} takes {takes}")
-        object.__setattr__(self, "k", self.k[:n_k])
-        object.__setattr__(self, "p", self.p[:n_p])
+        radial = _RADIAL.get(self.model, 0)
+        for name, most in (("k", radial), ("p", 2), ("s", 4), ("tilt_rad", 2)):
+            object.__setattr__(self, name, _coefficients(self.model, name, getattr(self, name), most))
+        if any(abs(angle) > _MOST_TILT_RAD for angle in self.tilt_rad):
+            raise CameraError(f"camera tilt_rad = {list(self.tilt_rad)} must be within {_MOST_TILT_RAD} radians")
 
     @classmethod
     def pinhole(cls, width: int, height: int, hfov_deg: float) -> Camera:
@@ -95,12 +92,11 @@ class Camera:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Camera:
         """Make a camera from the keys of the frame record's ``camera`` object."""
-        names = ("model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p")
-        if missing := [name for name in names[:4] if name not in record]:
+        if missing := [name for name in _NAMES[:4] if name not in record]:
             raise CameraError(f"camera lacks {', '.join(missing)}; see docs/dataset_format.md")
-        if unknown := sorted(set(record) - set(names)):
-            raise CameraError(f"camera has unknown keys {', '.join(unknown)}; allowed: {', '.join(names)}")
-        return cls(**{name: record[name] for name in names if record.get(name) is not None})
+        if unknown := sorted(set(record) - set(_NAMES)):
+            raise CameraError(f"camera has unknown keys {', '.join(unknown)}; allowed: {', '.join(_NAMES)}")
+        return cls(**{name: record[name] for name in _NAMES if record.get(name) is not None})
 
     @classmethod
     def from_json(cls, path: str | Path) -> Camera:
@@ -133,13 +129,17 @@ class Camera:
         """
         uv = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
         x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
+        if self._tilt is not None:
+            x, y = projection.onto(np.asarray(np.linalg.inv(self._tilt), np.float64), x, y)
         if self.model in PERSPECTIVE:
-            if self.model == "brown_conrady":
-                x, y = projection.undistort(x, y, self.k, self.p, self._limit)
+            if not self._undistorted:
+                x, y = projection.undistort(x, y, self.k, self.p, self._limit, self.s)
             rays = np.ones((len(uv), 3))
             rays[:, 0], rays[:, 1] = x, y
             rays /= np.sqrt(x * x + y * y + 1.0)[:, None]
             return rays
+        if any(self.p) or any(self.s):
+            x, y = projection.recentre(x, y, self.p, self.s)
         radius = np.hypot(x, y)
         theta = projection.angle_of(self._law, radius, self.k, self._limit)
         # On the axis the direction of the radius does not matter: its length is zero.
@@ -164,22 +164,27 @@ class Camera:
         if self.model in PERSPECTIVE:
             z = np.where(dirs[:, 2] > 0, dirs[:, 2], np.nan)
             x, y = dirs[:, 0] / z, dirs[:, 1] / z
-            if self.model == "brown_conrady":
+            if not self._undistorted:
                 seen = x * x + y * y <= self._limit**2
-                x, y = projection.distort(np.where(seen, x, np.nan), np.where(seen, y, np.nan), self.k, self.p)
+                x, y = np.where(seen, x, np.nan), np.where(seen, y, np.nan)
+                x, y = projection.distort(x, y, self.k, self.p, self.s)
         else:
             across = np.hypot(dirs[:, 0], dirs[:, 1])
             theta = np.arctan2(across, dirs[:, 2])
             radius = projection.radius_of(self._law, np.where(theta <= self._limit, theta, np.nan), self.k)
             part = radius / np.where(across > 0, across, 1.0)
             x, y = dirs[:, 0] * part, dirs[:, 1] * part
+            if any(self.p) or any(self.s):
+                x, y = projection.decentre(x, y, self.p, self.s)
+        if self._tilt is not None:
+            x, y = projection.onto(self._tilt, x, y)
         return np.column_stack((self.cx_px + self.f_px * x, self.cy_px + self.fy_px * y))
 
     def project_with_derivatives(self, dirs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project unit vectors, shape (n, 3); also the derivatives by their components, shape (n, 2, 3)."""
         uv = self.project(dirs)
         by_direction = np.zeros((len(dirs), 2, 3))
-        if self.model == "pinhole":
+        if self._plain:
             x, y, z = dirs.T
             inverse = 1.0 / np.where(z > 0, z, np.nan)
             by_direction[:, 0, 0], by_direction[:, 1, 1] = self.f_px * inverse, self.fy_px * inverse
@@ -198,6 +203,24 @@ class Camera:
         return cast("projection.Law", self.model)
 
     @cached_property
+    def _undistorted(self) -> bool:
+        """Whether a perspective lens has neither distortion nor decentring; the model `brown_conrady` counts as having."""
+        return self.model == "pinhole" and not (any(self.p) or any(self.s))
+
+    @cached_property
+    def _plain(self) -> bool:
+        """Whether coordinates are those of an ideal pinhole."""
+        return self._undistorted and self._tilt is None
+
+    @cached_property
+    def _tilt(self) -> NDArray[np.float64] | None:
+        """Homography of a tilted sensor, (3, 3); None without tilt."""
+        if not any(self.tilt_rad):
+            return None
+        tau_x, tau_y = (*self.tilt_rad, 0.0)[:2]
+        return projection.tilted_sensor(tau_x, tau_y)
+
+    @cached_property
     def _limit(self) -> float:
         """Where the projection stops being one to one: tangent of the angle (perspective) or angle (fisheye)."""
         if self.model == "brown_conrady":
@@ -206,7 +229,7 @@ class Camera:
 
     def radians_per_px(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
         """Scale at pixel positions, shape (n,): the square root of the solid angle of a pixel there."""
-        if self.model == "pinhole":
+        if self._plain:
             x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
             return np.asarray((1 + x * x + y * y) ** -0.75 / math.sqrt(self.f_px * self.fy_px))
         h = 0.25
@@ -227,7 +250,7 @@ class Camera:
         Each corner pyramid of a pinhole subtends atan(x y / sqrt(1 + x^2 + y^2)); other models are integrated over a
         grid of 64 x 64 points.
         """
-        if self.model != "pinhole":
+        if not self._plain:
             u = (np.arange(64) + 0.5) / 64 * self.width - 0.5
             v = (np.arange(64) + 0.5) / 64 * self.height - 0.5
             scale = self.radians_per_px(np.column_stack([axis.ravel() for axis in np.meshgrid(u, v)]))
@@ -239,6 +262,22 @@ class Camera:
             return math.atan2(x * y, math.sqrt(1 + x * x + y * y))
 
         return corner(right, down) + corner(right, up) + corner(left, down) + corner(left, up)
+
+
+def _coefficients(model: str, name: str, given: object, most: int) -> tuple[float, ...]:
+    """Return coefficients as a tuple of at most `most` floats; zeros beyond these are left out."""
+    try:
+        values = tuple(float(value) for value in given)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise CameraError(f"camera {name} must be a list of numbers") from None
+    if not all(math.isfinite(value) for value in values):
+        raise CameraError(f"camera {name} must be finite numbers")
+    if any(values[most:]):
+        takes = (
+            f"at most {most} coefficients {name}" if most else f"no distortion coefficients {name}; leave {name} empty"
+        )
+        raise CameraError(f"camera model {model!r} takes {takes}")
+    return values[:most]
 
 
 def _number(name: str, value: object, default: float) -> float:

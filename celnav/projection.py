@@ -3,11 +3,15 @@
 Normalised coordinates are pixels from the principal point over the focal length; x right, y down, z along the
 boresight. Sources: Brown 1966 and Conrady 1919 in the form of OpenCV's ``projectPoints`` (rational radial term);
 Kannala & Brandt 2006, IEEE TPAMI 28(8) 1335, in the form of ``cv2.fisheye``; the four ideal fisheye laws as in
-Ray 2002, Applied Photographic Optics.
+Ray 2002, Applied Photographic Optics. Decentring, thin prism (Weng, Cohen & Herniou 1992, IEEE TPAMI 14(10) 965) and a
+tilted sensor (Louhichi et al. 2007, Meas. Sci. Technol. 18(8) 2616) in the form of OpenCV's ``projectPoints``; of a
+fisheye they act on the coordinates that its law gives.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -21,26 +25,52 @@ _CONVERGED = 1e-14
 _SEARCH_STEPS = 4000
 
 
-def distort(x: F8, y: F8, k: tuple[float, ...], p: tuple[float, ...]) -> tuple[F8, F8]:
-    """Apply Brown-Conrady distortion to normalised coordinates; k1..k6 (rational) and p1, p2 as OpenCV orders them."""
-    k1, k2, k3, k4, k5, k6 = (*k, *([0.0] * (6 - len(k))))
+def off_axis_shift(x: F8, y: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
+    """Shift by decentring p1, p2 and thin prism s1..s4 at normalised coordinates; missing coefficients are 0."""
     p1, p2 = (*p, *([0.0] * (2 - len(p))))
     r2 = x * x + y * y
+    dx, dy = 2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    if s:
+        s1, s2, s3, s4 = (*s, *([0.0] * (4 - len(s))))
+        dx, dy = dx + s1 * r2 + s2 * r2 * r2, dy + s3 * r2 + s4 * r2 * r2
+    return dx, dy
+
+
+def distort(x: F8, y: F8, k: tuple[float, ...], p: tuple[float, ...], s: tuple[float, ...] = ()) -> tuple[F8, F8]:
+    """Apply Brown-Conrady distortion to normalised coordinates; k1..k6 (rational), p1, p2 and s1..s4 as OpenCV has them."""
+    k1, k2, k3, k4, k5, k6 = (*k, *([0.0] * (6 - len(k))))
+    r2 = x * x + y * y
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    return (
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-    )
+    dx, dy = off_axis_shift(x, y, p, s)
+    return x * radial + dx, y * radial + dy
 
 
-def undistort(xd: F8, yd: F8, k: tuple[float, ...], p: tuple[float, ...], r_max: float) -> tuple[F8, F8]:
+def decentre(x: F8, y: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
+    """Apply decentring and thin prism to the coordinates that a fisheye's law gives."""
+    dx, dy = off_axis_shift(x, y, p, s)
+    return x + dx, y + dy
+
+
+def undistort(
+    xd: F8, yd: F8, k: tuple[float, ...], p: tuple[float, ...], r_max: float, s: tuple[float, ...] = ()
+) -> tuple[F8, F8]:
     """Invert `distort` by Newton's method; NaN where no radius up to `r_max` gives the position."""
+    return _invert(lambda x, y: distort(x, y, k, p, s), xd, yd, r_max)
+
+
+def recentre(xd: F8, yd: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
+    """Invert `decentre` by Newton's method; NaN where it has no inverse."""
+    return _invert(lambda x, y: decentre(x, y, p, s), xd, yd, math.inf)
+
+
+def _invert(mapping: Callable[[F8, F8], tuple[F8, F8]], xd: F8, yd: F8, r_max: float) -> tuple[F8, F8]:
+    """Solve mapping(x, y) = (xd, yd) near (xd, yd); NaN where nothing within `r_max` of the origin does."""
     x, y = xd.copy(), yd.copy()
     h = 1e-6
     for _ in range(_NEWTON_ROUNDS):
-        fx, fy = distort(x, y, k, p)
-        ax, ay = distort(x + h, y, k, p)
-        bx, by = distort(x, y + h, k, p)
+        fx, fy = mapping(x, y)
+        ax, ay = mapping(x + h, y)
+        bx, by = mapping(x, y + h)
         a, b, c, d = (ax - fx) / h, (bx - fx) / h, (ay - fy) / h, (by - fy) / h
         determinant = a * d - b * c
         determinant = np.where(np.abs(determinant) < 1e-6, 1e-6, determinant)
@@ -52,9 +82,33 @@ def undistort(xd: F8, yd: F8, k: tuple[float, ...], p: tuple[float, ...], r_max:
         x, y = x + step_x * limit, y + step_y * limit
         if not length.size or float(np.nanmax(length, initial=0.0)) < _CONVERGED:
             break
-    fx, fy = distort(x, y, k, p)
+    fx, fy = mapping(x, y)
     bad = ~((np.hypot(fx - xd, fy - yd) < 1e-9) & (np.hypot(x, y) <= r_max))
     return np.where(bad, np.nan, x), np.where(bad, np.nan, y)
+
+
+def tilted_sensor(tau_x: float, tau_y: float) -> F8:
+    """Homography of normalised coordinates onto a sensor turned by `tau_x` about u and `tau_y` about v, radians; (3, 3).
+
+    The turned frame's rays are cut by the plane at unit distance along the old axis.
+    """
+    sin_x, cos_x, sin_y, cos_y = math.sin(tau_x), math.cos(tau_x), math.sin(tau_y), math.cos(tau_y)
+    turn = np.array(
+        [
+            [cos_y, sin_x * sin_y, -cos_x * sin_y],
+            [0.0, cos_x, sin_x],
+            [sin_y, -sin_x * cos_y, cos_x * cos_y],
+        ]
+    )
+    scaled = turn[2, 2] * turn[:2] - turn[:2, 2:] * turn[2]
+    return np.vstack((scaled, turn[2]))
+
+
+def onto(homography: F8, x: F8, y: F8) -> tuple[F8, F8]:
+    """Map points by a homography; NaN where they fall behind."""
+    x1, y1, w = (row[0] * x + row[1] * y + row[2] for row in homography)
+    w = np.where(w > 0, w, np.nan)
+    return x1 / w, y1 / w
 
 
 def distortion_limit(k: tuple[float, ...]) -> float:

@@ -249,6 +249,8 @@ def _camera(path: Path, record: Mapping[str, Any]) -> CameraRecord:
         cy_px=number(path, record, "camera.cy_px"),
         k=coefficients("camera.k"),
         p=coefficients("camera.p"),
+        s=coefficients("camera.s") if "s" in record["camera"] else (),
+        tilt_rad=coefficients("camera.tilt_rad") if "tilt_rad" in record["camera"] else (),
     )
 
 

@@ -3,7 +3,6 @@
 What a program answers is untrusted: every field is checked for type, size and finiteness before it is used.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from contextlib import suppress
@@ -69,7 +68,7 @@ def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str
         "type": "solve",
         "frame_id": frame.frame_id,
         "image": str(image.resolve()),
-        "camera": dataclasses.asdict(seen.camera),
+        "camera": seen.camera.as_given(),
         "utc_mid": seen.utc,
         "R_cam": np.asarray(seen.R_cam).tolist(),
         "tilt_sigma_deg": seen.tilt_sigma_deg,

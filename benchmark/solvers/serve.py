@@ -41,11 +41,18 @@ def serve(solver: SolverUnderTest, requests: BinaryIO, replies: BinaryIO) -> Non
         replies.flush()
 
 
+def _camera(fields: Mapping[str, Any]) -> CameraRecord:
+    """The camera of a request; thin prism and tilt may be missing."""
+    lists = {name: tuple(fields.get(name, ())) for name in ("k", "p", "s", "tilt_rad")}
+    values: dict[str, Any] = {**fields, **lists}
+    return CameraRecord(**values)
+
+
 def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[str, Any]:
     """Detect where no detections are given, solve, and put the answer into the protocol's terms."""
     heading = request["heading_sigma_deg"]
     observation = Observation(
-        camera=CameraRecord(**request["camera"] | {name: tuple(request["camera"][name]) for name in ("k", "p")}),
+        camera=_camera(request["camera"]),
         utc=request["utc_mid"],
         R_cam=np.array(request["R_cam"], dtype=np.float64),
         tilt_sigma_deg=request["tilt_sigma_deg"],

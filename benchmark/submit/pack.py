@@ -97,7 +97,7 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
         "format": FRAME_FORMAT,
         "frame_id": name,
         "time": {"utc_mid": seen.utc},
-        "camera": dataclasses.asdict(seen.camera),
+        "camera": seen.camera.as_given(),
         "attitude": {
             "R_cam": np.asarray(seen.R_cam).tolist(),
             **dataclasses.asdict(celnav.Pointing.of(seen.R_cam)),

@@ -211,15 +211,14 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
         return CameraFile(camera, "calibration of an OpenCV fisheye", tuple(assumed))
     if distortion.size not in (0, 4, 5, 8, 12, 14):
         raise CameraError(f"{key} has {distortion.size} numbers; OpenCV writes 4, 5, 8, 12 or 14")
-    if distortion[8:].any():
-        raise CameraError(f"{key} has thin-prism or tilt terms (from the ninth on), which celnav has no model of")
-    k1, k2, p1, p2, k3, k4, k5, k6 = np.append(distortion, np.zeros(8))[:8].tolist()
+    k1, k2, p1, p2, k3, k4, k5, k6, *rest = np.append(distortion, np.zeros(14))[:14].tolist()
     if distortion.size == 4 and "distortion_model" not in record and "fisheye_model" not in record:
         assumed.append(
             "the four distortion coefficients are k1, k2, p1, p2 of a perspective lens; for a fisheye add "
             "distortion_model: fisheye"
         )
-    camera = replace(lens, model="brown_conrady", k=(k1, k2, k3, k4, k5, k6), p=(p1, p2))
+    prism, tilt = (tuple(part) if any(part) else () for part in (rest[:4], rest[4:]))
+    camera = replace(lens, model="brown_conrady", k=(k1, k2, k3, k4, k5, k6), p=(p1, p2), s=prism, tilt_rad=tilt)
     return CameraFile(camera, "calibration of OpenCV", tuple(assumed))
 
 

@@ -99,7 +99,7 @@ def _rays(camera: dict[str, Any], u_px: Floats, v_px: Floats) -> tuple[Floats, N
     number: Any = dr.float64_array_t(mi.Float)
     projection = Projection(
         camera["model"], camera["f_px"], camera["fy_px"], camera["cx_px"], camera["cy_px"],
-        tuple(camera["k"]), tuple(camera["p"]),
+        tuple(camera["k"]), tuple(camera["p"]), tuple(camera.get("s", ())), tuple(camera.get("tilt_rad", ())),
     )  # fmt: skip
     # Opaque numbers, so that one kernel serves the lenses of all frames.
     lens = make_lens(projection, lambda value: dr.opaque(number, value))

@@ -155,6 +155,8 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
         "cy_px": projection.cy_px,
         "k": list(projection.full_k),
         "p": list(projection.full_p),
+        **({"s": list(projection.full_s)} if any(projection.s) else {}),
+        **({"tilt_rad": list(projection.full_tilt_rad)} if any(projection.tilt_rad) else {}),
     }
 
 

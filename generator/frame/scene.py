@@ -236,6 +236,8 @@ def camera_dict(plan: FramePlan) -> dict[str, Any]:
         description["film"][name] = {"type": "spectrum", "value": pairs}
     description |= {f"k{i + 1}": value for i, value in enumerate(projection.full_k)}
     description |= {f"p{i + 1}": value for i, value in enumerate(projection.full_p)}
+    description |= {f"s{i + 1}": value for i, value in enumerate(projection.full_s)}
+    description |= dict(zip(("tau_x", "tau_y"), projection.full_tilt_rad, strict=False))
     if camera.image_circle_px is not None:
         description["image_circle_px"] = camera.image_circle_px
     if camera.vignetting:

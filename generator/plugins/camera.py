@@ -12,7 +12,9 @@ parameter               type        meaning
 ``f_px``, ``fy_px``     float       focal length along u and v, px
 ``cx_px``, ``cy_px``    float       principal point, px
 ``k1`` … ``k6``         float       radial distortion (default 0)
-``p1``, ``p2``          float       tangential distortion (default 0)
+``p1``, ``p2``          float       decentring (default 0)
+``s1`` … ``s4``         float       thin prism (default 0)
+``tau_x``, ``tau_y``    float       tilt of the sensor, rad (default 0)
 ``image_circle_px``     float       radius around the principal point beyond which no light falls
 ``pupil``               string      ``cosine`` (default) or ``constant``: projected area of the pupil off axis
 ``vignetting``          tensor      (n,): a1, a2, … of the factor 1 + a1 q + a2 q^2 + …
@@ -68,12 +70,17 @@ class NightSkyCamera(mi.Sensor):
         model = props.get("model", "pinhole")
         if model not in MODELS:
             raise ValueError(f"skybench_camera: model '{model}' is not one of: {', '.join(MODELS)}")
-        most_k, most_p = COEFFICIENTS.get(model, (0, 0))
+
+        def numbers(*names: str) -> tuple[float, ...]:
+            return tuple(float(props.get(name, 0.0)) for name in names)
+
         projection = Projection(
             model,
             *(float(props[name]) for name in ("f_px", "fy_px", "cx_px", "cy_px")),
-            k=tuple(float(props.get(f"k{i + 1}", 0.0)) for i in range(most_k)),
-            p=tuple(float(props.get(f"p{i + 1}", 0.0)) for i in range(most_p)),
+            k=numbers(*(f"k{i + 1}" for i in range(COEFFICIENTS.get(model, 0)))),
+            p=numbers("p1", "p2"),
+            s=numbers("s1", "s2", "s3", "s4"),
+            tilt_rad=numbers("tau_x", "tau_y"),
         )
         self.projection = projection
         self.lens: Lens = make_lens(projection, lambda value: dr.opaque(mi.Float, value))

@@ -8,17 +8,21 @@ range the mask is False.
 
 from __future__ import annotations
 
+import copy
 from typing import Any, Protocol
 
 import drjit as dr
 import numpy as np
 
-from generator.scenario.projection import Projection
+from generator.scenario.image_plane import displacement, displacement_slopes, through, tilt_matrix
+from generator.scenario.projection import PINHOLE_LIKE, Projection
 
 MINIMUM_COSINE = 1e-3
 NEWTON_STEPS = 20
 TANGENTIAL_STEPS = 6
 TINY = 1e-12
+Scale = tuple[Any, Any, Any, Any]
+"""Focal lengths and principal point."""
 
 
 class Lens(Protocol):
@@ -67,13 +71,14 @@ class Pinhole:
 
 
 class BrownConrady:
-    """Pinhole with OpenCV's rational radial and tangential distortion.
+    """Pinhole with OpenCV's rational radial distortion, decentring and thin prism.
 
     Parameters
     ----------
     f_px, fy_px, cx_px, cy_px : float
     k : six floats
     p : two floats
+    s : four floats, or none
     limit : float
         Largest undistorted radius (tangent) in the valid range.
     edge : float
@@ -81,10 +86,19 @@ class BrownConrady:
     """
 
     def __init__(
-        self, f_px: Any, fy_px: Any, cx_px: Any, cy_px: Any, k: list[Any], p: list[Any], limit: Any, edge: Any
+        self,
+        f_px: Any,
+        fy_px: Any,
+        cx_px: Any,
+        cy_px: Any,
+        k: list[Any],
+        p: list[Any],
+        s: list[Any],
+        limit: Any,
+        edge: Any,
     ) -> None:
         self.f_px, self.fy_px, self.cx_px, self.cy_px = f_px, fy_px, cx_px, cy_px
-        self.k, self.p, self.limit, self.edge = k, p, limit, edge
+        self.k, self.p, self.s, self.limit, self.edge = k, p, s, limit, edge
 
     def _scale(self, q: Any) -> tuple[Any, Any]:
         """Radial factor at squared radius q, and its derivative by q."""
@@ -97,15 +111,12 @@ class BrownConrady:
 
     def _distort(self, a: Any, b: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
         """Distorted point and the matrix of derivatives (da'/da, da'/db, db'/da, db'/db)."""
-        p1, p2 = self.p
         q = a * a + b * b
         scale, slope = self._scale(q)
-        bent_a = a * scale + 2 * p1 * a * b + p2 * (q + 2 * a * a)
-        bent_b = b * scale + p1 * (q + 2 * b * b) + 2 * p2 * a * b
-        aa = scale + 2 * slope * a * a + 2 * p1 * b + 6 * p2 * a
-        ab = 2 * slope * a * b + 2 * p1 * a + 2 * p2 * b
-        bb = scale + 2 * slope * b * b + 6 * p1 * b + 2 * p2 * a
-        return bent_a, bent_b, aa, ab, ab, bb
+        move_a, move_b = displacement(a, b, self.p, self.s)
+        aa, ab, ba, bb = displacement_slopes(a, b, self.p, self.s)
+        aa, bb = aa + scale + 2 * slope * a * a, bb + scale + 2 * slope * b * b
+        return a * scale + move_a, b * scale + move_b, aa, ab + 2 * slope * a * b, ba + 2 * slope * a * b, bb
 
     def project(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
         """Pixel position; valid where the radial distortion increases and the mapping keeps its orientation."""
@@ -128,15 +139,7 @@ class BrownConrady:
         r = bracketed_newton(radial, dr.minimum(wanted, self.edge), self.limit)
         stretch = dr.select(wanted > TINY, r / dr.maximum(wanted, TINY), 1)
         a, b = wanted_a * stretch, wanted_b * stretch
-        for _ in range(TANGENTIAL_STEPS):
-            bent_a, bent_b, aa, ab, ba, bb = self._distort(a, b)
-            determinant = aa * bb - ab * ba
-            inverse = dr.select(dr.abs(determinant) > TINY, dr.rcp(determinant), 0)
-            miss_a, miss_b = wanted_a - bent_a, wanted_b - bent_b
-            step_a, step_b = (bb * miss_a - ab * miss_b) * inverse, (aa * miss_b - ba * miss_a) * inverse
-            allowed = 0.1 + 0.5 * dr.sqrt(a * a + b * b)
-            shorten = dr.minimum(1, allowed / dr.maximum(dr.sqrt(step_a * step_a + step_b * step_b), TINY))
-            a, b = a + step_a * shorten, b + step_b * shorten
+        a, b = newton_2d(self._distort, wanted_a, wanted_b, a, b)
         bent_a, bent_b, aa, ab, ba, bb = self._distort(a, b)
         reached = dr.maximum(dr.abs(bent_a - wanted_a), dr.abs(bent_b - wanted_b)) < 1e-4 * (1 + wanted)
         valid = reached & (a * a + b * b <= self.limit * self.limit) & (aa * bb - ab * ba > 0)
@@ -227,6 +230,99 @@ class Fisheye:
         return dr.select(near_axis, 1, across / dr.select(near_axis, 1, radius * slope)) / (self.f_px * self.fy_px)
 
 
+class OffAxis:
+    """A lens of unit focal length whose image is decentred and whose sensor is tilted.
+
+    Parameters
+    ----------
+    base : Lens
+        Its focal length is 1, its principal point (0, 0).
+    f_px, fy_px, cx_px, cy_px : float
+    p : two floats, or none
+    s : four floats, or none
+    tilt : two 3 x 3 matrices of floats, or None
+        :func:`generator.scenario.image_plane.tilt_matrix` and its inverse.
+    """
+
+    def __init__(
+        self, base: Lens, f_px: Any, fy_px: Any, cx_px: Any, cy_px: Any, p: list[Any], s: list[Any], tilt: Any
+    ) -> None:
+        self.base, self.p, self.s, self.tilt = base, p, s, tilt
+        self.f_px, self.fy_px, self.cx_px, self.cy_px = f_px, fy_px, cx_px, cy_px
+
+    @property
+    def k(self) -> list[Any]:
+        """Radial coefficients of the lens."""
+        return getattr(self.base, "k", [])
+
+    @k.setter
+    def k(self, values: list[Any]) -> None:
+        changed: Any = copy.copy(self.base)
+        changed.k = values
+        self.base = changed
+
+    def _move(self, a: Any, b: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+        """Decentred point and the matrix of derivatives."""
+        move_a, move_b = displacement(a, b, self.p, self.s)
+        aa, ab, ba, bb = displacement_slopes(a, b, self.p, self.s)
+        return a + move_a, b + move_b, 1 + aa, ab, ba, 1 + bb
+
+    def _bend(self, a: Any, b: Any) -> tuple[Any, Any, Any]:
+        """Point on the sensor, and the determinant of its derivatives: positive where the image is not folded."""
+        determinant = a * 0 + 1
+        if self.p:
+            a, b, aa, ab, ba, bb = self._move(a, b)
+            determinant = aa * bb - ab * ba
+        if self.tilt is None:
+            return a, b, determinant
+        # The determinant of a homography's derivatives is that of its matrix over the cube of the third coordinate.
+        a, b, third = through(self.tilt[0], a, b)
+        return a, b, dr.select(third > 0, determinant * self.tilt[2] / (third * third * third), 0)
+
+    def project(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+        """Pixel position; valid where the base's is and the image is not folded."""
+        a, b, valid = self.base.project(x, y, z)
+        a, b, determinant = self._bend(a, b)
+        return self.cx_px + self.f_px * a, self.cy_px + self.fy_px * b, valid & (determinant > 0)
+
+    def unproject(self, u: Any, v: Any) -> tuple[Any, Any, Any, Any]:
+        """Camera-frame unit vector: the tilt in closed form, the decentring by Newton in two dimensions."""
+        a, b = (u - self.cx_px) / self.f_px, (v - self.cy_px) / self.fy_px
+        reached = a == a
+        if self.tilt is not None:
+            a, b, third = through(self.tilt[1], a, b)
+            reached = third > 0
+        if self.p:
+            wanted_a, wanted_b = a, b
+            a, b = newton_2d(self._move, wanted_a, wanted_b, a, b)
+            bent_a, bent_b, aa, ab, ba, bb = self._move(a, b)
+            size = 1 + dr.maximum(dr.abs(wanted_a), dr.abs(wanted_b))
+            reached &= dr.maximum(dr.abs(bent_a - wanted_a), dr.abs(bent_b - wanted_b)) < 1e-4 * size
+            reached &= aa * bb - ab * ba > 0
+        x, y, z, valid = self.base.unproject(a, b)
+        return x, y, z, valid & reached
+
+    def solid_angle(self, x: Any, y: Any, z: Any) -> Any:
+        """Solid angle, sr: the base's over the determinant of what follows it."""
+        a, b, _ = self.base.project(x, y, z)
+        _, _, determinant = self._bend(a, b)
+        return self.base.solid_angle(x, y, z) / (self.f_px * self.fy_px * dr.maximum(dr.abs(determinant), TINY))
+
+
+def newton_2d(function: Any, wanted_a: Any, wanted_b: Any, a: Any, b: Any) -> tuple[Any, Any]:
+    """Solve function(a, b) = wanted from a near place; it returns the value and the matrix of derivatives."""
+    for _ in range(TANGENTIAL_STEPS):
+        bent_a, bent_b, aa, ab, ba, bb = function(a, b)
+        determinant = aa * bb - ab * ba
+        inverse = dr.select(dr.abs(determinant) > TINY, dr.rcp(determinant), 0)
+        miss_a, miss_b = wanted_a - bent_a, wanted_b - bent_b
+        step_a, step_b = (bb * miss_a - ab * miss_b) * inverse, (aa * miss_b - ba * miss_a) * inverse
+        allowed = 0.1 + 0.5 * dr.sqrt(a * a + b * b)
+        shorten = dr.minimum(1, allowed / dr.maximum(dr.sqrt(step_a * step_a + step_b * step_b), TINY))
+        a, b = a + step_a * shorten, b + step_b * shorten
+    return a, b
+
+
 def bracketed_newton(function: Any, wanted: Any, limit: Any) -> Any:
     """Solve function(r) = wanted for r in [0, limit], where the function increases from 0; it returns (value, derivative)."""
     low, high = dr.zeros(type(wanted), dr.width(wanted)), wanted * 0 + limit
@@ -243,13 +339,37 @@ def bracketed_newton(function: Any, wanted: Any, limit: Any) -> Any:
 
 def make_lens(projection: Projection, number: Any) -> Lens:
     """Build the lens of a projection; `number` turns a float into the arithmetic type to compute in (opaque)."""
-    basic = [number(value) for value in (projection.f_px, projection.fy_px, projection.cx_px, projection.cy_px)]
-    if projection.model == "pinhole":
-        return Pinhole(*basic)
+    f_px, fy_px, cx_px, cy_px = (projection.f_px, projection.fy_px, projection.cx_px, projection.cy_px)
+    scale: Scale = (number(f_px), number(fy_px), number(cx_px), number(cy_px))
+    pinhole_like = projection.model in PINHOLE_LIKE
+    tilt = None
+    if any(projection.tilt_rad):
+        matrix = tilt_matrix(*projection.full_tilt_rad)
+        tilt = tuple(
+            [[number(float(value)) for value in row] for row in part] for part in (matrix, np.linalg.inv(matrix))
+        )
+        tilt = (*tilt, number(float(np.linalg.det(matrix))))
+    p = [number(value) for value in projection.full_p]
+    s = [number(value) for value in projection.full_s if any(projection.s)]
+    if s and not p:
+        p = [number(0.0), number(0.0)]
+    # The pinhole models take decentring and thin prism themselves.
+    decentred = any(projection.p) or any(projection.s)
+    if tilt is None and (pinhole_like or not decentred):
+        return _centred_lens(projection, scale, p, s, number)
+    unit: Scale = (number(1.0), number(1.0), number(0.0), number(0.0))
+    base = _centred_lens(projection, unit, p, s, number)
+    inside = pinhole_like or not decentred
+    return OffAxis(base, *scale, [] if inside else p, [] if inside else s, tilt)
+
+
+def _centred_lens(projection: Projection, scale: Scale, p: list[Any], s: list[Any], number: Any) -> Lens:
+    """The lens without tilt; of the fisheyes without decentring too."""
+    if projection.model == "pinhole" and not (any(projection.p) or any(projection.s)):
+        return Pinhole(*scale)
     limit = number(projection.limit)
     edge = number(float(np.nextafter(projection.largest_radius, 0)))
-    k, p = [number(value) for value in projection.full_k], [number(value) for value in projection.full_p]
-    f_px, fy_px, cx_px, cy_px = basic
-    if projection.model == "brown_conrady":
-        return BrownConrady(f_px, fy_px, cx_px, cy_px, k, p, limit, edge)
-    return Fisheye(projection.model, f_px, fy_px, cx_px, cy_px, k, limit, edge)
+    if projection.model in PINHOLE_LIKE:
+        k = [number(value) for value in projection.full_k] or [number(0.0)] * 6
+        return BrownConrady(*scale, k, p, s, limit, edge)
+    return Fisheye(projection.model, *scale, [number(value) for value in projection.full_k], limit, edge)

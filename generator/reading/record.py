@@ -86,6 +86,8 @@ class CameraSection(Section):
     cy_px: float
     k: Coefficients
     p: Coefficients
+    s: Coefficients | None = None
+    tilt_rad: Coefficients | None = None
 
 
 class AttitudeSection(Section):

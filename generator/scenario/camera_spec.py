@@ -154,7 +154,12 @@ class CameraSpec(Strict):
     k: Numbers = ()
     """Radial distortion: up to k1..k6 (brown_conrady), k1..k4 (kannala_brandt)."""
     p: Numbers = ()
-    """Tangential distortion: p1, p2 (brown_conrady)."""
+    """Decentring: p1, p2."""
+    # Excluded from the scenario's hash unless given, as if the keys did not exist.
+    s: Numbers = Field(default=(), exclude_if=lambda s: not s)
+    """Thin prism: s1, s2, s3, s4 of OpenCV's twelve coefficients."""
+    tilt_rad: Numbers = Field(default=(), exclude_if=lambda tilt_rad: not tilt_rad)
+    """Tilt of the sensor about u and v: tau_x, tau_y of OpenCV's fourteen coefficients, rad."""
     image_circle_px: Annotated[float, Field(gt=0, le=1e5)] | None = None
     """Radius around the principal point beyond which no light falls, px."""
     aperture_mm: Annotated[float, Field(gt=0, le=1000)]
@@ -163,7 +168,8 @@ class CameraSpec(Strict):
     """Natural vignetting: the pupil's projected area falls with the cosine off axis, or stays, as in fisheye lenses, whose
     pupil turns towards the light. Unless given, constant for the fisheye models."""
     vignetting: Numbers = ()
-    """Factor 1 + a1 q + a2 q^2 + … on the light, q the squared distance from the principal point over that of the corner."""
+    """Factor 1 + a1 q + a2 q^2 + … on the light, q the squared distance from the principal point over that of the corner;
+    0 to 1 as far as the image circle reaches."""
     transmission: Fraction = 0.9
     """Of the lens and filters, 0-1."""
     psf_sigma_px: Annotated[float, Field(ge=0.2, le=20)] = 0.8
@@ -196,10 +202,18 @@ class CameraSpec(Strict):
             self.projection.check_frame(self.width, self.height, self.image_circle_px)
         except ProjectionError as error:
             raise ValueError(str(error)) from error
+        corner_px = self.corner_px
+        circle_px = corner_px if self.image_circle_px is None else min(self.image_circle_px, corner_px)
+        # Outside the image circle no light falls, whatever the polynomial does there.
         for step in range(101):
-            factor = 1 + sum(a * (step / 100) ** (i + 1) for i, a in enumerate(self.vignetting))
+            q = step / 100 * (circle_px / corner_px) ** 2
+            factor = 1 + sum(a * q ** (i + 1) for i, a in enumerate(self.vignetting))
             if not 0 <= factor <= 1 + 1e-9:
-                raise ValueError(f"vignetting: found a factor {factor:.3g} inside the frame, expected 0 to 1")
+                place = f"{corner_px * math.sqrt(q):.1f} px from the principal point"
+                raise ValueError(
+                    f"vignetting: found a factor {factor:.3g} {place}, inside the frame, expected 0 to 1; correct it, or set "
+                    "image_circle_px below"
+                )
         return self
 
     @property
@@ -237,6 +251,8 @@ class CameraSpec(Strict):
             cy_px=(self.height - 1) / 2 if self.principal_v_px is None else self.principal_v_px,
             k=self.k,
             p=self.p,
+            s=self.s,
+            tilt_rad=self.tilt_rad,
         )
 
     @property

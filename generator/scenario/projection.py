@@ -2,7 +2,8 @@
 
 Models: OpenCV's pinhole with rational and tangential distortion (Brown 1966, Photogrammetric Engineering 32, 444), Kannala &
 Brandt 2006 (IEEE TPAMI 28, 1335) as cv2.fisheye, and the ideal fisheye projections r = f g(theta) with g = theta,
-2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). The mapping itself is
+2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). Decentring, thin prism and
+tilt of the sensor are those of :mod:`generator.scenario.image_plane`, for every model. The mapping itself is
 :mod:`generator.plugins.lens`.
 """
 
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.scenario.image_plane import displacement, displacement_slopes, through, tilt_matrix
+
 MODELS = (
     "pinhole",
     "brown_conrady",
@@ -23,7 +26,10 @@ MODELS = (
     "stereographic",
     "orthographic",
 )
-COEFFICIENTS = {"brown_conrady": (6, 2), "kannala_brandt": (4, 0)}
+COEFFICIENTS = {"brown_conrady": 6, "kannala_brandt": 4}
+"""Radial ones of the models that have any; p1, p2, s1..s4 and the tilt belong to all models."""
+PINHOLE_LIKE = ("pinhole", "brown_conrady")
+LARGEST_TILT_RAD = 0.5
 LARGEST_RADIUS = 1e3
 """Tangent of the widest angle (89.94 deg) at which pinhole-like models are used."""
 LARGEST_THETA = {
@@ -35,6 +41,10 @@ LARGEST_THETA = {
 }
 
 ANGLE_STEPS = 1001
+AROUND: NDArray[np.float64] = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+"""Directions around the axis in which a lens without symmetry is looked at."""
+BETWEEN = 0.998
+"""Least distance from the axis between two such directions over that in them: cos(2.5 deg), and more."""
 
 
 class ProjectionError(ValueError):
@@ -50,8 +60,10 @@ class Projection:
     model : str
         One of MODELS.
     f_px, fy_px, cx_px, cy_px : float
-    k, p : tuple of float
-        brown_conrady: k1..k6 of OpenCV's rational model, p1, p2; kannala_brandt: k1..k4 of cv2.fisheye. Missing ones are 0.
+    k : tuple of float
+        brown_conrady: k1..k6 of OpenCV's rational model; kannala_brandt: k1..k4 of cv2.fisheye. Missing ones are 0.
+    p, s, tilt_rad : tuple of float
+        Of any model: p1, p2; s1..s4; tau_x, tau_y. Missing ones are 0.
     """
 
     model: str
@@ -61,22 +73,48 @@ class Projection:
     cy_px: float
     k: tuple[float, ...] = ()
     p: tuple[float, ...] = ()
+    s: tuple[float, ...] = ()
+    tilt_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        most_k, most_p = COEFFICIENTS.get(self.model, (0, 0))
-        for name, given, most in (("k", self.k, most_k), ("p", self.p, most_p)):
+        most_k = COEFFICIENTS.get(self.model, 0)
+        for name, given, most in (
+            ("k", self.k, most_k),
+            ("p", self.p, 2),
+            ("s", self.s, 4),
+            ("tilt_rad", self.tilt_rad, 2),
+        ):
             if len(given) > most:
                 raise ProjectionError(f"{name}: found {len(given)} numbers, expected at most {most} for {self.model}")
+        if any(abs(angle) > LARGEST_TILT_RAD for angle in self.tilt_rad):
+            raise ProjectionError(
+                f"tilt_rad: found {list(self.tilt_rad)}, expected -{LARGEST_TILT_RAD} to {LARGEST_TILT_RAD}"
+            )
 
     @property
     def full_k(self) -> tuple[float, ...]:
         """All radial coefficients of the model, zeros filled in."""
-        return self.k + (0.0,) * (COEFFICIENTS.get(self.model, (0, 0))[0] - len(self.k))
+        return self.k + (0.0,) * (COEFFICIENTS.get(self.model, 0) - len(self.k))
 
     @property
     def full_p(self) -> tuple[float, ...]:
-        """All tangential coefficients of the model, zeros filled in."""
-        return self.p + (0.0,) * (COEFFICIENTS.get(self.model, (0, 0))[1] - len(self.p))
+        """p1 and p2 where any is given, zeros filled in, and always of brown_conrady; empty else."""
+        return _filled(self.p, 2) if self.p or self.model == "brown_conrady" else ()
+
+    @property
+    def full_s(self) -> tuple[float, ...]:
+        """s1..s4 where any is given, zeros filled in; empty else."""
+        return _filled(self.s, 4) if self.s else ()
+
+    @property
+    def full_tilt_rad(self) -> tuple[float, ...]:
+        """tau_x and tau_y where any is given, zeros filled in; empty else."""
+        return _filled(self.tilt_rad, 2) if self.tilt_rad else ()
+
+    @property
+    def centred(self) -> bool:
+        """Whether the lens is symmetrical around its axis: no decentring, no thin prism, no tilt."""
+        return not (any(self.p) or any(self.s) or any(self.tilt_rad))
 
     @property
     def limit(self) -> float:
@@ -143,15 +181,50 @@ class Projection:
         """Angle from the axis, deg, beyond which nothing falls within a distance, px, from the principal point."""
         wanted = distance_px / min(self.f_px, self.fy_px)
         theta, argument = self._angles()
-        # Tangential distortion moves a point by up to 3 (|p1| + |p2|) times its squared radius.
-        inward = 3 * sum(abs(p) for p in self.p) * argument**2
-        inside = np.array([self.radius(value) for value in argument]) - inward <= wanted
-        last = int(np.flatnonzero(inside)[-1])
+        reached = np.array([self.radius(value) for value in argument])
+        if not self.centred:
+            a, b, orderly = self._bent(argument, reached)
+            # Where the image is folded nothing is drawn.
+            reached = BETWEEN * np.where(orderly, np.hypot(a, b), np.inf).min(axis=0)
+        last = int(np.flatnonzero(reached <= wanted)[-1])
         return float(np.degrees(theta[min(last + 1, len(theta) - 1)]))
+
+    def _bent(
+        self, argument: NDArray[np.float64], reached: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Normalised coordinates with decentring and tilt around the axis, (72, n), at n arguments of the radial mapping.
+
+        Also whether the mapping keeps its orientation there; `reached` are the radii of the arguments.
+        """
+        p, s = _filled(self.p, 2), self.full_s
+        over = argument if self.model in PINHOLE_LIKE else reached
+        x, y = over * np.cos(AROUND), over * np.sin(AROUND)
+        move_a, move_b = displacement(x, y, p, s)
+        aa, ab, ba, bb = displacement_slopes(x, y, p, s)
+        a, b = reached * np.cos(AROUND) + move_a, reached * np.sin(AROUND) + move_b
+        along, around = self._stretch(argument, reached)
+        # The radial mapping's own derivatives, turned to each direction.
+        cosine, sine = np.cos(AROUND), np.sin(AROUND)
+        aa = aa + along * cosine**2 + around * sine**2
+        bb = bb + along * sine**2 + around * cosine**2
+        mixed = (along - around) * cosine * sine
+        orderly = aa * bb - (ab + mixed) * (ba + mixed) > 0
+        if any(self.tilt_rad):
+            a, b, ahead = through(tilt_matrix(*self.full_tilt_rad).tolist(), a, b)
+            orderly &= ahead > 0
+        return a, b, orderly
+
+    def _stretch(
+        self, argument: NDArray[np.float64], reached: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
+        """Factors along and across the radius from the coordinates that the terms take to the radially mapped ones."""
+        if self.model != "brown_conrady":
+            return 1.0, 1.0
+        return self._rational_slope(argument), reached / np.maximum(argument, 1e-12) + (argument < 1e-12)
 
     def _angles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Angles from the axis over the valid range, rad, and the arguments of the radial mapping there."""
-        pinhole_like = self.model in ("pinhole", "brown_conrady")
+        pinhole_like = self.model in PINHOLE_LIKE
         theta = np.linspace(0, math.atan(self.limit) if pinhole_like else self.limit, ANGLE_STEPS)
         return theta, np.tan(theta) if pinhole_like else theta
 
@@ -160,13 +233,19 @@ class Projection:
 
         Ideal fisheyes end where their sky ends; outside of it the frame is black. Raises ProjectionError.
         """
-        if self.model not in COEFFICIENTS:
+        if self.model not in COEFFICIENTS and self.centred:
             return
         across = max(self.cx_px + 0.5, width - 0.5 - self.cx_px) / self.f_px
         down = max(self.cy_px + 0.5, height - 0.5 - self.cy_px) / self.fy_px
         needed = math.hypot(across, down)
         if image_circle_px is not None:
             needed = min(needed, image_circle_px / min(self.f_px, self.fy_px))
+        if self.model in COEFFICIENTS:
+            self._check_growth(needed)
+        if any(self.s) or any(self.tilt_rad) or (any(self.p) and self.model != "brown_conrady"):
+            self._check_orientation(needed)
+
+    def _check_growth(self, needed: float) -> None:
         full_turn = self.model == "kannala_brandt" and self.limit >= LARGEST_THETA["kannala_brandt"] - 1e-9
         reach = self.largest_radius
         if reach < needed and not full_turn:
@@ -174,6 +253,23 @@ class Projection:
                 f"k: the distortion stops increasing at {reach * self.f_px:.1f} px from the principal point, "
                 f"inside the frame, which reaches {needed * self.f_px:.1f} px; correct k, or set image_circle_px below it"
             )
+
+    def _check_orientation(self, needed: float) -> None:
+        _, argument = self._angles()
+        reached = np.array([self.radius(value) for value in argument])
+        a, b, orderly = self._bent(argument, reached)
+        folded = ~orderly & ((np.hypot(a, b) < needed) | (reached < needed))
+        if folded.any():
+            least = float(reached[np.flatnonzero(folded.any(axis=0))[0]])
+            raise ProjectionError(
+                f"p, s, tilt_rad: the image folds over {least * self.f_px:.1f} px from the principal point, inside the "
+                f"frame, which reaches {needed * self.f_px:.1f} px; correct them, or set image_circle_px below it"
+            )
+
+
+def _filled(given: tuple[float, ...], count: int) -> tuple[float, ...]:
+    """Coefficients with zeros after those that are given."""
+    return given + (0.0,) * (count - len(given))
 
 
 def _monotonic_limit(slope: object, grid: NDArray[np.float64]) -> float:

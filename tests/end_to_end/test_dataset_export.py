@@ -160,6 +160,15 @@ def distance_px(header: fits.Header, record: dict, stars: pd.DataFrame) -> float
 STARS_OF_A_LENS = {
     "brown_conrady": {"width": 540, "height": 360, "f_px": 450, "k": [-0.2, 0.05], "p": [1e-3, -5e-4]},
     "equisolid": {"width": 300, "height": 300, "f_px": 150},
+    "kannala_brandt": {
+        "width": 540,
+        "height": 360,
+        "f_px": 300,
+        "k": [-0.02],
+        "p": [1e-3, -5e-4],
+        "s": [2e-3, 0, -1e-3, 0],
+        "tilt_rad": [0.01, -0.02],
+    },
 }
 
 
@@ -168,7 +177,8 @@ def test_systems_of_lenses_with_distortion(model) -> None:
     """A lens with distortion that looks down to the horizon, and a fisheye; nothing is rendered but the truth."""
     frame = frame_of(model, {"azimuth_deg": 200, "altitude_deg": 50, "roll_deg": 20})
     header = fits_file(frame)[0].header
-    assert header["CTYPE1"] == {"brown_conrady": "RA---TAN-SIP", "equisolid": "RA---ZEA-SIP"}[model]
+    code = {"brown_conrady": "TAN", "equisolid": "ZEA", "kannala_brandt": "ARC"}[model]
+    assert header["CTYPE1"] == f"RA---{code}-SIP"
     assert distance_px(header, frame.record, frame.stars.to_pandas()) < 0.1
 
 

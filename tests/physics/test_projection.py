@@ -15,6 +15,7 @@ from generator.scenario.projection import Projection
 
 WIDTH, HEIGHT = 640, 480
 CENTRE = {"cx_px": 311.3, "cy_px": 247.9}
+OFF_AXIS = {"p": (1e-3, -8e-4), "s": (2e-3, -3e-4, -1e-3, 4e-4), "tilt_rad": (0.01, -0.02)}
 CASES = {
     "pinhole": {"model": "pinhole", "f_px": 300.0, "fy_px": 310.0},
     "brown": {"model": "brown_conrady", "f_px": 400.0, "fy_px": 380.0, "k": (-0.21, 0.05, -0.004), "p": (1e-3, -8e-4)},
@@ -26,6 +27,17 @@ CASES = {
     "equisolid": {"model": "equisolid", "f_px": 220.0, "fy_px": 220.0},
     "stereographic": {"model": "stereographic", "f_px": 150.0, "fy_px": 150.0},
     "orthographic": {"model": "orthographic", "f_px": 450.0, "fy_px": 440.0},
+    "pinhole off axis": {"model": "pinhole", "f_px": 300.0, "fy_px": 310.0, **OFF_AXIS},
+    "brown off axis": {
+        "model": "brown_conrady", "f_px": 400.0, "fy_px": 380.0, "k": (-0.21, 0.05, -0.004), **OFF_AXIS,
+    },
+    "kannala off axis": {
+        "model": "kannala_brandt", "f_px": 300.0, "fy_px": 290.0, "k": (-0.012, 0.006, -0.003, 2e-4), **OFF_AXIS,
+    },
+    "equidistant tilted": {"model": "equidistant", "f_px": 190.0, "fy_px": 200.0, "tilt_rad": (0.02, -0.03)},
+    "equisolid off axis": {"model": "equisolid", "f_px": 220.0, "fy_px": 220.0, **OFF_AXIS},
+    "stereographic decentred": {"model": "stereographic", "f_px": 150.0, "fy_px": 150.0, "p": (0.00065, 0.0003)},
+    "orthographic prism": {"model": "orthographic", "f_px": 450.0, "fy_px": 440.0, "s": (1e-3, 0.0, -2e-3, 1e-4)},
 }  # fmt: skip
 
 
@@ -192,7 +204,34 @@ def test_plugin_takes_every_model() -> None:
         assert image.min() > 0
 
 
+def test_a_steep_vignetting_within_a_small_image_circle() -> None:
+    """1 - 3 q falls to 0 at 58 % of the corner's distance: allowed inside a circle of 50 %, dark outside it."""
+    values = {"camera__vignetting": [-3.0], "stars": {"limiting_magnitude": 4.0}}
+    corner_px = math.hypot(135, 90)
+    with pytest.raises(ScenarioError, match="set image_circle_px below"):
+        small_scenario(**values)
+    with pytest.raises(ScenarioError, match="vignetting"):
+        small_scenario(**values, camera__image_circle_px=0.6 * corner_px)
+    dimmed = render_expected(plan_frame(small_scenario(**values, camera__image_circle_px=0.5 * corner_px), 0))
+    plain = render_expected(plan_frame(small_scenario(stars={"limiting_magnitude": 4.0}), 0))
+    v, u = np.mgrid[0:180, 0:270]
+    q = (np.square(u - 134.5) + np.square(v - 89.5)) / corner_px**2
+    wanted = np.where(q <= 0.25, 1 - 3 * q, 0)
+    np.testing.assert_allclose(dimmed.sky_electrons / plain.sky_electrons, wanted, atol=1e-5)
+    np.testing.assert_array_equal(dimmed.electrons[q > 0.4], 0)
+
+
 REFUSED = {
+    "folded by decentring": (
+        {"camera__model": "equidistant", "camera__p": [0.5]},
+        ["camera", "p, s, tilt_rad: the image folds over"],
+    ),
+    "folded by tilt": (
+        {"camera__model": "equidistant", "camera__f_px": 30.0, "camera__tilt_rad": [0.4]},
+        ["camera", "folds over"],
+    ),
+    "large tilt": ({"camera__tilt_rad": [0.0, 0.6]}, ["camera", "tilt_rad", "0.5"]),
+    "long prism": ({"camera__s": [0.0] * 5}, ["camera", "s: found 5 numbers, expected at most 4"]),
     "folding": (
         {"camera__model": "brown_conrady", "camera__k": [-0.5]},
         ["camera", "k: the distortion stops increasing"],

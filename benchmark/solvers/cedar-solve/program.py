@@ -87,7 +87,8 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
         "detections": {"uv": uv.tolist(), "flux": None} if own else None,
         "time_ms": {"detect": 1000 * (detected - started)},
     }
-    if camera["model"] != "pinhole":
+    off_axis = [*camera["p"], *camera.get("s", ()), *camera.get("tilt_rad", ())]
+    if camera["model"] != "pinhole" or any(off_axis):
         return result | {"status": "refused", "reason": "knows pinholes only"}
     if len(uv) < 4:
         return result | {"status": "refused", "reason": "fewer than 4 detections"}

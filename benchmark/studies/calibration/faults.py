@@ -124,8 +124,9 @@ class Declared:
 def solver_camera(lens: Projection, width: int, height: int) -> celnav.Camera:
     """A lens and a size of frame as celnav takes them."""
     return celnav.Camera(
-        lens.model, width, height, lens.f_px, fy_px=lens.fy_px, cx_px=lens.cx_px, cy_px=lens.cy_px, k=lens.k, p=lens.p
-    )
+        lens.model, width, height, lens.f_px, fy_px=lens.fy_px, cx_px=lens.cx_px, cy_px=lens.cy_px,
+        k=lens.k, p=lens.p, s=lens.s, tilt_rad=lens.tilt_rad,
+    )  # fmt: skip
 
 
 def make_study_frame(stars: StarList, camera: CameraSpec, setting: Setting, noise_px: float = NOISE_PX) -> StudyFrame:

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from generator.scenario.projection import Projection
 
@@ -42,12 +43,9 @@ def project(rays: F8, lens: Projection) -> F8:
         q = x * x + y * y
         q = np.where(q <= limit**2, q, np.nan)
         k1, k2, k3, k4, k5, k6 = lens.full_k if lens.model == "brown_conrady" else (0.0,) * 6
-        p1, p2 = lens.full_p if lens.model == "brown_conrady" else (0.0, 0.0)
         radial = (1 + q * (k1 + q * (k2 + q * k3))) / (1 + q * (k4 + q * (k5 + q * k6)))
-        x, y = (
-            x * radial + 2 * p1 * x * y + p2 * (q + 2 * x * x),
-            y * radial + p1 * (q + 2 * y * y) + 2 * p2 * x * y,
-        )
+        dx, dy = _decentring(x, y, lens)
+        x, y = x * radial + dx, y * radial + dy
     else:
         across = np.hypot(rays[:, 0], rays[:, 1])
         theta = np.arctan2(across, rays[:, 2])
@@ -61,7 +59,31 @@ def project(rays: F8, lens: Projection) -> F8:
         # On the axis the direction of the radius does not matter: its length is zero.
         part = radius / np.where(across > 0, across, 1.0)
         x, y = rays[:, 0] * part, rays[:, 1] * part
+        dx, dy = _decentring(x, y, lens)
+        x, y = x + dx, y + dy
+    if any(lens.tilt_rad):
+        x, y = _on_tilted_sensor(x, y, *lens.full_tilt_rad)
     return np.column_stack((lens.cx_px + lens.f_px * x, lens.cy_px + lens.fy_px * y))
+
+
+def _decentring(x: F8, y: F8, lens: Projection) -> tuple[F8, F8]:
+    """Shift by p1, p2 and s1..s4."""
+    p1, p2 = lens.full_p or (0.0, 0.0)
+    s1, s2, s3, s4 = lens.full_s or (0.0,) * 4
+    q = x * x + y * y
+    return (
+        2 * p1 * x * y + p2 * (q + 2 * x * x) + s1 * q + s2 * q * q,
+        p1 * (q + 2 * y * y) + 2 * p2 * x * y + s3 * q + s4 * q * q,
+    )
+
+
+def _on_tilted_sensor(x: F8, y: F8, tau_x: float, tau_y: float) -> tuple[F8, F8]:
+    """Points of the plane at unit distance in the frame of a sensor turned about u, then v; seen along the old axis."""
+    turned = Rotation.from_euler("xy", [-tau_x, -tau_y]).apply(np.column_stack((x, y, np.ones_like(x))))
+    axis = Rotation.from_euler("xy", [-tau_x, -tau_y]).apply([0.0, 0.0, 1.0])
+    depth = np.where(turned[:, 2] > 0, turned[:, 2], np.nan)
+    x, y = (axis[2] * turned[:, i] / depth - axis[i] for i in (0, 1))
+    return x, y
 
 
 def derivatives(rays: F8, lens: Projection) -> F8:

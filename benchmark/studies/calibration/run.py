@@ -239,6 +239,8 @@ def stereographic_camera(scenario: Scenario, f_px: float) -> dict[str, Any]:
         "cy_px",
         "k",
         "p",
+        "s",
+        "tilt_rad",
         "image_circle_px",
         "pixel_aspect",
     )

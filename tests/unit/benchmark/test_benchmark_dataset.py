@@ -40,7 +40,8 @@ def test_an_observation_holds_no_truth(folder):
     assert set(vars(observation)) == {
         "camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg", "pressure_hpa", "temperature_c",
     }  # fmt: skip
-    assert set(vars(observation.camera)) == {"model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p"}
+    lens = {"f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad"}
+    assert set(vars(observation.camera)) == {"model", "width", "height"} | lens
 
 
 def test_the_air_is_what_the_frame_was_rendered_with(folder):

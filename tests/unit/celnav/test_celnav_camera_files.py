@@ -138,10 +138,8 @@ def test_the_field_gives_the_focal_length(tmp_path, model, hfov_deg, k) -> None:
         ("{image_width: 64, image_height: 48, K: [1, 0, 0, 0, 1, 0, 0, 0, 1], D: [1, 2, 3]}", "4, 5, 8"),
         ("{image_width: 64, image_height: 48, K: [1, 0, 0, 0, 1, 0, 0, 0, 1], D: {data: x}}", "matrix of numbers"),
         ("{image_width: 64, image_height: 48, K: [1, 0, 0, 0, 1, 0, 0, 0, 1], distortion_model: fov}", "'fov'"),
-        (
-            "{image_width: 64, image_height: 48, K: [1, 0, 0, 0, 1, 0, 0, 0, 1], D: [0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]}",
-            "thin-prism",
-        ),
+        ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 60, "tilt_rad": [2, 0]}', "within 0.5 radians"),
+        ('{"model": "pinhole", "width": 64, "height": 48, "hfov_deg": 60, "s": 1}', "list of numbers"),
     ],
 )
 def test_faulty_files_are_refused_in_one_line(tmp_path, text, message) -> None:

@@ -99,7 +99,8 @@ def test_scale_and_derivatives_are_those_of_the_projection(model):
     ("model", "k", "p"),
     [
         ("equidistant", (0.1,), ()),
-        ("kannala_brandt", (), (0.1,)),
+        ("kannala_brandt", (), (0.1, 0.0, 0.1)),
+        ("kannala_brandt", (0.1, 0.0, 0.0, 0.0, 0.1), ()),
         ("brown_conrady", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1), ()),
         ("brown_conrady", (np.nan,), ()),
     ],
