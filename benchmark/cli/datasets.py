@@ -267,20 +267,24 @@ def _part(text: str) -> tuple[int, int]:
 
 
 def verify(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")], as_json: AsJson = False
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
+    as_json: AsJson = False,
 ) -> None:
-    """Check every file of a dataset against its manifest, and the manifest against its scenario."""
+    """Check every file of a dataset, or of a folder of rendered frames, against its manifest."""
+    from generator.dataset.layout import MANIFEST
     from generator.dataset.verify import NOT_COVERED, problems
+    from generator.frame import verify as frames
 
+    of_frames = not (folder / MANIFEST).is_file() and frames.is_frames_folder(folder)
     with working("reading") as status:
-        found = problems(folder, lambda path: status.update(f"reading {path}"))
+        found = (frames.problems if of_frames else problems)(folder, lambda path: status.update(f"reading {path}"))
     if as_json:
         print_json({"folder": folder, "whole": not found, "problems": found})
         raise typer.Exit(1 if found else 0)
     for problem in found:
         typer.echo(problem)
     if not found:
-        typer.echo(f"{folder}: whole (not covered: {NOT_COVERED}/)")
+        typer.echo(f"{folder}: whole" + ("" if of_frames else f" (not covered: {NOT_COVERED}/)"))
     raise typer.Exit(1 if found else 0)
 
 

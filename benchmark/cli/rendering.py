@@ -45,7 +45,8 @@ def render(
 ) -> None:
     """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars.
 
-    Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command.
+    Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command, and
+    what `skybench verify DIR` names is made again.
     """
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
@@ -56,14 +57,17 @@ def render(
 
         with progress_bars() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
-            render_dataset(
+            mended = render_dataset(
                 loaded, out, lambda index: progress.advance(task), layers=layers, exr=exr, overwrite=overwrite
             )
     except GeneratorError as error:
         fail(error)
     if as_json:
-        print_json({"scenario": loaded.name, "sha256": loaded.sha256, "frames": loaded.frame_count, "out": out})
+        identity = {"scenario": loaded.name, "sha256": loaded.sha256}
+        print_json(identity | {"frames": loaded.frame_count, "out": out, "mended": mended})
         return
+    for place in mended:
+        typer.echo(f"{place}: was damaged or missing, and is made again")
     typer.echo(f"{loaded.frame_count} {'frame' if loaded.frame_count == 1 else 'frames'} in {out}")
 
 

@@ -19,11 +19,11 @@ from generator.dataset.archive import StoredFrame, check_holes, read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import Target, open_target
 from generator.errors import GeneratorError
 from generator.files import path_within
 from generator.reading.record import image_shape, read_record
+from generator.stored_files import StoredFile, stored_file
 
 DATASETS = "datasets"
 """Folder of unpacked datasets among the frames that are kept."""

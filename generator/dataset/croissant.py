@@ -11,12 +11,12 @@ import pyarrow as pa
 from generator import __version__
 from generator.dataset.frame_columns import FRAME_SCHEMA
 from generator.dataset.layout import CROISSANT, IMU, TABLES, DatasetSpec
-from generator.dataset.receipt import StoredFile
 from generator.files import write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.imu.table import IMU_SCHEMA
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile
 
 LICENSE_URL = "https://creativecommons.org/licenses/by/4.0/"
 RELEASED = "2026-11-21"

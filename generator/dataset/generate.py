@@ -12,13 +12,14 @@ from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import make_manifest, manifest_of, write_manifest
-from generator.dataset.receipt import StoredFile, damaged_files, finished_files, stored_file
+from generator.dataset.receipt import damaged_files, finished_files
 from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
 from generator.dataset.shard import ShardReport
 from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
 from generator.imu.table import write_imu_table
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, stored_file
 
 UNFINISHED_PREFIX = ".shard-"
 

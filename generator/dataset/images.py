@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,12 +13,9 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
-from generator.reading.record import LARGEST_SIDE_PX
+from generator.reading.png_header import check_png
 
 JXL_EFFORT = 1
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-PNG_HEADER_BYTES = 33
-"""Signature and first chunk, which holds the size."""
 DEPTHS = ("I;16", "I;16B")
 """Modes of Pillow for 16 bits and one channel."""
 PICTURE_MODES = ("L", "RGB")
@@ -78,26 +74,6 @@ def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uin
     """Decode an 8-bit PNG with one or three channels; `shape` as of :func:`decode`. Raises GeneratorError."""
     with _png(data, shape, PICTURE_MODES) as image:
         return np.array(image, dtype=np.uint8)
-
-
-def png_shape(data: bytes) -> tuple[int, int]:
-    """Height and width that a PNG's header states. Raises GeneratorError; nothing is unpacked."""
-    if len(data) < PNG_HEADER_BYTES or data[:8] != PNG_SIGNATURE or data[12:16] != b"IHDR":
-        raise GeneratorError("not a PNG image")
-    width, height = struct.unpack(">II", data[16:24])
-    return height, width
-
-
-def check_png(data: bytes, shape: tuple[int, int] | None) -> None:
-    """Compare a PNG's header with the size that its frame record states. Raises GeneratorError; nothing is unpacked."""
-    found = png_shape(data)
-    if shape is None:
-        if max(found) > LARGEST_SIDE_PX:
-            raise GeneratorError(f"a PNG of {found[1]} x {found[0]} pixels, more than {LARGEST_SIDE_PX} a side")
-    elif found != shape:
-        raise GeneratorError(
-            f"a PNG of {found[1]} x {found[0]} pixels, the frame record's camera has {shape[1]} x {shape[0]}"
-        )
 
 
 @contextmanager

@@ -9,11 +9,11 @@ import tempfile
 from pathlib import Path
 
 from generator.dataset.layout import CARD, CROISSANT, FIGURES, IMU, MANIFEST, SCENARIO_COPY, TABLES
-from generator.dataset.receipt import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.scenario.file import Scenario
 from generator.scenario.strict import InputFile
+from generator.stored_files import StoredFile
 
 OWN_NAMES = (*TABLES, IMU, "data", "receipts", "logs", FIGURES, CARD, CROISSANT, MANIFEST, SCENARIO_COPY)
 """Names at a dataset's root, which a scenario's own files may not have."""

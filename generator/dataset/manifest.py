@@ -9,12 +9,12 @@ from typing import Any
 
 from generator import __version__
 from generator.dataset.layout import MANIFEST, DatasetSpec
-from generator.dataset.receipt import StoredFile
 from generator.dataset.target import Target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, count_under, listed_files, text_under
 
 FORMAT = "skybench-dataset/1"
 LARGEST_MANIFEST_BYTES = 100_000_000
@@ -113,14 +113,11 @@ def _parsed(text: bytes, name: str) -> Manifest:
     try:
         if content.pop("format") != FORMAT:
             raise GeneratorError(f"{name}: not of format {FORMAT}")
-        files = tuple(
-            StoredFile(_text(file, "path"), _count(file, "bytes"), _text(file, "sha256"))
-            for file in content.pop("files")
-        )
+        files = listed_files(content.pop("files"))
         texts: dict[str, Any] = {
-            key: _text(content, key) for key in ("scenario", "scenario_sha256", "skybench", "split", "codec")
+            key: text_under(content, key) for key in ("scenario", "scenario_sha256", "skybench", "split", "codec")
         }
-        counts: dict[str, Any] = {key: _count(content, key) for key in ("seed", "shard_size", "first", "stop")}
+        counts: dict[str, Any] = {key: count_under(content, key) for key in ("seed", "shard_size", "first", "stop")}
         if not isinstance(content["exr"], bool):
             raise ValueError("exr is neither true nor false")
         if strangers := set(content) - set(texts) - set(counts) - {"exr"}:
@@ -131,15 +128,3 @@ def _parsed(text: bytes, name: str) -> Manifest:
         return manifest
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise GeneratorError(f"{name}: not a manifest ({type(error).__name__}: {error})") from error
-
-
-def _text(tree: dict[str, Any], key: str) -> str:
-    if not isinstance(tree[key], str):
-        raise TypeError(f"{key} is no text")
-    return str(tree[key])
-
-
-def _count(tree: dict[str, Any], key: str) -> int:
-    if not isinstance(tree[key], int) or isinstance(tree[key], bool) or tree[key] < 0:
-        raise TypeError(f"{key} is no number of things")
-    return int(tree[key])

@@ -29,18 +29,19 @@ from numpy.typing import NDArray
 
 from generator.dataset.archive import Place, StoredFrame, check_sizes, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.images import check_png, decode, picture
+from generator.dataset.images import decode, picture
 from generator.dataset.layout import CODECS, IMU, MANIFEST, TABLES
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.receipt import StoredFile, stored_file
 from generator.dataset.target import open_target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.imu.table import IMU_SCHEMA
+from generator.reading.png_header import check_png
 from generator.reading.record import image_shape, read_record
 from generator.reading.table import read_table
+from generator.stored_files import StoredFile, stored_file
 
 Sample = TypeVar("Sample")
 NEVER_NULL = ("index", "frame_id", "scenario", "scenario_sha256", "width_px", "height_px", "shard", "image")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from generator.dataset.layout import DatasetSpec, Shard
@@ -13,30 +12,11 @@ from generator.errors import GeneratorError
 from generator.files import write_bytes
 from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, listed_files, stored_file
 
 FORMAT = "skybench-receipt/1"
 LARGEST_RECEIPT_BYTES = 1_000_000
 """It lists four files."""
-
-
-@dataclass(frozen=True)
-class StoredFile:
-    """A file of a dataset: path from the dataset's root, size and SHA-256."""
-
-    path: str
-    bytes: int
-    sha256: str
-
-
-def stored_file(folder: Path, place: str) -> StoredFile:
-    """Measure a file of a dataset."""
-    digest = hashlib.sha256()
-    size = 0
-    with (folder / place).open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-            size += len(block)
-    return StoredFile(place, size, digest.hexdigest())
 
 
 def write_receipt(
@@ -65,11 +45,11 @@ def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: Dataset
     """
     try:
         receipt = strict_json(target.read(shard.receipt) or b"", shard.receipt, LARGEST_RECEIPT_BYTES)
-        files = tuple(StoredFile(**file) for file in receipt["files"])
+        files = listed_files(receipt["files"])
         same_frames = (receipt["first"], receipt["stop"]) == (shard.first, shard.stop)
         same_scenario = receipt["scenario_sha256"] == scenario.sha256
         same_spec = (receipt["codec"], receipt["exr"]) == (spec.codec, spec.exr)
-    except (GeneratorError, ValueError, KeyError, TypeError):
+    except (GeneratorError, ValueError, KeyError, TypeError, AttributeError):
         return None
     if not same_scenario:
         raise GeneratorError(f"{target.name}/{shard.receipt}: belongs to another scenario; choose another folder")

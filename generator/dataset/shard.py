@@ -17,7 +17,7 @@ import pyarrow as pa
 from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
-from generator.dataset.receipt import StoredFile, damaged_files, read_receipt, stored_file, write_receipt
+from generator.dataset.receipt import damaged_files, read_receipt, write_receipt
 from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
 from generator.errors import GeneratorError
@@ -26,6 +26,7 @@ from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA, VISIBLE_SNR, frame_record, record_bytes
 from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, stored_file
 
 TRIES_PER_FRAME = 2
 

@@ -12,15 +12,16 @@ from pathlib import Path
 import pyarrow as pa
 
 from generator.dataset.archive import TooLargeError, check_holes
-from generator.dataset.images import check_png
 from generator.dataset.layout import CROISSANT, IMU, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.reader import Dataset, checked_table, read_shard
-from generator.dataset.receipt import StoredFile, read_receipt, stored_file
+from generator.dataset.receipt import read_receipt
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
+from generator.reading.png_header import check_png
 from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
+from generator.stored_files import StoredFile, file_problem, strange_files
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display."""
@@ -48,10 +49,9 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
         if problem:
             found.append(problem)
         progress(file.path)
-    present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     receipts, more = _receipt_problems(folder, manifest)
     found += more
-    for stranger in sorted(present - listed - receipts - {MANIFEST}):
+    for stranger in strange_files(folder, listed | receipts | {MANIFEST}):
         if not stranger.startswith(f"{NOT_COVERED}/"):
             found.append(f"{stranger}: not in the manifest")
     return found if found else _content_problems(Dataset(folder, manifest))
@@ -102,22 +102,14 @@ def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[
 
 def _file_problem(folder: Path, listed: StoredFile) -> str:
     path = folder / listed.path
-    if not path.is_file():
-        return f"{listed.path}: missing"
     try:
-        size = path.stat().st_size
-        if size != listed.bytes:
-            return f"{listed.path}: has {size} bytes, the manifest says {listed.bytes}"
-        if path.suffix == ".tar":
+        if path.suffix == ".tar" and path.is_file() and path.stat().st_size == listed.bytes:
             check_holes(path)
-        found = stored_file(folder, listed.path)
     except TooLargeError as error:
         return str(error)
     except OSError as error:
         return f"{listed.path}: cannot be read ({error.strerror})"
-    if found.sha256 != listed.sha256:
-        return f"{listed.path}: its contents have changed (SHA-256 differs)"
-    return ""
+    return file_problem(folder, listed)
 
 
 def _content_problems(dataset: Dataset) -> list[str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,37 +14,63 @@ import pyarrow.parquet as pq
 
 from generator.errors import GeneratorError
 from generator.files import atomic_path
+from generator.frame.manifest import (
+    FRAMES_MANIFEST,
+    frame_index,
+    read_frame_receipt,
+    read_frames_manifest,
+    write_frame_receipt,
+    write_frames_manifest,
+)
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.imu.table import write_imu_table
 from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, file_problem, stored_file
 
 STARS_FILE = "stars.parquet"
 OBJECTS_FILE = "objects.parquet"
 IMU_FILE = "imu.parquet"
 """Readings of the inertial unit of a scenario's sequences."""
 UNFINISHED = ".unfinished"
-"""Folder inside: tables of single frames, until all frames are there."""
+"""Folder inside: tables and receipts of single frames, until all frames are there."""
+RECEIPT = "files.json"
 SCHEMAS = {STARS_FILE: STAR_SCHEMA, OBJECTS_FILE: OBJECT_SCHEMA}
-_TEMPORARY = (".frame-", ".stars-", ".objects-", ".imu-")
+_LAYER = re.compile(r"\.[^.]+\.exr$")
+_TEMPORARY = (".frame-", ".frames-manifest-", ".stars-", ".objects-", ".imu-")
 _OWN_PREFIXES = ("frame-", *_TEMPORARY)
 
 
 class FrameFolder:
     """The folder that `skybench render` writes.
 
-    The tables of truth appear when the last frame is written. Until then each frame's rows lie in a hidden folder, so that
-    an interrupted run loses at most the frame being rendered.
+    The tables of truth and the manifest appear when the last frame is written. Until then each frame's rows and the hashes
+    of its files lie in a hidden folder, so that an interrupted run loses at most the frame being rendered. A manifest that
+    is there stays until a new one is whole.
 
     Parameters
     ----------
     folder : Path
     scenario : Scenario
+
+    Attributes
+    ----------
+    mended : list of str
+        Files that were missing or not what they had been, and are made again.
+    finished : bool
+        Whether all that belongs to the folder was found whole.
+    writes : (bool, bool)
+        Whether frames are to be written with their expected electrons, and with those of each layer.
     """
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         self.folder = folder
         self.scenario = scenario
+        self.mended: list[str] = []
+        self.finished = False
+        self.writes = (False, False)
+        self._files: dict[int, list[StoredFile]] = {}
+        self._readings_whole = False
 
     def open(self, overwrite: bool) -> None:
         """Make the folder, or accept one that holds frames of the same scenario.
@@ -60,7 +87,7 @@ class FrameFolder:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            known = (*SCHEMAS, IMU_FILE, UNFINISHED)
+            known = (*SCHEMAS, IMU_FILE, FRAMES_MANIFEST, UNFINISHED)
             strangers = [
                 path.name
                 for path in self.folder.iterdir()
@@ -83,8 +110,8 @@ class FrameFolder:
             ) from error
 
     def _clear(self) -> None:
-        # The tables go first: a folder never looks finished while frames are missing.
-        for name in (*SCHEMAS, IMU_FILE):
+        # Manifest and tables go first: a folder never looks finished while frames are missing.
+        for name in (FRAMES_MANIFEST, *SCHEMAS, IMU_FILE):
             (self.folder / name).unlink(missing_ok=True)
         shutil.rmtree(self.folder / UNFINISHED, ignore_errors=True)
         for prefix in _OWN_PREFIXES:
@@ -92,6 +119,8 @@ class FrameFolder:
                 path.unlink()
 
     def _refuse_other_frames(self) -> None:
+        if self._listed():
+            return  # a record that says something else is a damaged one
         for path in sorted(self.folder.glob("frame-*.json")):
             try:
                 found = json.loads(path.read_text(encoding="utf-8"))["scenario"]
@@ -107,36 +136,76 @@ class FrameFolder:
                 )
 
     def missing(self, exr: bool, layers: bool) -> list[int]:
-        """Indices of incomplete frames.
+        """Indices of incomplete frames: without a file that belongs to them, or with one that is not what it was.
 
         If there are any, finished tables are split into single frames again, so that the folder does not look finished.
+        Damaged tables are removed: their rows come with the frames. What was listed and is no longer so is put into
+        `mended`.
 
         Parameters
         ----------
         exr, layers : bool
-            Whether a frame's expected electrons, and those of each layer, belong to it.
+            Whether a frame's expected electrons, and those of each layer, belong to it, beside what the folder holds.
         """
-        finished = (self.folder / STARS_FILE).is_file()
-        indices = range(self.scenario.frame_count)
-        incomplete = [index for index in indices if not self._whole(index, exr, layers, finished)]
-        if finished and incomplete:
+        listed = self._listed()
+        intact = {file.path for file in listed if not file_problem(self.folder, file)}
+        self.mended += [file.path for file in listed if file.path not in intact]
+        if not listed and (self.folder / FRAMES_MANIFEST).exists():
+            self.mended.append(FRAMES_MANIFEST)
+        tables = {file.path for file in listed if file.path in SCHEMAS}
+        finished = STARS_FILE in tables and tables <= intact
+        self._files = {}
+        for file in listed:
+            index = frame_index(file.path)
+            if index is not None and index < self.scenario.frame_count:
+                self._files.setdefault(index, []).append(file)
+        exr |= any(file.path.endswith(".exr") for file in listed)
+        layers |= any(_LAYER.search(file.path) for file in listed)
+        for index in range(self.scenario.frame_count):
+            receipt = read_frame_receipt(self._rows_file(index, RECEIPT))
+            if receipt:
+                self._files[index] = [file for file in receipt if frame_index(file.path) == index]
+                intact |= {file.path for file in receipt if not file_problem(self.folder, file)}
+        incomplete = [
+            index
+            for index in range(self.scenario.frame_count)
+            if not (
+                self._whole(index, intact, exr, layers) and (finished or self._rows_file(index, STARS_FILE).is_file())
+            )
+        ]
+        if not finished:
+            for name in (OBJECTS_FILE, STARS_FILE):
+                (self.folder / name).unlink(missing_ok=True)
+        elif incomplete:
             self._take_apart()
+        self.writes = exr, layers
+        self.finished = finished and not incomplete
+        self._readings_whole = IMU_FILE in intact
         return incomplete
 
-    def _whole(self, index: int, exr: bool, layers: bool, finished: bool) -> bool:
+    def _listed(self) -> tuple[StoredFile, ...]:
+        """Files of the manifest that the folder has; none where there is none of this scenario."""
+        try:
+            manifest = read_frames_manifest(self.folder)
+        except GeneratorError:
+            return ()
+        return manifest.files if manifest.scenario_sha256 == self.scenario.sha256 else ()
+
+    def _whole(self, index: int, intact: set[str], exr: bool, layers: bool) -> bool:
         stem = frame_id(index)
+        places = {file.path for file in self._files.get(index, [])}
+        if not places <= intact:
+            return False
         suffixes = (".json", ".png", *((".exr",) if exr else ()))
-        if not all((self.folder / f"{stem}{suffix}").is_file() for suffix in suffixes):
-            return False
-        if layers and not any(self.folder.glob(f"{stem}.*.exr")):
-            return False
-        return finished or self._rows_file(index, STARS_FILE).is_file()
+        return places >= {f"{stem}{suffix}" for suffix in suffixes} and (
+            not layers or any(_LAYER.search(place) for place in places)
+        )
 
     def _rows_file(self, index: int, table: str) -> Path:
         return self.folder / UNFINISHED / f"{frame_id(index)}.{table}"
 
     def _take_apart(self) -> None:
-        for name in SCHEMAS:
+        for name in (OBJECTS_FILE, STARS_FILE):  # the rows of the stars make a frame whole: they come last
             path = self.folder / name
             if not path.is_file():
                 continue
@@ -152,24 +221,37 @@ class FrameFolder:
         path.parent.mkdir(exist_ok=True)
         _write_table(path, rows)
 
-    def add(self, index: int, stars: pa.Table, objects: pa.Table) -> None:
-        """Keep the truth of a frame whose files are written: rows of STAR_SCHEMA and OBJECT_SCHEMA."""
+    def add(self, index: int, stars: pa.Table, objects: pa.Table, written: Collection[str]) -> None:
+        """Keep the truth of a frame whose files are written: rows of STAR_SCHEMA and OBJECT_SCHEMA, and the files' names."""
         if objects.num_rows:
             self._put_rows(index, OBJECTS_FILE, objects)
         self._put_rows(index, STARS_FILE, stars)
-
-    def write_imu(self) -> None:
-        """Write the table of the sequences' inertial unit, if the scenario has one and the folder lacks it."""
-        if self.scenario.has_imu and not (self.folder / IMU_FILE).is_file():
-            write_imu_table(self.folder / IMU_FILE, self.scenario, range(self.scenario.sequence_count))
+        self._files[index] = [stored_file(self.folder, place) for place in sorted(written)]
+        write_frame_receipt(self._rows_file(index, RECEIPT), self._files[index])
 
     def finish(self) -> None:
-        """Write the tables of all frames; the stars last, which marks the folder as complete."""
-        for name in (OBJECTS_FILE, STARS_FILE):
-            tables = list(self._tables(name))
-            if tables or name == STARS_FILE:
-                _write_table(self.folder / name, pa.concat_tables(tables) if tables else SCHEMAS[name].empty_table())
-        shutil.rmtree(self.folder / UNFINISHED)
+        """Write the tables of all frames, and the manifest last, which marks the folder as complete.
+
+        A folder that is complete is left as it is.
+        """
+        if not self.finished:
+            for name in (OBJECTS_FILE, STARS_FILE):
+                tables = list(self._tables(name))
+                if tables or name == STARS_FILE:
+                    _write_table(
+                        self.folder / name, pa.concat_tables(tables) if tables else SCHEMAS[name].empty_table()
+                    )
+        names = [name for name in SCHEMAS if (self.folder / name).is_file()]
+        if self.scenario.has_imu:
+            if not self._readings_whole:
+                write_imu_table(self.folder / IMU_FILE, self.scenario, range(self.scenario.sequence_count))
+            names.append(IMU_FILE)
+        files = [file for own in self._files.values() for file in own]
+        files += [stored_file(self.folder, name) for name in names]
+        if set(files) != set(self._listed()):
+            write_frames_manifest(self.folder, self.scenario, files)
+        if (self.folder / UNFINISHED).exists():
+            shutil.rmtree(self.folder / UNFINISHED)
 
     def _tables(self, name: str) -> Iterator[pa.Table]:
         for index in range(self.scenario.frame_count):

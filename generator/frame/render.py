@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -110,8 +112,8 @@ def hud_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return np.where(mask, 255, 0).astype(np.uint8)
 
 
-def write_exr(path: Path, frame: RenderedFrame) -> None:
-    """Write expected electrons as an OpenEXR file with the frame's identity in its header."""
+def write_exr(path: Path, frame: RenderedFrame) -> list[str]:
+    """Write expected electrons as OpenEXR files with the frame's identity in their headers; names of the files."""
     names = {"electrons": "Y", "red": "R", "green": "G", "blue": "B"}
     channels = {names[name]: pixels for name, pixels in frame.expected.channels.items()}
     header = {
@@ -122,27 +124,37 @@ def write_exr(path: Path, frame: RenderedFrame) -> None:
         "skybench:utc_start": frame.plan.utc_start.isoformat(),
         "skybench:unit": "electrons",
     }
-    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
-        file.write(str(temporary))
+    _write_channels(path, header, channels)
+    names_written = [path.name]
     for name, electrons in frame.expected.layers.items():
-        with (
-            atomic_path(path.with_name(f"{path.stem}.{name}.exr")) as temporary,
-            OpenEXR.File(header | {"skybench:layer": name}, {"Y": electrons}) as file,
-        ):
+        layer = path.with_name(f"{path.stem}.{name}.exr")
+        _write_channels(layer, header | {"skybench:layer": name}, {"Y": electrons})
+        names_written.append(layer.name)
+    return names_written
+
+
+def _write_channels(path: Path, header: dict[str, Any], channels: dict[str, NDArray[np.float32]]) -> None:
+    """Write an OpenEXR file atomically; that the system takes no more is an OSError, as from any other writer."""
+    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
+        try:
             file.write(str(temporary))
+        except RuntimeError as error:
+            raise OSError(errno.EIO, str(error).rpartition('". ')[2].rstrip(".") or str(error), str(path)) from error
 
 
-def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> None:
-    """Write a frame's image, expected electrons and record; the record last, which marks the frame as complete."""
+def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> list[str]:
+    """Write a frame's image, expected electrons and record, the record last; names of the files."""
     stem = frame.plan.frame_id
-    write_bytes(folder / f"{stem}.png", png_bytes(frame.dn))
-    if exr:
-        write_exr(folder / f"{stem}.exr", frame)
+    contents = {f"{stem}.png": png_bytes(frame.dn)}
     if frame.developed is not None:
-        write_bytes(folder / f"{stem}-developed.png", png_bytes(frame.developed))
+        contents[f"{stem}-developed.png"] = png_bytes(frame.developed)
     if frame.hud is not None:
-        write_bytes(folder / f"{stem}-hud.png", png_bytes(hud_picture(frame.hud)))
-    write_bytes(folder / f"{stem}.json", record_bytes(frame_record(frame.plan, frame.expected, frame.stars)))
+        contents[f"{stem}-hud.png"] = png_bytes(hud_picture(frame.hud))
+    contents[f"{stem}.json"] = record_bytes(frame_record(frame.plan, frame.expected, frame.stars))
+    expected = write_exr(folder / f"{stem}.exr", frame) if exr else []
+    for name, content in contents.items():
+        write_bytes(folder / name, content)
+    return [*expected, *contents]
 
 
 def render_dataset(
@@ -153,8 +165,8 @@ def render_dataset(
     layers: bool = False,
     exr: bool | None = None,
     overwrite: bool = False,
-) -> None:
-    """Render the frames of a scenario that a folder lacks.
+) -> tuple[str, ...]:
+    """Render the frames of a scenario that a folder lacks, or that are damaged there.
 
     Parameters
     ----------
@@ -170,6 +182,11 @@ def render_dataset(
     overwrite : bool
         Replace frames that the folder holds.
 
+    Returns
+    -------
+    tuple of str
+        Files of an earlier run that were missing or not what they had been, and are made again.
+
     Raises
     ------
     GeneratorError
@@ -180,21 +197,20 @@ def render_dataset(
     place.open(overwrite)
     try:
         missing = place.missing(with_exr, layers)
+        with_exr, layers = place.writes
         for index in sorted(set(range(scenario.frame_count)) - set(missing)):
             progress(index)
         for index in missing:
             frame = render_frame(scenario, index, layers, channels=with_exr)
-            write_frame(folder, frame, with_exr)
-            place.add(index, frame.stars, frame.objects)
+            place.add(index, frame.stars, frame.objects, write_frame(folder, frame, with_exr))
             progress(index)
-        place.write_imu()
-        if missing:
-            place.finish()
+        place.finish()
     except OSError as error:
         raise GeneratorError(
             f"{folder}: writing failed ({error.strerror or error}); free some space and run the same command again: "
             "finished frames are kept"
         ) from error
+    return tuple(place.mended)
 
 
 def writes_exr(scenario: Scenario) -> bool:

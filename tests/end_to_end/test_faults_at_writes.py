@@ -1,4 +1,4 @@
-"""A fault at every write of `generate`, `bench run` and `report`: an error with a remedy, nothing half; then the same bytes.
+"""A fault at every write of `render`, `generate`, `bench run` and `report`: an error with a remedy; then the same bytes.
 
 Faults: the disk is full when a file is flushed (the file is cut to half, as a short write leaves it), the renaming to the
 final name fails, and an object store breaks off an upload.
@@ -29,6 +29,10 @@ from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
 from generator.errors import GeneratorError
+from generator.frame import render as render_module
+from generator.frame.folder import UNFINISHED
+from generator.frame.render import render_dataset
+from generator.frame.verify import problems
 from generator.scenario.file import parse_scenario
 
 MOST_WRITES = 200
@@ -137,6 +141,23 @@ def dataset(make, tmp_path_factory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("whole") / "set"
     make(folder)
     return visible(folder)
+
+
+@pytest.mark.parametrize("strike", FAULTS)
+def test_render(scenario, tmp_path, strike, monkeypatch) -> None:
+    frames = [render_module.render_frame(scenario, index) for index in range(2)]
+    monkeypatch.setattr(render_module, "render_frame", lambda scenario, index, *options, **more: frames[index])
+    render_dataset(scenario, tmp_path / "whole")
+    numbers = []
+    for n in faults_at_every_write(strike, lambda n: render_dataset(scenario, tmp_path / str(n)), GeneratorError):
+        folder = tmp_path / str(n)
+        held = {place: digest for place, digest in visible(folder).items() if not place.startswith(UNFINISHED)}
+        assert held.items() <= fingerprint(tmp_path / "whole").items()
+        render_dataset(scenario, folder)
+        assert fingerprint(folder) == fingerprint(tmp_path / "whole")
+        assert problems(folder) == []
+        numbers.append(n)
+    assert len(numbers) >= 10
 
 
 @pytest.mark.parametrize("strike", FAULTS)

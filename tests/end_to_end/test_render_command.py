@@ -43,7 +43,10 @@ def folder(tmp_path_factory) -> Path:
 def test_folder_holds_what_the_format_promises(folder) -> None:
     names = sorted(path.name for path in folder.iterdir())
     stems = ["frame-00000", "frame-00001"]
-    assert names == sorted([f"{stem}.{kind}" for stem in stems for kind in ("png", "exr", "json")] + ["stars.parquet"])
+    assert names == sorted(
+        [f"{stem}.{kind}" for stem in stems for kind in ("png", "exr", "json")]
+        + ["frames-manifest.json", "stars.parquet"]
+    )
 
 
 def test_image_is_16_bit_dn(folder) -> None:
@@ -213,7 +216,7 @@ def test_frames_of_another_scenario_are_replaced_only_when_meant(folder, tmp_pat
     replaced = skybench(*command, "--overwrite", "--no-exr")
     assert replaced.returncode == 0, replaced.stderr
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["frame-00000.json", "frame-00000.png", "stars.parquet"]
+    assert names == ["frame-00000.json", "frame-00000.png", "frames-manifest.json", "stars.parquet"]
     assert json.loads((tmp_path / "out" / "frame-00000.json").read_text())["scenario"]["name"] == "other"
 
 

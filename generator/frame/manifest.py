@@ -1,0 +1,109 @@
+"""The manifest of a folder of rendered frames: its files with sizes and hashes, written when all of them are there."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from generator import __version__
+from generator.errors import GeneratorError
+from generator.files import path_within, write_bytes
+from generator.reading.json_text import strict_json
+from generator.scenario.file import Scenario
+from generator.stored_files import StoredFile, count_under, listed_files, text_under
+
+FRAMES_MANIFEST = "frames-manifest.json"
+FORMAT = "skybench-frames/1"
+LARGEST_MANIFEST_BYTES = 100_000_000
+"""About half a million files."""
+LARGEST_RECEIPT_BYTES = 100_000
+"""The files of one frame: three, two pictures, and one for each part of the light."""
+_OF_FRAME = re.compile(r"frame-([0-9]{5,8})[-.]")
+
+
+@dataclass(frozen=True)
+class FramesManifest:
+    """Contents of frames-manifest.json.
+
+    Attributes
+    ----------
+    scenario, scenario_sha256 : str
+    seed : int
+    skybench : str
+        Version that made the folder.
+    frames : int
+        Number of frames of the scenario.
+    files : tuple of StoredFile
+        Every file but the manifest, sorted by path.
+    """
+
+    scenario: str
+    scenario_sha256: str
+    seed: int
+    skybench: str
+    frames: int
+    files: tuple[StoredFile, ...]
+
+
+def write_frames_manifest(folder: Path, scenario: Scenario, files: list[StoredFile]) -> None:
+    """Write the manifest of a finished folder atomically."""
+    listed = tuple(sorted(files, key=lambda file: file.path))
+    manifest = FramesManifest(scenario.name, scenario.sha256, scenario.seed, __version__, scenario.frame_count, listed)
+    text = json.dumps({"format": FORMAT, **asdict(manifest)}, indent=1) + "\n"
+    write_bytes(folder / FRAMES_MANIFEST, text.encode())
+
+
+def read_frames_manifest(folder: Path) -> FramesManifest:
+    """Read and check the manifest.
+
+    Raises
+    ------
+    GeneratorError
+        It is missing (an unfinished run), is not a manifest, or names a file outside the folder.
+    """
+    path = folder / FRAMES_MANIFEST
+    try:
+        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
+            raise GeneratorError(f"{path}: larger than any manifest")
+        content = strict_json(path.read_bytes(), str(path), LARGEST_MANIFEST_BYTES)
+    except FileNotFoundError as error:
+        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench render` again") from error
+    except OSError as error:
+        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    try:
+        if content.pop("format") != FORMAT:
+            raise GeneratorError(f"{path}: not of format {FORMAT}")
+        texts: dict[str, Any] = {key: text_under(content, key) for key in ("scenario", "scenario_sha256", "skybench")}
+        counts: dict[str, Any] = {key: count_under(content, key) for key in ("seed", "frames")}
+        files = listed_files(content["files"])
+        if strangers := set(content) - set(texts) - set(counts) - {"files"}:
+            raise ValueError(f"key {min(strangers)} is unknown")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    for file in files:
+        path_within(folder, file.path)
+    return FramesManifest(**texts, **counts, files=files)
+
+
+def frame_index(place: str) -> int | None:
+    """Index of the frame that a file belongs to by its name; None for a table of all frames."""
+    found = _OF_FRAME.match(place)
+    return int(found[1]) if found else None
+
+
+def write_frame_receipt(path: Path, files: list[StoredFile]) -> None:
+    """Write down the files of one frame, atomically; what marks it as complete in a folder that is not finished."""
+    write_bytes(path, json.dumps([asdict(file) for file in files], indent=1).encode())
+
+
+def read_frame_receipt(path: Path) -> tuple[StoredFile, ...]:
+    """Files of a frame as its receipt lists them; none where there is no whole receipt."""
+    try:
+        if path.stat().st_size > LARGEST_RECEIPT_BYTES:
+            return ()
+        return listed_files(strict_json(path.read_bytes(), path.name, LARGEST_RECEIPT_BYTES))
+    except (OSError, GeneratorError, KeyError, TypeError, AttributeError):
+        return ()

@@ -1,0 +1,92 @@
+"""`skybench verify` of a folder that `skybench render` wrote: its files against its manifest, and against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from generator.errors import GeneratorError
+from generator.frame.folder import IMU_FILE, SCHEMAS, STARS_FILE, UNFINISHED, frame_id
+from generator.frame.manifest import FRAMES_MANIFEST, FramesManifest, frame_index, read_frames_manifest
+from generator.imu.table import IMU_SCHEMA
+from generator.reading.png_header import PNG_HEADER_BYTES, check_png
+from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
+from generator.reading.table import read_table
+from generator.stored_files import file_problem, strange_files
+
+
+def is_frames_folder(folder: Path) -> bool:
+    """Whether a folder looks like one of `skybench render`, finished or not."""
+    return (
+        any((folder / name).exists() for name in (FRAMES_MANIFEST, STARS_FILE, UNFINISHED))
+        or next(folder.glob("frame-*.json"), None) is not None
+    )
+
+
+def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) -> list[str]:
+    """Problems of a folder of frames, one line each with the file's name; an empty list for an intact folder.
+
+    Parameters
+    ----------
+    folder : Path
+    progress : callable
+        Called with each file that has been read.
+    """
+    try:
+        manifest = read_frames_manifest(folder)
+    except GeneratorError as error:
+        return [str(error)]
+    listed = {file.path for file in manifest.files}
+    found = [f"{place}: missing from the manifest" for place in _wanted(manifest) if place not in listed]
+    for file in manifest.files:
+        problem = file_problem(folder, file)
+        if problem:
+            found.append(problem)
+        progress(file.path)
+    found += [f"{place}: not in the manifest" for place in strange_files(folder, listed | {FRAMES_MANIFEST})]
+    return found or list(_content_problems(folder, manifest))
+
+
+def _wanted(manifest: FramesManifest) -> Iterator[str]:
+    """Files without which a folder is not complete; the number of frames is bounded by that of the files listed."""
+    yield STARS_FILE
+    for index in range(min(manifest.frames, len(manifest.files) + 1)):
+        yield f"{frame_id(index)}.png"
+        yield f"{frame_id(index)}.json"
+
+
+def _content_problems(folder: Path, manifest: FramesManifest) -> Iterator[str]:
+    """Disagreements between records, images and tables whose bytes are as listed."""
+    for file in manifest.files:
+        index = frame_index(file.path)
+        if index is not None and index >= manifest.frames:
+            yield f"{file.path}: the manifest says that there are {manifest.frames} frames"
+        elif file.path.endswith(".json"):
+            try:
+                _check_frame(folder, file.path, file.bytes, manifest)
+            except GeneratorError as error:
+                yield str(error)
+    schemas = SCHEMAS | {IMU_FILE: IMU_SCHEMA}
+    for name in sorted(schemas.keys() & {file.path for file in manifest.files}):
+        try:
+            read_table(folder / name, schemas[name], needed=schemas[name].names)
+        except GeneratorError as error:
+            yield str(error)
+
+
+def _check_frame(folder: Path, place: str, size: int, manifest: FramesManifest) -> None:
+    """Compare a record with the manifest, and the images beside it with the record. Raises GeneratorError."""
+    path = folder / place
+    if size > LARGEST_RECORD_BYTES:
+        raise GeneratorError(f"{path}: {size} bytes, larger than any frame record")
+    record = read_record(path.read_bytes(), str(path), path.stem)
+    if record["scenario"]["sha256"] != manifest.scenario_sha256:
+        raise GeneratorError(f"{place}: belongs to another scenario than the manifest")
+    for image in (f"{path.stem}.png", f"{path.stem}-developed.png", f"{path.stem}-hud.png"):
+        if (folder / image).is_file():
+            with (folder / image).open("rb") as stream:
+                header = stream.read(PNG_HEADER_BYTES)
+            try:
+                check_png(header, image_shape(record))
+            except GeneratorError as error:
+                raise GeneratorError(f"{image}: is {error}") from error

@@ -1,0 +1,75 @@
+"""Lists of files with sizes and SHA-256, as manifests and receipts hold them, and what has become of the files since."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from generator.files import path_within
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a dataset or of a folder of frames: path from its root, size and SHA-256."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+def stored_file(folder: Path, place: str) -> StoredFile:
+    """Measure a file."""
+    digest = hashlib.sha256()
+    size = 0
+    with (folder / place).open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+            size += len(block)
+    return StoredFile(place, size, digest.hexdigest())
+
+
+def file_problem(folder: Path, listed: StoredFile) -> str:
+    """What is wrong with a file that a list names, in one line; empty for an intact one."""
+    path = path_within(folder, listed.path)
+    if not path.is_file():
+        return f"{listed.path}: missing"
+    try:
+        size = path.stat().st_size
+        if size != listed.bytes:
+            return f"{listed.path}: has {size} bytes, the manifest says {listed.bytes}"
+        found = stored_file(folder, listed.path)
+    except OSError as error:
+        return f"{listed.path}: cannot be read ({error.strerror})"
+    if found.sha256 != listed.sha256:
+        return f"{listed.path}: its contents have changed (SHA-256 differs)"
+    return ""
+
+
+def strange_files(folder: Path, known: Iterable[str]) -> list[str]:
+    """Paths of the files in a folder, at any depth, that are not among the known ones; sorted."""
+    present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    return sorted(present - set(known))
+
+
+def listed_files(items: Iterable[Mapping[str, Any]]) -> tuple[StoredFile, ...]:
+    """The files of a parsed list. Raises KeyError, TypeError or AttributeError for what is no such list."""
+    return tuple(
+        StoredFile(text_under(item, "path"), count_under(item, "bytes"), text_under(item, "sha256")) for item in items
+    )
+
+
+def text_under(tree: Mapping[str, Any], key: str) -> str:
+    """A text of a parsed document. Raises KeyError or TypeError."""
+    if not isinstance(tree[key], str):
+        raise TypeError(f"{key} is no text")
+    return str(tree[key])
+
+
+def count_under(tree: Mapping[str, Any], key: str) -> int:
+    """A number of things in a parsed document. Raises KeyError or TypeError."""
+    if not isinstance(tree[key], int) or isinstance(tree[key], bool) or tree[key] < 0:
+        raise TypeError(f"{key} is no number of things")
+    return int(tree[key])
