@@ -142,7 +142,7 @@ def _costs(scenario: Scenario, places: list[int]) -> _Costs:
 
 def _bytes_in_archive(frame: RenderedFrame) -> int:
     """Size of a frame's images and record."""
-    pictures = [frame.developed, None if frame.hud is None else hud_picture(frame.hud)]
+    pictures = [frame.developed, None if frame.hud is None else hud_picture(frame.hud), frame.mask]
     members = [
         encode(frame.dn, "png"),
         record_bytes(frame_record(frame.plan, frame.expected, frame.stars)),

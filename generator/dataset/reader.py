@@ -58,7 +58,7 @@ class ShardFrame:
     frame_id : str
     members : dict of str to bytes
         Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
-        ``hud.png``.
+        ``hud.png``, ``mask.png``.
     path : Path
         The archive, for messages.
     """
@@ -96,6 +96,11 @@ class ShardFrame:
     def hud(self) -> NDArray[np.uint8] | None:
         """255 where the head-up display covers the frame, (height, width); None where there is none."""
         return self._picture("hud.png")
+
+    @functools.cached_property
+    def mask(self) -> NDArray[np.uint8] | None:
+        """What is not sky, (height, width): 255 where none of a pixel is, 0 where all is; None without a foreground."""
+        return self._picture("mask.png")
 
     def file(self, suffix: str) -> bytes:
         """A member as it is stored; of a PNG only if it is one of the camera's size. Raises GeneratorError."""
@@ -343,8 +348,8 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     Returns
     -------
     array, dict or None
-        uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png`` and ``hud.png``, the record for
-        ``json``; None for others, which webdataset then leaves as they are.
+        uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png``, ``hud.png`` and ``mask.png``, the record
+        for ``json``; None for others, which webdataset then leaves as they are.
 
     Raises
     ------
@@ -354,7 +359,7 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     suffix = key.lstrip(".")
     if suffix in CODECS:
         return decode(data, suffix)
-    if suffix in ("developed.png", "hud.png"):
+    if suffix in ("developed.png", "hud.png", "mask.png"):
         return picture(data)
     return read_record(data, key) if suffix == "json" else None
 

@@ -182,6 +182,8 @@ def _write_frames(
                 _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
             if frame.hud is not None:
                 _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
+            if frame.mask is not None:
+                _add(archive, f"{stem}.mask.png", png_bytes(frame.mask))
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
             truth.stars.add(frame.stars)
             truth.objects.add(frame.objects)

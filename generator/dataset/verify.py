@@ -23,8 +23,8 @@ from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem, strange_files
 
-OPTIONAL_MEMBERS = {"developed.png", "hud.png"}
-"""Further members of a frame whose sensor develops a picture or shows a head-up display."""
+OPTIONAL_MEMBERS = {"developed.png", "hud.png", "mask.png"}
+"""Further members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
 PNG_MEMBERS = {"png"} | OPTIONAL_MEMBERS
 NOT_COVERED = "logs"
 

@@ -55,6 +55,7 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("snr", pa.float32(), "1"),
     ("saturated", pa.bool_(), ""),
     ("occluded", pa.bool_(), ""),
+    ("hidden_fraction", pa.float32(), "1"),
     ("cloud_optical_depth", pa.float32(), "1"),
     ("scintillation", pa.float32(), "1"),
 )
@@ -258,6 +259,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "snr": matched_filter_snr(camera.direct_share * electrons, sky, sigma, spec.time.exposure_s, sensor),
         "saturated": _around(expected.electrons >= saturating_e).take(pixel),
         "occluded": expected.occluded[rows],
+        "hidden_fraction": expected.hidden_fraction[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],
         "scintillation": plan.scintillation[rows],
     }

@@ -62,6 +62,12 @@ class RenderedFrame:
     hud: NDArray[np.bool_] | None = None
     developed: NDArray[np.uint8] | None = None
 
+    @property
+    def mask(self) -> NDArray[np.uint8] | None:
+        """What is not sky, as a picture: 255 where none of the pixel is, 0 where all is; None without a foreground."""
+        cover = self.expected.cover
+        return None if cover is None else np.rint(255 * np.clip(cover, 0, 1)).astype(np.uint8)
+
 
 def render_frame(scenario: Scenario, index: int, layers: bool = False, channels: bool = True) -> RenderedFrame:
     """Render frame `index` of a scenario, with `layers` each component by itself too; `channels`: see `render_expected`.
@@ -150,6 +156,8 @@ def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> list[st
         contents[f"{stem}-developed.png"] = png_bytes(frame.developed)
     if frame.hud is not None:
         contents[f"{stem}-hud.png"] = png_bytes(hud_picture(frame.hud))
+    if frame.mask is not None:
+        contents[f"{stem}-mask.png"] = png_bytes(frame.mask)
     contents[f"{stem}.json"] = record_bytes(frame_record(frame.plan, frame.expected, frame.stars))
     expected = write_exr(folder / f"{stem}.exr", frame) if exr else []
     for name, content in contents.items():

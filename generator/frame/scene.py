@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from generator import plugins
 from generator.frame.flying_objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
+from generator.frame.landscape import LandscapeMaps, landscape_maps, own_light_maps
 from generator.frame.moon_disk import moon_points
 from generator.frame.plan import FramePlan, dimming_atmosphere
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
@@ -29,7 +30,7 @@ from generator.scenario.model import FrameSpec
 from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.clouds import CloudVeil
-from generator.sky.component import SkyTable, blas_threads, metameric
+from generator.sky.component import SkyTable, black_sky, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
 
 Floats = NDArray[np.float64]
@@ -68,6 +69,8 @@ class ExpectedFrame:
         Part of them that falls on the sensor.
     occluded : (n,) bool array
         Whether the foreground hides more than half of the star's light.
+    hidden_fraction : (n,) array
+        Part of the star's light that it hides.
     objects : StarTruth
         The same of the plan's flying objects.
     moon : StarTruth
@@ -76,6 +79,8 @@ class ExpectedFrame:
         Brightness of the diffuse sky at the zenith, V mag/arcsec^2; None for a black sky.
     layers : dict of (height, width) float32 arrays
         Parts of `electrons` by name, if requested; they add up to it.
+    cover : (height, width) float32 array or None
+        Part of each pixel that is not sky; None where the scenario has nothing in front of the sky.
     """
 
     electrons: NDArray[np.float32]
@@ -89,10 +94,12 @@ class ExpectedFrame:
     star_electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
+    hidden_fraction: Floats
     objects: StarTruth
     moon: StarTruth
     zenith_mag_arcsec2: float | None
     layers: dict[str, NDArray[np.float32]]
+    cover: NDArray[np.float32] | None = None
 
 
 def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
@@ -137,7 +144,9 @@ def point_lights(plan: FramePlan) -> PointLights:
     )
 
 
-def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None) -> dict[str, Any]:
+def scene_dict(
+    plan: FramePlan, sky: SkyTable | None = None, camera: Any = None, landscape: LandscapeMaps | None = None
+) -> dict[str, Any]:
     """Mitsuba scene dictionary of a frame; needs a running Mitsuba (:func:`generator.plugins.start`).
 
     Parameters
@@ -147,6 +156,8 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
         The diffuse sky; None: the frame's own.
     camera : Sensor or None
         The frame's camera, if already loaded.
+    landscape : LandscapeMaps or None
+        The frame's landscape under its light; None: without one.
     """
     mi = plugins.start()
     spec = plan.spec
@@ -156,7 +167,7 @@ def scene_dict(plan: FramePlan, sky: SkyTable | None = None, camera: Any = None)
     depth = np.zeros_like(GRID_NM) if atmosphere is None else optical_depth(GRID_NM, atmosphere)
     return {
         "type": "scene",
-        "integrator": integrator_dict(plan),
+        "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
         "sky": sky_dict(sky),
         "stars": {
             "type": "skybench_stars",
@@ -300,20 +311,28 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     camera = mi.load_dict(camera_dict(plan))
     camera.film().prepare([])
     response = film_response(camera).on_grid
-    scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera))
+    landscape = landscape_maps(plan, list(tables.values()), response)
+    scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera, landscape))
     integrator = scene.integrator()
     sensor = plan.spec.sensor
     # Stray light carries a channel's light to other pixels.
     apart = sensor.colour is not None and not channels and plan.spec.camera.direct_share == 1
     names = [] if apart else list(sensor.channels)
     pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
-    sky = np.array(integrator.diffuse(scene, camera, pattern))
+    sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
     zenith = sum(table.zenith_v() for table in tables.values())
     image = sky
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
-        for name, part in tables.items():
-            alone = mi.load_dict(scene_dict(plan, metameric([part], response), camera))
+        separate = {
+            name: (metameric([part], response), landscape_maps(plan, [part], response, name))
+            for name, part in tables.items()
+        }
+        shining = own_light_maps(plan, response)
+        if shining is not None:
+            separate["landscape"] = (black_sky(), shining)
+        for name, (part, lit) in separate.items():
+            alone = mi.load_dict(scene_dict(plan, part, camera, lit))
             parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
     truths = dict.fromkeys(("stars", "objects"), StarTruth.empty())
     for emitter in scene.emitters():
@@ -344,6 +363,8 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         star_electrons=truth.electrons,
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
+        hidden_fraction=truth.hidden_fraction,
+        cover=cover if plan.spec.foreground.hides_sky else None,
         objects=truths["objects"],
         moon=truths["stars"].together_from(len(plan.stars)),
         zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,

@@ -25,6 +25,8 @@ class StarTruth:
 
     Attributes
     ----------
+    hidden_fraction : (n,) array
+        Part of the light that geometry and landscape hide.
     low_px, high_px : (n, 2) arrays
         Least and greatest u and v from which light arrives, without the point spread function; NaN where none does.
     """
@@ -37,6 +39,7 @@ class StarTruth:
     electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
+    hidden_fraction: Floats
     low_px: Floats
     high_px: Floats
 
@@ -67,6 +70,7 @@ class StarTruth:
             np.array([electrons.sum()]),
             mean(self.fraction_in_frame[rows]),
             np.array([self.occluded[rows].mean() > 0.5]),
+            mean(self.hidden_fraction[rows]),
             np.fmin.reduce(self.low_px[rows])[None],
             np.fmax.reduce(self.high_px[rows])[None],
         )
@@ -75,7 +79,7 @@ class StarTruth:
     def empty(cls) -> StarTruth:
         """Truth of no stars."""
         nothing, pairs = np.zeros(0), np.zeros((0, 2))
-        return cls(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), pairs, pairs)
+        return cls(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), nothing, pairs, pairs)
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
@@ -107,6 +111,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         on_axis_e.sum(axis=1) * tracks.light,
         fraction,
         tracks.visible_share < 0.5,
+        1 - tracks.visible_share,
         *_corners(tracks, count),
     )
 

@@ -82,7 +82,7 @@ def _check_frame(folder: Path, place: str, size: int, manifest: FramesManifest) 
     record = read_record(path.read_bytes(), str(path), path.stem)
     if record["scenario"]["sha256"] != manifest.scenario_sha256:
         raise GeneratorError(f"{place}: belongs to another scenario than the manifest")
-    for image in (f"{path.stem}.png", f"{path.stem}-developed.png", f"{path.stem}-hud.png"):
+    for image in (f"{path.stem}{kind}.png" for kind in ("", "-developed", "-hud", "-mask")):
         if (folder / image).is_file():
             with (folder / image).open("rb") as stream:
                 header = stream.read(PNG_HEADER_BYTES)

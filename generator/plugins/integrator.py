@@ -19,6 +19,8 @@ parameter                type     meaning
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
 ``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
 ``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
+``landscape_maps``       tensor   (1 + channels, ny, nx): see :class:`generator.plugins.landscape.LandscapeTexture` (optional)
+``landscape_top_deg``    float    altitude of their upper edge; so ``landscape_bottom_deg``
 =======================  =======  ================================================================================
 """
 
@@ -36,6 +38,7 @@ from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, film_response
 from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
+from generator.plugins.landscape import PIXEL_SAMPLES, texture
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
@@ -74,6 +77,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         self.coverage_moments = int(props.get("coverage_moments", 1))
         self.sky_moments = int(props.get("sky_moments", 1))
         self.lit_samples = int(props.get("lit_samples", 0))
+        self.landscape = texture(props)
         self.radius_px = math.ceil(PSF_RADIUS_SIGMAS * self.psf_sigma_px + 0.5)
         if self.stamps is None:
             self.stamp_light = gaussian_light(self.psf_sigma_px, self.radius_px)
@@ -117,19 +121,25 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
 
     def diffuse(self, scene: Any, camera: NightSkyCamera, pattern: Pattern | None = None) -> Any:
         """Expected electrons from the diffuse sky, TensorXf (height, width, channels); with a filter array one channel."""
+        return self.diffuse_and_cover(scene, camera, pattern)[0]
+
+    def diffuse_and_cover(self, scene: Any, camera: NightSkyCamera, pattern: Pattern | None = None) -> tuple[Any, Any]:
+        """:meth:`diffuse`, and the part of each pixel, TensorXf (height, width), that is not sky."""
         film = camera.film()
         width, height = camera.width, camera.height
         channels = film.create_block().channel_count() - 1
         environment = scene.environment()
         planes = channels if pattern is None else 1
         if environment is None:
-            return dr.zeros(mi.TensorXf, (height, width, planes))
+            return dr.zeros(mi.TensorXf, (height, width, planes)), dr.ones(mi.TensorXf, (height, width))
         pixel = dr.arange(mi.UInt32, width * height)
         position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
         film_position = position / mi.ScalarVector2f(width, height)
         free = self._uncovered(scene, camera, film_position)
         image = [dr.zeros(mi.Float, width * height) for _ in range(planes)]
         seen = None if pattern is None else (pattern, mi.Int32(pixel % width), mi.Int32(pixel // width))
+        if self.landscape is not None:
+            free = free * self._add_landscape(image, camera, film_position, free, seen)
         terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
@@ -141,7 +151,37 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
                     self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
-        return mi.TensorXf(interleaved(image), (height, width, planes))
+        ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
+        cover = dr.select((ray.d.z >= 0) & (etendue > 0), 1 - free, 1) + dr.zeros(mi.Float, width * height)
+        return mi.TensorXf(interleaved(image), (height, width, planes)), mi.TensorXf(cover, (height, width))
+
+    def _add_landscape(
+        self,
+        image: list[Any],
+        camera: NightSkyCamera,
+        film_position: Any,
+        free: Any,
+        seen: tuple[Pattern, Any, Any] | None,
+    ) -> Any:
+        """Add the landscape's light to planes where no geometry covers it (`free`); the part of each pixel it leaves."""
+        assert self.landscape is not None
+        looks = [
+            (moment, u, v) for moment in range(self.coverage_moments) for v in PIXEL_SAMPLES for u in PIXEL_SAMPLES
+        ]
+        left = mi.Float(1)
+        for moment, u, v in looks:
+            offset = mi.Vector2f(dr.opaque(mi.Float, u / camera.width), dr.opaque(mi.Float, v / camera.height))
+            share = dr.opaque(FLOAT64, (moment + 0.5) / self.coverage_moments)
+            ray, etendue = camera.pixel_ray(share, film_position + offset)
+            alpha, *lights = self.landscape.at(*self.landscape.place(ray.d), self.landscape.planes)
+            left -= alpha / len(looks)
+            lights = [light * (etendue * free / len(looks)) for light in lights]
+            if seen is not None:
+                pattern, column, row = seen
+                lights = [choose(pattern, lights, column, row)]
+            image[:] = [so_far + light for so_far, light in zip(image, lights, strict=True)]
+            dr.eval(image, left)
+        return dr.maximum(left, 0)
 
     def _add_sky(
         self,
@@ -209,7 +249,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         step = np.full(len(electrons), self.largest_step_px)
         for faint_e, factor in FAINT_STEPS:
             step[electrons < faint_e] = factor * self.largest_step_px
-        return follow_stars(scene, camera, emitter, reach, step)
+        return follow_stars(scene, camera, emitter, reach, step, self.landscape)
 
     def stars(
         self,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.landscape import LandscapeTexture
 from generator.plugins.star_paths import Paths, Placed, relative_light
 from generator.plugins.stars import StarEmitter
 
@@ -65,7 +66,7 @@ def moment_light(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments,
     Lens, horizon, light curve and readout are in it; what stands in front of the sky is not.
     """
     above = np.array(placed.direction[2]) >= 0
-    weight = np.where(above, relative_light(camera, placed), 0.0) / moments.per_star
+    weight = np.where(above | (not emitter.behind_foreground), relative_light(camera, placed), 0.0) / moments.per_star
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]
         part = np.clip((placed.time * parts).astype(np.int64), 0, parts - 1)
@@ -79,6 +80,12 @@ def behind_geometry(scene: Any, placed: Placed) -> NDArray[np.bool_]:
     """Whether the scene's shapes hide each moment's source, (m,) array."""
     ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(*(mi.Float(component) for component in placed.direction)))
     return np.array(scene.ray_test(ray))
+
+
+def behind_landscape(landscape: LandscapeTexture, camera: NightSkyCamera, placed: Placed) -> Floats:
+    """Part of each moment's source that a landscape hides, (m,) array: the mean over a pixel's width around it."""
+    direction = mi.Vector3f(*(mi.Float(component) for component in placed.direction))
+    return np.array(landscape.hidden(direction, 1 / camera.projection.f_px), dtype=np.float64)
 
 
 def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Floats) -> Floats:

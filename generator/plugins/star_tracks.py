@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.plugins.camera import NightSkyCamera
-from generator.plugins.star_moments import behind_geometry, cut_exposure, moment_light
+from generator.plugins.landscape import LandscapeTexture
+from generator.plugins.star_moments import behind_geometry, behind_landscape, cut_exposure, moment_light
 from generator.plugins.star_paths import find_paths, project, relative_light
 from generator.plugins.stars import StarEmitter
 
@@ -55,7 +56,12 @@ class StarTracks:
 
 
 def follow_stars(
-    scene: Any, camera: NightSkyCamera, emitter: StarEmitter, reach_px: float, largest_step_px: Floats
+    scene: Any,
+    camera: NightSkyCamera,
+    emitter: StarEmitter,
+    reach_px: float,
+    largest_step_px: Floats,
+    landscape: LandscapeTexture | None = None,
 ) -> StarTracks:
     """Follow all stars of an emitter over the exposure.
 
@@ -68,6 +74,8 @@ def follow_stars(
         How far beyond the frame a star's centre can be for its light to touch the frame.
     largest_step_px : (n,) array
         Longest step of each star between two moments.
+    landscape : LandscapeTexture or None
+        It hides parts of the light of stars.
     """
     count = emitter.count
     middle = project(camera, emitter, np.arange(count, dtype=np.int64), np.full(count, 0.5))
@@ -81,9 +89,12 @@ def follow_stars(
         placed = project(camera, emitter, moments.star, moments.share)
         star, u, v = moments.star, placed.u, placed.v
         weight = moment_light(camera, emitter, moments, placed)
-        if scene.shapes():
+        if emitter.behind_foreground and (scene.shapes() or landscape is not None):
             whole = np.bincount(star, weight, count)
-            weight = weight * ~behind_geometry(scene, placed)
+            if scene.shapes():
+                weight = weight * ~behind_geometry(scene, placed)
+            if landscape is not None:
+                weight = weight * (1 - behind_landscape(landscape, camera, placed))
             np.divide(np.bincount(star, weight, count), whole, out=visible_share, where=whole > 0)
         light = np.where(paths.near, np.bincount(star, weight, count), light)
         lit = np.flatnonzero(paths.near & (light > 0))

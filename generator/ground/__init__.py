@@ -1,0 +1,1 @@
+"""What stands around the camera: panoramas from pictures and from random numbers, and the light that they reflect."""

@@ -1,0 +1,176 @@
+"""Light on a landscape: from the sky around it, from the Moon, and from the rest of the landscape.
+
+The picture of a landscape holds no shapes. What is above the horizon is taken as upright and facing the camera (houses, the
+edge of a wood, a slope seen from the plain), what is below it as level ground; both reflect evenly in all directions
+(Lambert 1760). Each surface is lit by the sky that it faces, by the Moon unless the landscape hides it, and by the landscape
+opposite, as if all of it stood where the camera stands. Light goes to and fro without end, so that a white
+landscape under a sky of one brightness becomes as bright as the sky (it neither makes nor swallows light).
+
+Radiance and irradiance are in photons s^-1 m^-2 nm^-1 (sr^-1) at GRID_NM.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.ground.panorama import Layers, Panorama, column_azimuths, on_sphere, opacity, row_altitudes
+from generator.ground.reflectance import primaries
+
+Floats = NDArray[np.float64]
+
+WALLS = 72
+"""Azimuths of upright surfaces, evenly spaced from north."""
+ROWS = 72
+"""Of the grid of directions from which light comes: cells of 2.5 deg."""
+
+MOST_RETURNED = 1 - 1e-6
+"""Share of the light that a white surface reflects: a closed white room would otherwise have no end of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """Light from above.
+
+    Attributes
+    ----------
+    maps : (k, ROWS^2) array
+        Values in the directions of :func:`sky_directions`.
+    spectra : (k, n) array
+        The sky's radiance is the sum of map times spectrum.
+    moon_enu : (3,) array
+    moon_irradiance : (n,) array
+        Of the Moon's direct light at the ground, perpendicular to it; 0 without Moon.
+    """
+
+    maps: Floats
+    spectra: Floats
+    moon_enu: Floats
+    moon_irradiance: Floats
+
+
+def unit_vectors(altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
+    """East, north, up of directions, (..., 3) array."""
+    altitude, azimuth = np.radians(altitude_deg), np.radians(azimuth_deg)
+    level = np.cos(altitude)
+    parts = np.broadcast_arrays(np.sin(azimuth) * level, np.cos(azimuth) * level, np.sin(altitude))
+    return np.stack(parts, axis=-1)
+
+
+def _cells() -> tuple[Floats, Floats]:
+    """Altitudes and azimuths of the middles of all cells, row by row from the zenith, (2 ROWS^2,) arrays."""
+    grid = np.meshgrid(row_altitudes(ROWS), column_azimuths(2 * ROWS), indexing="ij")
+    return grid[0].ravel(), grid[1].ravel()
+
+
+def sky_directions() -> tuple[Floats, Floats]:
+    """Altitudes and azimuths, deg, at which the sky's radiance is needed: the cells above the horizon, (ROWS^2,) arrays."""
+    altitude, azimuth = _cells()
+    return altitude[: ROWS * ROWS], azimuth[: ROWS * ROWS]
+
+
+def surface_normals() -> Floats:
+    """Outward normals of the WALLS upright surfaces that face the camera, and of level ground, (WALLS + 1, 3) array."""
+    walls = -unit_vectors(np.zeros(WALLS), np.arange(WALLS) * 360 / WALLS)
+    return np.concatenate([walls, [[0.0, 0.0, 1.0]]])
+
+
+@functools.cache
+def _projected() -> Floats:
+    """Projected solid angles of all cells over surfaces, sr, (WALLS + 1, cells) array; pi in sum for each surface."""
+    altitude, azimuth = _cells()
+    weight = np.maximum(surface_normals() @ unit_vectors(altitude, azimuth).T, 0) * np.cos(np.radians(altitude))
+    return np.asarray(np.pi * weight / weight.sum(axis=1, keepdims=True))
+
+
+def irradiance(panorama: Panorama, light: SkyLight) -> Floats:
+    """Irradiance of the surfaces of :func:`surface_normals` in the middle of a landscape, (WALLS + 1, n) array."""
+    around = _surroundings(panorama)
+    moon_seen = 1 - float(opacity(around.sphere, *_azimuth_altitude(light.moon_enu))[0])
+    moon = np.maximum(surface_normals() @ light.moon_enu, 0)[:, None] * (moon_seen * light.moon_irradiance)
+    direct = (around.from_sky @ light.maps.T) @ light.spectra + moon
+    # What every surface sends to every other one by way of the landscape's colours, wavelength by wavelength.
+    exchange = MOST_RETURNED * np.einsum("bn,bst->nst", primaries(), around.exchange)
+    return np.asarray(np.linalg.solve(np.eye(WALLS + 1) - exchange, direct.T[:, :, None])[:, :, 0].T)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """What the surfaces in the middle of a landscape see.
+
+    Attributes
+    ----------
+    sphere : Layers
+        The landscape on the grid of cells.
+    from_sky : (WALLS + 1, ROWS^2) array
+        Projected solid angles of the sky's directions, without what the landscape hides, sr.
+    exchange : (3, WALLS + 1, WALLS + 1) array
+        Irradiance of each surface over that of each other one whose light the landscape's linear red, green and blue
+        reflect to it.
+    """
+
+    sphere: Layers
+    from_sky: Floats
+    exchange: Floats
+
+
+@functools.lru_cache(maxsize=2)
+def _surroundings(panorama: Panorama) -> _Surroundings:
+    sphere = on_sphere(panorama, ROWS)
+    covered = sphere.alpha.reshape(-1).astype(np.float64)
+    above, projected = ROWS * ROWS, _projected()
+    used = np.flatnonzero(covered)
+    altitude, azimuth = (angle[used] for angle in _cells())
+    wall, weight = walls_around(azimuth)
+    level = altitude < 0
+    lit = np.zeros((len(used), WALLS + 1))
+    row = np.arange(len(used))
+    lit[row, wall] = np.where(level, 0, 1 - weight)
+    lit[row, (wall + 1) % WALLS] = np.where(level, 0, weight)
+    lit[row, -1] = level
+    colours = sphere.reflectance.reshape(-1, 3)[used] / np.pi
+    exchange = np.stack([(projected[:, used] * colours[:, band]) @ lit for band in range(3)])
+    return _Surroundings(sphere, projected[:, :above] * (1 - covered[:above]), exchange)
+
+
+def walls_around(azimuth_deg: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """For azimuths (m,): the wall before each, and the weight of the one after it, (m,) arrays."""
+    place = np.asarray(azimuth_deg) % 360 / 360 * WALLS
+    wall = np.minimum(place.astype(np.intp), WALLS - 1)
+    return wall, place - wall
+
+
+def _azimuth_altitude(enu: Floats) -> tuple[Floats, Floats]:
+    azimuth = np.degrees(np.arctan2(enu[0], enu[1]))
+    altitude = np.degrees(np.arctan2(enu[2], np.hypot(enu[0], enu[1])))
+    return np.array([azimuth]), np.array([altitude])
+
+
+def reflected_signal(layers: Layers, lit: Floats, weights: Floats) -> NDArray[np.float32]:
+    """Light that a landscape sends to the camera, over its alpha and through the camera's response.
+
+    Parameters
+    ----------
+    layers : Layers
+    lit : (WALLS + 1, n) array
+        Of :func:`irradiance`.
+    weights : (c, n) array
+        Response of each channel at GRID_NM.
+
+    Returns
+    -------
+    (c, ny, nx) float32 array
+    """
+    terms = np.einsum("sn,bn,cn->csb", lit / np.pi, primaries(), weights, optimize=True)
+    wall, weight = walls_around(layers.azimuth_deg)
+    upright = terms[:, wall] * (1 - weight)[None, :, None] + terms[:, (wall + 1) % WALLS] * weight[None, :, None]
+    above = int(np.searchsorted(-layers.altitude_deg, 0.0))
+    result = np.empty((len(weights), *layers.alpha.shape), np.float32)
+    for channel in range(len(weights)):
+        coefficients = upright[channel].astype(np.float32)
+        result[channel, :above] = np.einsum("yxb,xb->yx", layers.reflectance[:above], coefficients)
+        result[channel, above:] = layers.reflectance[above:] @ terms[channel, -1].astype(np.float32)
+    return result

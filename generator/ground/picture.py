@@ -1,0 +1,171 @@
+"""Pictures from others: bounded in size before they are decoded, and turned into panoramas.
+
+A picture's projection gives the direction of each of its pixels. Equirectangular pictures are panoramas as they are. A
+fisheye's pixels are looked up, bilinearly, at the middles of a panorama's texels, as fine as the picture at its edge.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from generator.ground.panorama import MOST_TEXELS, Bytes, Panorama, column_azimuths, cropped, row_altitudes
+
+Floats = NDArray[np.float64]
+
+FORMATS = ("PNG", "TIFF", "JPEG", "WEBP")
+ROWS_AT_ONCE = 128
+
+
+class PictureError(ValueError):
+    """The file is not a usable picture; the message says what was found and what is expected."""
+
+
+def read_picture(data: bytes, name: str) -> Bytes:
+    """Decode a picture: (height, width, 4) uint8 array of red, green, blue, alpha; opaque where it has no alpha.
+
+    Raises
+    ------
+    PictureError
+        Another format, too many pixels, or damaged.
+    """
+    try:
+        with warnings.catch_warnings():
+            # Pillow warns of large pictures, which are refused below.
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=FORMATS) as image:
+                width, height = image.size
+                if width * height > MOST_TEXELS:
+                    raise PictureError(
+                        f"'{name}' has {width} x {height} pixels; at most {MOST_TEXELS} are read: make it smaller"
+                    )
+                if min(width, height) < 2:
+                    raise PictureError(f"'{name}' has {width} x {height} pixels, too few for a landscape")
+                return np.array(image.convert("RGBA"))
+    except PictureError:
+        raise
+    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        wanted = ", ".join(FORMATS)
+        raise PictureError(f"'{name}' cannot be read as a picture ({reason}); expected one of {wanted}") from error
+
+
+def equirectangular(
+    rgba: Bytes,
+    top_deg: float = 90.0,
+    bottom_deg: float = -90.0,
+    left_azimuth_deg: float = 0.0,
+    glow: Bytes | None = None,
+) -> Panorama:
+    """Panorama of a picture whose columns go once around, eastwards from `left_azimuth_deg` at its left edge.
+
+    The turn is rounded to whole columns, where the remainder moves the picture by less than half a column.
+    """
+    width = rgba.shape[1]
+    shift = round(left_azimuth_deg / 360 * width) % width
+    turned = np.roll(rgba, shift, axis=1)
+    shine = None if glow is None else np.roll(glow[:, :, :3], shift, axis=1)
+    return cropped(Panorama(turned[:, :, :3], turned[:, :, 3], top_deg, bottom_deg, shine))
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Where a panorama's texels are in a picture: columns and rows from its upper left pixel's middle; NaN outside of it."""
+
+    column: Floats
+    row: Floats
+
+
+Place = Callable[[Floats, Floats], Lookup]
+"""Gives the places of directions (altitude, azimuth, deg) in a picture."""
+
+
+def fisheye_lookup(
+    width: int, height: int, fov_deg: float, up_azimuth_deg: float, mirrored: bool, altitude: Floats, azimuth: Floats
+) -> Lookup:
+    """Places of directions in a fisheye picture, whose radius is proportional to the distance from the zenith.
+
+    Parameters
+    ----------
+    width, height : int
+    fov_deg : float
+        Across the circle that touches the picture's nearer edges.
+    up_azimuth_deg : float
+        Azimuth at the middle of the upper edge.
+    mirrored : bool
+        Whether east is on the right where north is up (as on a map); else on the left, as one sees it looking up.
+    altitude, azimuth : arrays
+        deg.
+    """
+    radius = (90 - altitude) / (fov_deg / 2) * (min(width, height) / 2)
+    turn = np.radians(azimuth - up_azimuth_deg) * (1 if mirrored else -1)
+    column = width / 2 - 0.5 + radius * np.sin(turn)
+    row = height / 2 - 0.5 - radius * np.cos(turn)
+    outside = 90 - altitude > fov_deg / 2
+    return Lookup(np.where(outside, np.nan, column), np.where(outside, np.nan, row))
+
+
+def fisheye(
+    rgba: Bytes, fov_deg: float, up_azimuth_deg: float = 0.0, mirrored: bool = False, glow: Bytes | None = None
+) -> Panorama:
+    """Panorama of a fisheye picture; see :func:`fisheye_lookup`."""
+    height, width = rgba.shape[:2]
+    across = min(width, height)
+    bottom = 90 - fov_deg / 2
+    columns = int(np.clip(np.pi * across, 64, 8192))
+    rows = int(np.clip(across / 2, 32, MOST_TEXELS // columns))
+
+    def place(altitude: Floats, azimuth: Floats) -> Lookup:
+        return fisheye_lookup(width, height, fov_deg, up_azimuth_deg, mirrored, altitude, azimuth)
+
+    return cropped(resampled(rgba, glow, place, (rows, columns), 90.0, bottom))
+
+
+def resampled(
+    rgba: Bytes, glow: Bytes | None, place: Place, shape: tuple[int, int], top_deg: float, bottom_deg: float
+) -> Panorama:
+    """Panorama of a picture by bilinear look-ups; colours are weighted with alpha, so that hidden ones do not leak in."""
+    colour, alpha = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
+    shine = None if glow is None else np.zeros((*shape, 3), np.uint8)
+    azimuth = column_azimuths(shape[1])
+    altitudes = row_altitudes(shape[0], top_deg, bottom_deg)
+    for first in range(0, shape[0], ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        found = place(altitudes[rows, None], azimuth[None, :])
+        values = bilinear(rgba, found)
+        alpha[rows] = np.rint(values[..., 3])
+        colour[rows] = np.rint(values[..., :3])
+        if glow is not None and shine is not None:
+            opaque = np.concatenate([glow[:, :, :3], np.full((*glow.shape[:2], 1), 255, np.uint8)], axis=2)
+            shine[rows] = np.rint(bilinear(opaque, found)[..., :3])
+    return Panorama(colour, alpha, top_deg, bottom_deg, shine)
+
+
+def bilinear(rgba: Bytes, found: Lookup) -> NDArray[np.float32]:
+    """Colour (weighted with alpha) and alpha at places in a picture, 0 to 255, (..., 4) array; 0 outside of it."""
+    height, width = rgba.shape[:2]
+    inside = np.isfinite(found.column) & np.isfinite(found.row)
+    inside &= (found.column > -1) & (found.column < width) & (found.row > -1) & (found.row < height)
+    column, row = np.where(inside, found.column, 0.0), np.where(inside, found.row, 0.0)
+    left, top = np.floor(column), np.floor(row)
+    total = np.zeros((*column.shape, 4), np.float32)
+    whole = np.zeros(column.shape, np.float32)
+    for down in (0, 1):
+        for right in (0, 1):
+            weight = np.abs(1 - right - (column - left)) * np.abs(1 - down - (row - top))
+            # Beyond the outermost pixels' middles the picture goes on as they are.
+            y = np.clip(top + down, 0, height - 1).astype(np.intp)
+            x = np.clip(left + right, 0, width - 1).astype(np.intp)
+            pixel = rgba[y, x].astype(np.float32)
+            covered = (weight * inside).astype(np.float32) * pixel[..., 3]
+            total[..., :3] += covered[..., None] * pixel[..., :3]
+            total[..., 3] += covered
+            whole += covered
+    total[..., :3] /= np.maximum(whole, 1e-6)[..., None]
+    return total

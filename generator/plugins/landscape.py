@@ -1,0 +1,81 @@
+"""A landscape around the camera: how much of the sky it hides in each direction, and the light that it sends."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.plugins.scene_tensors import array
+
+PIXEL_SAMPLES = (-0.25, 0.25)
+"""Places along each axis, px from a pixel's middle, at which it is looked at."""
+
+
+class LandscapeTexture:
+    """Maps of alpha and of the light of each channel, over alpha, on equal steps of altitude and azimuth.
+
+    Parameters
+    ----------
+    maps : (1 + channels, ny, nx) array
+        As :class:`generator.ground.panorama.Panorama` has them: row 0 below `top_deg`, column 0 east of north.
+    top_deg, bottom_deg : float
+    """
+
+    def __init__(self, maps: NDArray[np.float64], top_deg: float, bottom_deg: float) -> None:
+        self.planes, self.rows, self.columns = maps.shape
+        self.top, self.span = math.radians(top_deg), math.radians(top_deg - bottom_deg)
+        above = maps[:, :1] if top_deg >= 90 else np.zeros_like(maps[:, :1])
+        below = maps[:, -1:] if bottom_deg <= -90 else np.zeros_like(maps[:, -1:])
+        padded = np.concatenate([above, maps, below], axis=1)
+        wrapped = np.concatenate([padded[:, :, -1:], padded, padded[:, :, :1]], axis=2)
+        self.values = mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1), dtype=np.float32).ravel())
+
+    def place(self, direction: Any) -> tuple[Any, Any]:
+        """Row and column (Floats) of unit vectors (Vector3f, ENU), in texels from the middle of the first."""
+        altitude = dr.asin(dr.clip(direction.z, -1, 1))
+        turn = dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
+        row = (self.top - altitude) * (self.rows / self.span) - 0.5
+        return row, (turn - dr.floor(turn)) * self.columns - 0.5
+
+    def at(self, row: Any, column: Any, planes: int) -> list[Any]:
+        """The first `planes` maps at rows and columns (Floats, columns from -0.5 to `columns` - 0.5), bilinear."""
+        row = dr.clip(row + 1, 0, self.rows + 1)
+        column = column + 1
+        r0 = dr.minimum(mi.UInt32(row), self.rows)
+        c0 = dr.minimum(mi.UInt32(dr.maximum(column, 0)), self.columns)
+        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
+        first = (r0 * (self.columns + 2) + c0) * self.planes
+        below = first + (self.columns + 2) * self.planes
+        corners = (first, first + self.planes, below, below + self.planes)
+        result = []
+        for plane in range(planes):
+            a, b, c, d = (dr.gather(mi.Float, self.values, corner + plane) for corner in corners)
+            result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
+        return result
+
+    def hidden(self, direction: Any, width_rad: float) -> Any:
+        """Part of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
+        row, column = self.place(direction)
+        level = dr.maximum(dr.sqrt(dr.square(direction.x) + dr.square(direction.y)), 1e-3)
+        down = width_rad * self.rows / self.span
+        across = dr.minimum(width_rad * self.columns / (2 * math.pi) / level, 0.5 * self.columns)
+        total = mi.Float(0)
+        for vertical in PIXEL_SAMPLES:
+            for horizontal in PIXEL_SAMPLES:
+                turned = column + horizontal * across
+                turned = turned - self.columns * dr.floor((turned + 0.5) / self.columns)
+                total += self.at(row + vertical * down, turned, 1)[0]
+        return total / len(PIXEL_SAMPLES) ** 2
+
+
+def texture(props: Any) -> LandscapeTexture | None:
+    """The landscape of an integrator's properties; None without one."""
+    if "landscape_maps" not in props:
+        return None
+    maps = array(props["landscape_maps"], 3)
+    return LandscapeTexture(maps, float(props["landscape_top_deg"]), float(props["landscape_bottom_deg"]))

@@ -1,0 +1,79 @@
+"""A landscape around the camera: a picture, or a package of Stellarium."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from generator.ground.panorama import Bytes, Panorama
+from generator.ground.picture import equirectangular, fisheye, read_picture
+from generator.scenario.strict import File, Fraction, InputFile, Strict
+
+Angle = Annotated[float, Field(ge=-360, le=360)]
+
+
+class LandscapeSpec(Strict):
+    """What stands around the camera, as a picture whose transparent parts show the sky; lit by the night of the scenario."""
+
+    file: File
+    """Picture with transparency (PNG, TIFF, WebP)."""
+    projection: Literal["equirectangular", "fisheye"] = "equirectangular"
+    """Of the picture: once around in equal steps, or a disk with the zenith in its middle."""
+    azimuth_deg: Angle = 0.0
+    """At the left edge of an equirectangular picture; at the top of a fisheye picture."""
+    top_deg: Annotated[float, Field(gt=-90, le=90)] = 90.0
+    """Altitude of an equirectangular picture's upper edge."""
+    bottom_deg: Annotated[float, Field(ge=-90, lt=90)] = -90.0
+    """Altitude of its lower edge."""
+    fov_deg: Annotated[float, Field(gt=0, le=360)] = 180.0
+    """Across the circle that touches a fisheye picture's nearer edges."""
+    mirrored: bool = False
+    """Whether a fisheye picture has east on the right where north is up, as a map; else it is as one sees it looking up."""
+    reflectance: Fraction = 1.0
+    """Of the picture's white, diffuse; its other colours in proportion."""
+    glow_file: File | None = None
+    """Picture of the same size and projection, of the light that the landscape gives by itself (windows, signs)."""
+    glow_cd_m2: Annotated[float, Field(ge=0, le=1e6)] = 10.0
+    """Luminance of that picture's white, cd/m^2."""
+    eye_height_m: Annotated[float, Field(gt=0, le=10000)] = 1.6
+    """Of the camera over the ground, for the light of lamps on it, m."""
+    distance_m: Annotated[float, Field(ge=1, le=1e6)] = 50.0
+    """Of what stands above the horizon, for the light of lamps on it, m."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> LandscapeSpec:
+        if self.bottom_deg >= self.top_deg:
+            raise ValueError(f"bottom_deg ({self.bottom_deg:g}) must be below top_deg ({self.top_deg:g})")
+        landscape_panorama(self)
+        return self
+
+
+@functools.lru_cache(maxsize=2)
+def landscape_panorama(spec: LandscapeSpec) -> Panorama:
+    """The panorama of a landscape.
+
+    Raises
+    ------
+    PictureError
+        A file that cannot be used.
+    """
+    picture = _picture(spec.file)
+    glow = None if spec.glow_file is None else _picture(spec.glow_file)
+    if glow is not None and spec.glow_file is not None and glow.shape != picture.shape:
+        raise ValueError(
+            f"'{spec.glow_file.path}' has {glow.shape[1]} x {glow.shape[0]} pixels, '{spec.file.path}' has "
+            f"{picture.shape[1]} x {picture.shape[0]}: make them the same"
+        )
+    if spec.projection == "equirectangular":
+        panorama = equirectangular(picture, spec.top_deg, spec.bottom_deg, spec.azimuth_deg, glow)
+    else:
+        panorama = fisheye(picture, spec.fov_deg, spec.azimuth_deg, spec.mirrored, glow)
+    return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
+
+
+def _picture(file: InputFile) -> Bytes:
+    return read_picture(Path(file.location).read_bytes(), file.path)
