@@ -19,7 +19,7 @@ from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
-from celnav.position import PositionConfig, Weather, fix_position
+from celnav.position import PositionConfig, Weather, fix_position, usual_weather
 from celnav.problem import LastKnown
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
@@ -58,4 +58,5 @@ __all__ = [
     "read_camera_file",
     "solve",
     "solvers",
+    "usual_weather",
 ]

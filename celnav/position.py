@@ -23,6 +23,7 @@ from celnav.fix import Fix, Reason
 from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars
 from celnav.sky.catalog import load_catalog
 from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.ray_integral import standard_pressure_hpa
 from celnav.sky.refraction import unrefract
 from celnav.sky.utc import Utc, parse_utc
 from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
@@ -42,6 +43,21 @@ class Weather:
             raise ConfigError(f"pressure_hpa = {self.pressure_hpa} must lie between 0 and 1200")
         if not -100 <= self.temperature_c <= 80:
             raise ConfigError(f"temperature_c = {self.temperature_c} must lie between -100 and 80")
+
+
+def usual_weather(height_m: float, pressure_hpa: float | None = None, temperature_c: float | None = None) -> Weather:
+    """Return the air at a height above the sea, m; what is not given falls as in the standard atmosphere.
+
+    From the 1010 hPa and 10 deg C of a `Weather` at sea level, by 6.5 K/km up to 11 km (U.S. Standard Atmosphere 1976).
+    """
+    if not -1000 <= height_m <= 30000:
+        raise ConfigError(f"height_m = {height_m} must lie between -1000 and 30000")
+    sea = Weather()
+    usual_hpa = sea.pressure_hpa * standard_pressure_hpa(height_m / 1000) / standard_pressure_hpa(0.0)
+    usual_c = sea.temperature_c - 6.5e-3 * min(height_m, 11000.0)
+    return Weather(
+        usual_hpa if pressure_hpa is None else pressure_hpa, usual_c if temperature_c is None else temperature_c
+    )
 
 
 @dataclass(frozen=True)

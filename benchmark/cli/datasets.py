@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from benchmark.cli.errors import fail
-from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.output import AsJson, print_json, print_tables, print_warnings
 from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.rendering import Scenario
 from generator.errors import GeneratorError
@@ -44,8 +44,6 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Print what a scenario would make: frames, values, light, stars, time and size; and what looks like a slip."""
-    from rich.console import Console
-    from rich.markup import escape
     from rich.table import Column, Table
 
     from benchmark.report.formatting import duration, file_size
@@ -89,8 +87,7 @@ def plan(
     )
     table.add_row("scenario hash", loaded.sha256)
     print_tables(table)
-    for warning in expected.warnings:
-        Console(stderr=True).print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+    print_warnings(expected.warnings)
 
 
 def _frames(scenario: LoadedScenario) -> str:
@@ -183,6 +180,7 @@ def generate(
     from generator.dataset.layout import DatasetSpec, natural_shard_size
     from generator.dataset.run import Part
     from generator.dataset.shard import ShardReport
+    from generator.frame.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
@@ -196,6 +194,7 @@ def generate(
     try:
         path = find_scenario(scenario)
         loaded = load_scenario(path)
+        print_warnings(contradictions_of(loaded))
         chosen = _range(frames, loaded.frame_count)
         index, count = _part(part)
         spec = DatasetSpec(split, shard_size or natural_shard_size(loaded.frame_count), exr, codec)

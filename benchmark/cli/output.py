@@ -35,6 +35,15 @@ def print_tables(*tables: Table) -> None:
         console.print(table)
 
 
+def print_warnings(sentences: Iterable[str]) -> None:
+    """Print warnings to standard error."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    for sentence in sentences:
+        Console(stderr=True).print(f"[yellow]warning:[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return _plain(value.value)

@@ -9,7 +9,7 @@ import typer
 
 from benchmark.cli import completion
 from benchmark.cli.errors import fail
-from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.output import AsJson, print_json, print_warnings
 from benchmark.cli.progress import progress_bars, working
 from generator.errors import GeneratorError
 
@@ -48,11 +48,13 @@ def render(
     Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command, and
     what `skybench verify DIR` names is made again.
     """
+    from generator.frame.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
     try:
         loaded = load_scenario(find_scenario(scenario))
+        print_warnings(contradictions_of(loaded))
         from generator.frame.render import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
 
         with progress_bars() as progress:

@@ -54,8 +54,14 @@ def parser() -> argparse.ArgumentParser:
         "heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; unknown (the default): no position; or "
         "JSON with R_cam (ENU to camera), or a frame record",
     )
-    group.add_argument("--pressure-hpa", type=float, default=1010.0, help="for refraction; default: %(default)s")
-    group.add_argument("--temperature-c", type=float, default=10.0, help="for refraction; default: %(default)s")
+    group.add_argument(
+        "--height-m",
+        type=float,
+        default=0.0,
+        help="above the sea: the pressure and temperature follow it; default: %(default)s",
+    )
+    group.add_argument("--pressure-hpa", type=float, help="for refraction; by default that of the height")
+    group.add_argument("--temperature-c", type=float, help="for refraction; by default that of the height")
     group = command.add_argument_group("solving")
     group.add_argument("--solver", default="skybench", choices=solvers(), help="default: %(default)s")
     group.add_argument("--mask", metavar="FILE", help="image that is not black where pixels are NOT to be used")

@@ -23,6 +23,7 @@ from celnav.detection import detect
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Reason
 from celnav.images import read_image
+from celnav.position import usual_weather
 from celnav.problem import Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
@@ -88,6 +89,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         if arguments.mask is not None:
             values = read_image(arguments.mask)
             mask = values.astype(bool) if values.ndim == 2 else values.any(axis=2)
+        air = usual_weather(arguments.height_m, arguments.pressure_hpa, arguments.temperature_c)
     with clock.stage("detection"):
         detections = detect(image, mask)
     with clock.stage("solving"):
@@ -97,8 +99,8 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             moment.utc,
             attitude,
             _solver(arguments, lens),
-            pressure_hpa=arguments.pressure_hpa,
-            temperature_c=arguments.temperature_c,
+            pressure_hpa=air.pressure_hpa,
+            temperature_c=air.temperature_c,
             dut1_s=arguments.dut1_s,
             time_limit_s=arguments.time_limit_s,
         )

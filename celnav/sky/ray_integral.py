@@ -46,6 +46,14 @@ def standard_height_km(pressure_hpa: float) -> float:
     return min(max(height, -1.0), 60.0)
 
 
+def standard_pressure_hpa(height_km: float) -> float:
+    """Pressure of the standard atmosphere at a height up to 60 km; the inverse of `standard_height_km`."""
+    geopotential = GEOPOTENTIAL_RADIUS_KM * height_km / (GEOPOTENTIAL_RADIUS_KM + height_km)
+    if geopotential < TROPOPAUSE_KM:
+        return float(SEA_LEVEL_HPA * (1 - LAPSE_K_KM * geopotential / SEA_LEVEL_K) ** 5.25588)
+    return TROPOPAUSE_HPA * math.exp((TROPOPAUSE_KM - geopotential) / SCALE_ABOVE_KM)
+
+
 class Air:
     """Refractive index by the distance from the Earth's centre, around an observer.
 

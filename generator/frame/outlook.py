@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow.compute as pc
 from sgp4.api import Satrec
 
+from generator.frame.contradictions import contradictions
 from generator.frame.record import VISIBLE_SNR, pointing_object, visible_stars
 from generator.frame.render import RenderedFrame
-from generator.light.atmosphere import standard_pressure_hpa
 from generator.places.times import Instant
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.foreground_spec import TleSpec
@@ -22,8 +22,6 @@ from generator.scenario.sensor_spec import SensorSpec
 STALE_ELEMENTS_DAYS = 14.0
 """SGP4 from two-line elements strays by 1 to 3 km a day. Source: Vallado et al. 2006, AIAA 2006-6753, section VI."""
 LEAST_F_NUMBER = 1.0
-PRESSURE_TOLERANCE = 0.06
-"""Weather moves the pressure at a place by up to 5 %; more than that means another height."""
 LEAST_RANGE = 0.5
 """Part of the full well below which a converter's range wastes the sensor."""
 LIKE_RECIPROCAL = 1.5
@@ -143,7 +141,7 @@ def stale_satellites(satellites: Sequence[TleSpec], when: Instant) -> tuple[int,
 
 def warnings_of(spec: FrameSpec, found: Outlook) -> tuple[str, ...]:
     """What in a frame's values looks like a slip; each a sentence that begins with the key."""
-    sensor, site, air = spec.sensor, spec.site, spec.atmosphere
+    sensor = spec.sensor
     said = []
     steps = 2**sensor.bits - 1 - sensor.black_level_dn
     swapped_e = steps / sensor.gain_e_per_dn
@@ -163,12 +161,7 @@ def warnings_of(spec: FrameSpec, found: Outlook) -> tuple[str, ...]:
             f"camera.aperture_mm: {spec.camera.aperture_mm:g} is wider than the focal length "
             f"({found.f_number * spec.camera.aperture_mm:.3g} mm): f/{found.f_number:.2g}"
         )
-    standard_hpa = float(standard_pressure_hpa(site.height_m))
-    if air.pressure_hpa and abs(air.pressure_hpa / standard_hpa - 1) > PRESSURE_TOLERANCE:
-        said.append(
-            f"atmosphere.pressure_hpa: {air.pressure_hpa:g} contradicts the site's height of {site.height_m:g} m, "
-            f"where it is about {standard_hpa:.0f}"
-        )
+    said += contradictions(spec)
     if found.saturated_share > 0.01:
         said.append(f"time.exposure_s: {found.saturated_share:.0%} of the pixels saturate")
     if found.visible_stars == 0:

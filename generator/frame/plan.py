@@ -28,7 +28,7 @@ from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant, e
 from generator.places.tycho2 import load_with_tycho2
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import Scenario
-from generator.scenario.model import AtmosphereSpec, FrameSpec
+from generator.scenario.model import FrameSpec, LocalAtmosphereSpec
 from generator.scenario.sequences.sequence import Passage
 from generator.seeds import random_stream
 from generator.sky.state import SkyState, UnderClouds, sky_state
@@ -209,12 +209,12 @@ def field_radius_deg(camera: CameraSpec) -> float:
     return camera.projection.angle_deg(camera.corner_px + reach_px + 2)
 
 
-def refracting_air(spec: AtmosphereSpec) -> Air:
+def refracting_air(spec: LocalAtmosphereSpec) -> Air:
     """The air that bends the light; without pressure where refraction is off."""
     return Air(spec.pressure_hpa if spec.refraction else 0.0, spec.temperature_c, spec.relative_humidity)
 
 
-def dimming_atmosphere(spec: AtmosphereSpec) -> Atmosphere | None:
+def dimming_atmosphere(spec: LocalAtmosphereSpec) -> Atmosphere | None:
     """The atmosphere that dims the light, or None where extinction is off."""
     if not spec.extinction:
         return None

@@ -10,6 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 MAG_PER_OPTICAL_DEPTH = 2.5 / np.log(10)
 STANDARD_PRESSURE_HPA = 1013.25
 GEOPOTENTIAL_RADIUS_M = 6356766.0
+SEA_LEVEL_HPA, SEA_LEVEL_C = 1010.0, 10.0
+"""Air at sea level where none is given, that of the tables of refraction."""
+PRESSURE_TOLERANCE = 0.06
+"""Weather moves the pressure at a place by up to 5 %; more than that means another height."""
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +56,21 @@ def standard_pressure_hpa(height_m: ArrayLike) -> Floats:
     geopotential = GEOPOTENTIAL_RADIUS_M * height / (GEOPOTENTIAL_RADIUS_M + height)
     below = STANDARD_PRESSURE_HPA * (1 - 0.0065 * np.minimum(geopotential, 11000) / 288.15) ** 5.25588
     return below * np.exp(-np.maximum(geopotential - 11000, 0) / 6341.62)
+
+
+def usual_pressure_hpa(height_m: ArrayLike) -> Floats:
+    """Pressure, hPa, where none is given: SEA_LEVEL_HPA at sea level, falling with height as in the standard atmosphere."""
+    return SEA_LEVEL_HPA / STANDARD_PRESSURE_HPA * standard_pressure_hpa(height_m)
+
+
+def usual_temperature_c(height_m: ArrayLike) -> Floats:
+    """Temperature, deg C, where none is given: SEA_LEVEL_C less the standard atmosphere's 6.5 K/km, up to 11 km."""
+    return SEA_LEVEL_C - 0.0065 * np.minimum(np.asarray(height_m, float), 11000.0)
+
+
+def pressure_contradicts(pressure_hpa: float, height_m: float) -> bool:
+    """Whether a pressure above 0 cannot be that of a height."""
+    return pressure_hpa > 0 and abs(pressure_hpa / float(standard_pressure_hpa(height_m)) - 1) > PRESSURE_TOLERANCE
 
 
 def rayleigh_optical_depth(wavelength_nm: ArrayLike, pressure_hpa: float) -> Floats:

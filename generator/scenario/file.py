@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from generator import __version__
 from generator.errors import ScenarioError
 from generator.scenario.messages import HEADER_KEYS, message
-from generator.scenario.model import FrameSpec, SceneSpec
+from generator.scenario.model import FrameSpec, SceneSpec, height_followers
 from generator.scenario.sequences.sequence import Passage, SequenceSpec, frame_of, passage_of
 from generator.scenario.strict import InputFile
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
@@ -252,6 +252,8 @@ class Scenario:
         first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
         spec = _validate(_resolve(self.template, self._swept(0) | first), self.source, self._kind)
         complete = spec.model_dump(mode="json")
+        # What follows another value has no value of its own.
+        complete["atmosphere"] |= dict.fromkeys(height_followers(self.template.get("atmosphere")))
         varied = {".".join(sweep.path): dataclasses.asdict(sweep) for axis in self.axes for sweep in axis}
         varied |= {".".join(draw.path): draw.meaning() for draw in self.draws}
         for path in [*self._swept(0), *first]:

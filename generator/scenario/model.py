@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from generator.light.atmosphere import SEA_LEVEL_C, SEA_LEVEL_HPA, usual_pressure_hpa, usual_temperature_c
 from generator.light.lamps import GARSTANG_HORIZON_SHARE, LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
 from generator.places.times import Instant
 from generator.scenario.camera_presets import with_preset
@@ -32,6 +33,9 @@ def _check_utc(text: str) -> str:
 Utc = Annotated[str, AfterValidator(_check_utc)]
 
 
+LOWEST_SITE_M, HIGHEST_SITE_M = -500.0, 20000.0
+
+
 class SiteSpec(Strict):
     """Where the camera stands (WGS84)."""
 
@@ -39,7 +43,7 @@ class SiteSpec(Strict):
     """Geodetic latitude, deg."""
     longitude_deg: Annotated[float, Field(ge=-180, le=360)]
     """Longitude, deg, east positive."""
-    height_m: Annotated[float, Field(ge=-500, le=20000)] = 0.0
+    height_m: Annotated[float, Field(ge=LOWEST_SITE_M, le=HIGHEST_SITE_M)] = 0.0
     """Height above the ellipsoid, m."""
 
 
@@ -63,13 +67,17 @@ class Pointing(Strict):
     """Clockwise turn of the camera about its boresight, deg."""
 
 
+Pressure = Annotated[float, Field(ge=0, le=1100)]
+Temperature = Annotated[float, Field(ge=-90, le=60)]
+
+
 class AtmosphereSpec(Strict):
     """The air above the site."""
 
-    pressure_hpa: Annotated[float, Field(ge=0, le=1100)] = 1010.0
-    """At the site, hPa."""
-    temperature_c: Annotated[float, Field(ge=-90, le=60)] = 10.0
-    """At the site, deg C."""
+    pressure_hpa: Pressure | None = None
+    """At the site, hPa; unless given, 1010 at sea level, falling with height as in the standard atmosphere."""
+    temperature_c: Temperature | None = None
+    """At the site, deg C; unless given, 10 at sea level and 6.5 less for each km, up to 11 km."""
     relative_humidity: Fraction = 0.5
     """0-1."""
     aerosol_tau_550: Annotated[float, Field(ge=0, le=5)] = 0.1
@@ -82,6 +90,41 @@ class AtmosphereSpec(Strict):
     """Whether refraction displaces the light."""
     extinction: bool = True
     """Whether extinction dims the light."""
+
+
+class LocalAtmosphereSpec(AtmosphereSpec):
+    """The air above a site of known height, every value fixed."""
+
+    pressure_hpa: Pressure = SEA_LEVEL_HPA
+    """At the site, hPa."""
+    temperature_c: Temperature = SEA_LEVEL_C
+    """At the site, deg C."""
+
+
+def height_followers(atmosphere: object) -> tuple[str, ...]:
+    """Keys of a written atmosphere (a mapping, or None) whose values follow the site's height."""
+    given = atmosphere if isinstance(atmosphere, dict) else {}
+    return tuple(key for key in ("pressure_hpa", "temperature_c") if given.get(key) is None)
+
+
+def _local(atmosphere: object, site: object) -> object:
+    """An atmosphere whose pressure and temperature follow the site's height where they are not given."""
+    if isinstance(atmosphere, LocalAtmosphereSpec):
+        return atmosphere
+    if isinstance(atmosphere, AtmosphereSpec):
+        atmosphere = atmosphere.model_dump()
+    if not isinstance(atmosphere, dict):
+        return atmosphere
+    found = site.height_m if isinstance(site, SiteSpec) else site.get("height_m") if isinstance(site, dict) else None
+    height_m = 0.0
+    # A height that is refused has its own message.
+    if isinstance(found, int | float) and LOWEST_SITE_M <= found <= HIGHEST_SITE_M:
+        height_m = float(found)
+    usual = {
+        "pressure_hpa": float(usual_pressure_hpa(height_m)),
+        "temperature_c": float(usual_temperature_c(height_m)),
+    }
+    return atmosphere | {key: usual[key] for key in height_followers(atmosphere)}
 
 
 Component = Literal["airglow", "zodiacal", "milky_way", "starlight", "skyglow", "moonlight", "twilight"]
@@ -227,6 +270,14 @@ class FrameSpec(SceneSpec):
 
     site: SiteSpec
     time: TimeSpec
+    atmosphere: LocalAtmosphereSpec = LocalAtmosphereSpec()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _follow_the_height(cls, tree: object) -> object:
+        if not isinstance(tree, dict):
+            return tree
+        return tree | {"atmosphere": _local(tree.get("atmosphere", {}), tree.get("site"))}
 
     @model_validator(mode="after")
     def _motion_covers_the_exposure(self) -> FrameSpec:

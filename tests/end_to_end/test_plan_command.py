@@ -119,7 +119,10 @@ ISS_2008 = {
             {"camera": {"width": 96, "height": 64, "focal_length_mm": 4, "pixel_pitch_um": 50, "aperture_mm": 5}},
             "camera.aperture_mm: 5 is wider than the focal length (4 mm): f/0.8",
         ),
-        ({"site": BASE["site"] | {"height_m": 4000}}, "atmosphere.pressure_hpa: 1010 contradicts the site's height"),
+        (
+            {"site": BASE["site"] | {"height_m": 4000}, "atmosphere": {"pressure_hpa": 1010}},
+            "atmosphere.pressure_hpa: 1010 contradicts the site's height",
+        ),
         ({"foreground": {"satellites": [ISS_2008]}}, "foreground.satellites.0: its elements are more than 14 days"),
         ({"time": BASE["time"] | {"exposure_s": 100}}, "of the pixels saturate"),
     ],
@@ -130,6 +133,21 @@ def test_slips_are_warned_of(tmp_path, changes, said) -> None:
 
 def test_sound_values_are_not_warned_of(tmp_path) -> None:
     assert planned_warnings(tmp_path) == []
+    assert planned_warnings(tmp_path, site=BASE["site"] | {"height_m": 4000}) == []
+
+
+@pytest.mark.parametrize("command", ["render", "generate"])
+def test_frames_of_a_contradiction_are_made_with_a_warning(tmp_path, command) -> None:
+    tree = BASE | {"camera": {"width": 32, "height": 24, "hfov_deg": 100, "aperture_mm": 4}, "time": SHORT}
+    place = {"height_m": {"sweep": [0, 4000, 5000]}}
+    (tmp_path / "slip.yaml").write_text(
+        yaml.safe_dump(tree | {"site": BASE["site"] | place, "atmosphere": {"pressure_hpa": 1010}})
+    )
+    result = CliRunner().invoke(app, [command, str(tmp_path / "slip.yaml"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "frame 1: atmosphere.pressure_hpa: 1010 contradicts the site's height of 4000 m" in said
+    assert "and 1 more of this kind" in said
 
 
 def test_a_bad_scenario_is_one_line_and_exit_2(path) -> None:

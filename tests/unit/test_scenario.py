@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from small_scenes import BASE, small_scenario
 
 from generator.errors import ScenarioError
+from generator.light.atmosphere import usual_pressure_hpa
 from generator.scenario.file import load_scenario, parse_scenario
-from generator.scenario.model import NAMED_ATTITUDES, Pointing, pointing_matrix, pointing_of
+from generator.scenario.model import NAMED_ATTITUDES, FrameSpec, Pointing, pointing_matrix, pointing_of
+from generator.scenario.sequences.sequence import SequenceSpec, frame_of
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "scenes" / "00_hello.yaml").read_text()
@@ -118,6 +120,10 @@ def test_hash_is_of_the_meaning() -> None:
         small_scenario(sky={"bortle": {"sweep": [5, 4]}}).sha256,
     }
     assert len(others | {base.sha256}) == 6
+    place = BASE["site"] | {"height_m": {"sweep": [0, 4000]}}
+    follows = small_scenario(site=place)
+    assert follows.sha256 != small_scenario(site=place, atmosphere={"pressure_hpa": 1010}).sha256
+    assert follows.sha256 == small_scenario(site=place, atmosphere={"pressure_hpa": None}).sha256
 
 
 def test_zenith_north_up_is_the_documented_matrix() -> None:
@@ -163,3 +169,45 @@ def test_pointing_at_the_poles_has_the_azimuth_180(altitude) -> None:
     np.testing.assert_allclose(pointing_matrix(found), matrix, atol=1e-10)
     north_up = pointing_of(np.diag([-1.0, -1.0, 1.0])).model_dump()
     assert north_up == pytest.approx(NAMED_ATTITUDES["zenith-north-up"].model_dump(), abs=1e-12)
+
+
+def local_air(site, atmosphere):
+    tree = {"site": site, "time": {"utc_start": "2020-01-01T00:00:00Z", "exposure_s": 1.0}, "camera": CAMERA}
+    return FrameSpec.model_validate(tree | ({} if atmosphere is None else {"atmosphere": atmosphere})).atmosphere
+
+
+CAMERA = {"width": 32, "height": 24, "hfov_deg": 60, "aperture_mm": 4}
+AT_4000_M = {"latitude_deg": 0, "longitude_deg": 0, "height_m": 4000}
+
+
+@pytest.mark.parametrize("atmosphere", [None, {}, {"relative_humidity": 0.2}, {"pressure_hpa": None}])
+def test_pressure_and_temperature_follow_the_height(atmosphere) -> None:
+    """U.S. Standard Atmosphere 1976: 616.60 hPa at 4,000 m for 1013.25 at sea level; 6.5 K/km."""
+    air = local_air(AT_4000_M, atmosphere)
+    assert air.pressure_hpa == pytest.approx(616.60 * 1010 / 1013.25, rel=1e-4)
+    assert air.temperature_c == pytest.approx(10 - 26)
+    low = local_air({"latitude_deg": 0, "longitude_deg": 0}, atmosphere)
+    assert (low.pressure_hpa, low.temperature_c) == (1010.0, 10.0)
+
+
+def test_a_given_pressure_stays() -> None:
+    air = local_air(AT_4000_M, {"pressure_hpa": 640, "temperature_c": 3})
+    assert (air.pressure_hpa, air.temperature_c) == (640, 3)
+    assert local_air(AT_4000_M, {"pressure_hpa": 0}).pressure_hpa == 0
+
+
+def test_the_air_of_a_path_follows_its_height() -> None:
+    """A camera that climbs: each frame has the air of its own height."""
+    waypoints = [
+        {"t_s": t_s, "latitude_deg": 50, "longitude_deg": 8 + t_s / 1e5, "height_m": height_m}
+        for t_s, height_m in ((0, 0), (600, 6000))
+    ]
+    tree = {
+        "time": {"utc_start": "2020-01-01T00:00:00Z", "exposure_s": 1.0, "every_s": 500, "count": 2},
+        "path": {"waypoints": waypoints}, "camera": CAMERA,
+    }  # fmt: skip
+    sequence = SequenceSpec.model_validate(tree)
+    low, high = (frame_of(sequence, step) for step in (0, 1))
+    assert low.atmosphere.pressure_hpa > 1000
+    assert high.atmosphere.pressure_hpa == pytest.approx(float(usual_pressure_hpa(high.site.height_m)))
+    assert high.site.height_m > 4000

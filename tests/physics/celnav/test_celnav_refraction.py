@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from celnav.position import usual_weather
 from celnav.sky.ray_integral import Air, horizon_dip_rad, ray_bending_rad, standard_height_km
 from celnav.sky.refraction import bennett_arcmin, refract, refraction_rad, unrefract
+from generator.light.atmosphere import usual_pressure_hpa, usual_temperature_c
 from generator.places.refraction import refraction_of_apparent_deg
 
 # 1010 hPa, 10 deg C; the formula of Bennett 1982, evaluated elsewhere.
@@ -111,3 +113,14 @@ def test_dipping_rays_are_the_generator_s():
         altitude, pressure_hpa=616.6, temperature_c=-11.0, relative_humidity=0.3, height_m=4000.0
     )
     assert np.abs(ours - theirs).max() < 1.0
+
+
+@pytest.mark.parametrize("height_m", [-400.0, 0.0, 650.0, 4000.0, 9000.0, 12000.0, 20000.0])
+def test_the_usual_weather_of_a_height_is_the_generator_s(height_m):
+    """What both take where no pressure and temperature are told: 0.01 hPa and 0.01 deg C."""
+    weather = usual_weather(height_m)
+    assert weather.pressure_hpa == pytest.approx(float(usual_pressure_hpa(height_m)), abs=0.01)
+    assert weather.temperature_c == pytest.approx(float(usual_temperature_c(height_m)), abs=0.01)
+    assert standard_height_km(1013.25 / 1010 * weather.pressure_hpa) == pytest.approx(height_m / 1000, abs=0.002)
+    assert usual_weather(height_m, 700.0).pressure_hpa == 700.0
+    assert usual_weather(height_m, temperature_c=3.0).temperature_c == 3.0

@@ -1,0 +1,41 @@
+"""Values of a scenario that cannot both be true of one place."""
+
+from __future__ import annotations
+
+from generator.light.atmosphere import pressure_contradicts, standard_pressure_hpa
+from generator.scenario.file import Scenario
+from generator.scenario.model import FrameSpec
+
+MOST_FRAMES = 32
+"""Of a scenario, looked at for contradictions."""
+
+
+def contradictions(spec: FrameSpec) -> tuple[str, ...]:
+    """Contradictions between values of a frame; each a sentence that begins with the key."""
+    pressure_hpa, height_m = spec.atmosphere.pressure_hpa, spec.site.height_m
+    if not pressure_contradicts(pressure_hpa, height_m):
+        return ()
+    return (
+        f"atmosphere.pressure_hpa: {pressure_hpa:g} contradicts the site's height of {height_m:g} m, "
+        f"where it is about {float(standard_pressure_hpa(height_m)):.0f}; leave it out, and it follows the height",
+    )
+
+
+def contradictions_of(scenario: Scenario) -> tuple[str, ...]:
+    """Contradictions in up to MOST_FRAMES evenly spaced frames of a scenario, each once, with the first frame that has it.
+
+    Raises
+    ------
+    ScenarioError
+        A frame's values are not acceptable.
+    """
+    count = scenario.frame_count
+    found: dict[str, int] = {}
+    for place in range(min(count, MOST_FRAMES)):
+        index = place * count // min(count, MOST_FRAMES)
+        for sentence in contradictions(scenario.frame(index)):
+            found.setdefault(sentence, index)
+    said = [f"{scenario.source}: frame {index}: {sentence}" for sentence, index in found.items()]
+    if len(said) > 1:
+        return said[0], f"{scenario.source}: and {len(said) - 1} more of this kind"
+    return tuple(said)
