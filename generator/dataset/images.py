@@ -13,7 +13,9 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
+from generator.reading.jxl_header import jxl_shape
 from generator.reading.png_header import check_png
+from generator.reading.record import LARGEST_SIDE_PX
 
 JXL_EFFORT = 1
 DEPTHS = ("I;16", "I;16B")
@@ -61,13 +63,15 @@ def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDA
         with _png(data, shape, DEPTHS) as image:
             return np.array(image, dtype=np.uint16)
     codecs = _imagecodecs()
+    if shape is None:
+        shape = jxl_shape(data)
+        if max(shape) > LARGEST_SIDE_PX:
+            raise GeneratorError(f"a JPEG XL of {shape[1]} x {shape[0]} pixels, more than {LARGEST_SIDE_PX} a side")
     try:
         # The decoder compares the header with the array before it unpacks anything.
-        out = None if shape is None else np.empty(shape, dtype=np.uint16)
-        return np.asarray(codecs.jpegxl_decode(data, out=out), dtype=np.uint16)
+        return np.asarray(codecs.jpegxl_decode(data, out=np.empty(shape, dtype=np.uint16)), dtype=np.uint16)
     except (codecs.JpegxlError, ValueError, RuntimeError) as error:
-        size = "" if shape is None else f" of {shape[1]} x {shape[0]} pixels"
-        raise GeneratorError(f"not a JPEG XL image{size} ({error})") from error
+        raise GeneratorError(f"not a JPEG XL image of {shape[1]} x {shape[0]} pixels ({error})") from error
 
 
 def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:

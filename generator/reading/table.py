@@ -1,7 +1,7 @@
 """Tables from others: a Parquet file is read only if its own list of contents fits its schema and its size.
 
 A Parquet file of a few megabytes can hold billions of equal values. The tables of a dataset hold places in an image, which
-do not repeat; a file that unpacks to much more than itself is none of them.
+do not repeat; a file that unpacks to much more than itself is none of them. Its pages are held against its list of contents.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from generator.errors import GeneratorError
+from generator.reading.parquet_pages import check_pages
 
 FREE_BYTES = 128 * 2**20
 """In memory, for any table: 200,000 stars, 50,000 frames or a million readings, however alike they are."""
@@ -70,6 +71,7 @@ def read_table(
             for name in names:
                 _check_type(path, found.field(name), schema.field(name).type)
             _check_size(path, plain.metadata, pa.schema([found.field(name) for name in names]), size, most_rows)
+            check_pages(path, plain.metadata, names)
         # A text that repeats is held once until its length is known.
         texts = [name for name in names if _is_text(found.field(name).type)]
         with _opened(path, texts) as file:
