@@ -127,5 +127,16 @@ def _catalogue(icrs: Floats) -> StarCatalogue:
     ra_deg = np.degrees(np.arctan2(icrs[:, 1], icrs[:, 0]))
     dec_deg = np.degrees(np.arctan2(icrs[:, 2], np.hypot(icrs[:, 0], icrs[:, 1])))
     return StarCatalogue(
-        numbers, numbers, ra_deg, dec_deg, nothing, nothing, nothing, nothing, nothing, numbers.astype(bool), numbers
+        hip=numbers,
+        hr=numbers,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        pm_ra_mas_yr=nothing,
+        pm_dec_mas_yr=nothing,
+        parallax_mas=nothing,
+        v_mag=nothing,
+        bv_mag=nothing,
+        vi_mag=nothing,
+        bv_assumed=numbers.astype(bool),
+        other_id=numbers,
     )

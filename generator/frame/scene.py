@@ -21,7 +21,8 @@ from generator.frame.plan import FramePlan, dimming_atmosphere
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
-from generator.light.stellar_spectra import colour_row, colour_table
+from generator.light.star_colours import usual_vi
+from generator.light.stellar_spectra import colour_grid, colour_place
 from generator.optics.psf import psf_table
 from generator.optics.stray_light import with_stray_light
 from generator.plugins.scene_tensors import tensor
@@ -116,18 +117,19 @@ class PointLights:
     ----------
     directions : (n, k, 3) array
         Apparent unit vectors, evenly spaced over the shutter's time.
-    v_mag, bv_mag, airmass : (n,) arrays
+    v_mag, bv_mag, vi_mag, airmass : (n,) arrays
     """
 
     directions: Floats
     v_mag: Floats
     bv_mag: Floats
+    vi_mag: Floats
     airmass: Floats
 
 
 def point_lights(plan: FramePlan) -> PointLights:
     """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
-    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.airmass)
+    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.stars.vi_mag, plan.airmass)
     state, spec = plan.sky, plan.spec
     if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= 0:
         return stars
@@ -140,6 +142,7 @@ def point_lights(plan: FramePlan) -> PointLights:
         np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
         np.concatenate([stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share) + MAG_PER_OPTICAL_DEPTH * cloud]),
         np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
+        np.concatenate([stars.vi_mag, np.full(len(enu), usual_vi(MOON_BV_MAG))]),
         np.concatenate([stars.airmass, np.full(len(enu), path)]),
     )
 
@@ -173,14 +176,23 @@ def scene_dict(
             "type": "skybench_stars",
             "directions": tensor(points.directions),
             "v_mag": tensor(points.v_mag),
-            "colour_row": tensor(colour_row(points.bv_mag)),
             "airmass": tensor(points.airmass),
-            "colour_table": tensor(colour_table()),
+            **colour_tensors(points.bv_mag, points.vi_mag),
             "optical_depth": tensor(depth[None]),
         },
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects)} if len(plan.objects) else {}),
+    }
+
+
+def colour_tensors(bv_mag: Floats, vi_mag: Floats) -> dict[str, Any]:
+    """Parameters of an emitter of points for their colours."""
+    row, column = colour_place(bv_mag, vi_mag)
+    return {
+        "colour_row": tensor(row),
+        "colour_column": tensor(column),
+        "colour_table": tensor(colour_grid().spectra),
     }
 
 
@@ -208,9 +220,8 @@ def objects_dict(objects: FlyingObjects) -> dict[str, Any]:
         "type": "skybench_stars",
         "directions": tensor(objects.directions),
         "v_mag": tensor(objects.v_mag),
-        "colour_row": tensor(colour_row(objects.bv_mag)),
         "airmass": tensor(np.zeros(len(objects))),
-        "colour_table": tensor(colour_table()),
+        **colour_tensors(objects.bv_mag, usual_vi(objects.bv_mag, dwarf=True)),
         "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
         "light_curve": tensor(objects.light_curve),
     }

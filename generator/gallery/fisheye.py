@@ -97,7 +97,7 @@ def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) 
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)
     if atmosphere is not None:
         depth = optical_depth(GRID_NM, atmosphere) * points.airmass[:, None]
-    light = (star_spectra(points.v_mag, points.bv_mag) * np.exp(-depth)) @ weights.T
+    light = (star_spectra(points.v_mag, points.bv_mag, points.vi_mag) * np.exp(-depth)) @ weights.T
     east, north, up = points.directions.mean(axis=1).T
     distance = (1 - np.degrees(np.arcsin(np.clip(up, -1, 1))) / 90) * size / 2
     turn = np.arctan2(east, north)

@@ -1,4 +1,4 @@
-"""Magnitudes and photons: the Johnson-Cousins B and V bands, their zero points, and surface brightness."""
+"""Magnitudes and photons: the Johnson-Cousins B, V and I bands, their zero points, and surface brightness."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRID_NM: Floats = np.arange(GRID_START_NM, GRID_STOP_NM + GRID_STEP_NM / 2, GRID
 """Wavelengths, nm, at which every spectrum of the generator is tabulated; linear in between."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Band:
     """A photometric band.
 
@@ -78,6 +78,16 @@ BESSELL_V = Band(
          0.081, 0.045, 0.025, 0.017, 0.013, 0.009, 0]
     ),
     995.9 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
+)  # fmt: skip
+# Passband: the same table. Zero point: Vega (CALSPEC) has V-I 0.00 with 458, the Sun (ASTM G173's spectrum above the air)
+# 0.702 (Ramirez et al. 2012, ApJ 752, 5) with 465; between them. Bessell, Castelli & Plez 1998 have 452.3.
+BESSELL_I = Band(
+    np.arange(700, 921, 10.0),
+    np.array(
+        [0, 0.024, 0.232, 0.555, 0.785, 0.910, 0.965, 0.985, 0.990, 0.995, 1.000, 1.000, 0.990, 0.980, 0.950, 0.910, 0.860,
+         0.750, 0.560, 0.330, 0.150, 0.030, 0]
+    ),
+    461.5 * PHOTONS_M2_NM_PER_CM2_ANGSTROM,
 )  # fmt: skip
 
 

@@ -1,97 +1,161 @@
-"""Spectra of stars from V and B-V.
+"""Spectra of stars from V, B-V and V-I.
 
-A star's spectrum is a blackbody of Ballesteros' temperature for its B-V, tilted by a power of the wavelength so that its
-synthetic B-V is the catalogue's, and scaled so that its synthetic V is. The colour is thus right by construction, the
-lines and the Balmer jump are missing.
+V-I (Cousins) chooses between Pickles' templates, which hold the lines and the bands of titanium oxide; a power of the
+wavelength on either side of 550 nm then makes the synthetic B-V and V-I those asked for, and the scale makes V. All three
+magnitudes are thus right by construction, whatever reddens the star.
 """
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
+from generator.csv_table import CsvError, read_csv
+from generator.errors import DataFileError
+from generator.light.photometry import BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM, Band
+from generator.light.star_colours import usual_vi
 
 Floats = NDArray[np.float64]
 
-BV_START_MAG, BV_STOP_MAG, BV_STEP_MAG = -0.5, 6.0, 0.025
-REFERENCE_NM = 550.0
-_SECOND_RADIATION_CONSTANT_NM_K = 1.438776877e7
+TEMPLATES_PATH = Path(__file__).parents[1] / "data" / "stellar_templates.csv"
+MOST_WAVELENGTHS = 10_000
+"""Far more rows than the table of the package has."""
+HINGE_NM = 550.0
+"""Where the two powers of the wavelength meet."""
+VI_STEP_MAG = 0.1
+VI_NODES_MAG: Floats = np.round(np.arange(-0.4, 4.45, VI_STEP_MAG), 1)
+EXCESS_NODES_MAG: Floats = np.array(
+    [-1.5, -1.0, -0.7, -0.5, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0]
+)
+"""B-V over that of the template at the same V-I; multiples of VI_STEP_MAG."""
+_EXCESS_COLUMNS: Floats = np.interp(
+    np.arange(EXCESS_NODES_MAG[0], EXCESS_NODES_MAG[-1] + VI_STEP_MAG / 2, VI_STEP_MAG),
+    EXCESS_NODES_MAG,
+    np.arange(len(EXCESS_NODES_MAG)),
+)
+"""Fractional column at each multiple: looked up far faster than by searching the nodes."""
 
 
-def ballesteros_temperature_k(bv_mag: ArrayLike) -> Floats:
-    """Effective temperature, K, from B-V. Source: Ballesteros 2012, EPL 97, 34008, eq. 14."""
-    bv = np.asarray(bv_mag, float)
-    return 4600 * (1 / (0.92 * bv + 1.7) + 1 / (0.92 * bv + 0.62))
+@dataclass(frozen=True)
+class ColourGrid:
+    """Photon spectra of V = 0 stars over V-I and B-V.
 
-
-def blackbody_photons(wavelength_nm: Floats, temperature_k: Floats) -> Floats:
-    """Planck's law in photons, relative to REFERENCE_NM.
-
-    Parameters
+    Attributes
     ----------
-    wavelength_nm : (n,) array
-    temperature_k : (m,) array
-
-    Returns
-    -------
-    (m, n) array
+    bv_mag : (len(VI_NODES_MAG),) array
+        B-V of the templates at VI_NODES_MAG.
+    spectra : (len(VI_NODES_MAG), len(EXCESS_NODES_MAG), n) array
+        Photons s^-1 m^-2 nm^-1 at GRID_NM.
     """
 
-    def planck(wavelength: Floats) -> Floats:
-        return wavelength**-4 / np.expm1(_SECOND_RADIATION_CONSTANT_NM_K / (wavelength * temperature_k[:, None]))
-
-    return planck(wavelength_nm[None, :]) / planck(np.array([[REFERENCE_NM]]))
+    bv_mag: Floats
+    spectra: Floats
 
 
 @functools.cache
-def colour_table() -> Floats:
-    """Photon spectra of V = 0 stars over a grid of B-V.
+def templates() -> Floats:
+    """Pickles' templates at GRID_NM, relative photons, (types, n) array.
 
-    Returns
-    -------
-    (m, n) array
-        Photons s^-1 m^-2 nm^-1 at GRID_NM, one row for each B-V from BV_START_MAG to BV_STOP_MAG by BV_STEP_MAG.
+    Source: Pickles 1998, PASP 110, 863: dwarfs O5 to G8, giants G5 to M8 (M8 III: V-I 4.4).
     """
-    bv = np.arange(BV_START_MAG, BV_STOP_MAG + BV_STEP_MAG / 2, BV_STEP_MAG)
-    blackbody = blackbody_photons(GRID_NM, ballesteros_temperature_k(bv))
-    log_wavelength = np.log(GRID_NM / REFERENCE_NM)[None, :]
-    tilt = np.zeros_like(bv)
+    try:
+        table = read_csv(TEMPLATES_PATH, str(TEMPLATES_PATH), least_rows=2, most_rows=MOST_WAVELENGTHS, increasing=True)
+    except CsvError as error:
+        raise DataFileError(f"not a table of stellar templates: {error}; reinstall skybench") from error
+    wavelength, *columns = table.values.T
+    return np.array([np.interp(GRID_NM, wavelength, column) for column in columns])
+
+
+@functools.cache
+def band_weights(band: Band) -> Floats:
+    """Weights of the mean over a band at GRID_NM, (n,) array."""
+    return np.asarray(band.mean(GRID_NM, np.eye(len(GRID_NM))))
+
+
+def colours(spectra: Floats) -> tuple[Floats, Floats]:
+    """Synthetic B-V and V-I of photon spectra (..., n) at GRID_NM: two (...) arrays."""
+    b, v, i = (
+        -2.5 * np.log10(spectra @ band_weights(band) / band.zero_point) for band in (BESSELL_B, BESSELL_V, BESSELL_I)
+    )
+    return b - v, v - i
+
+
+def tilted(spectra: Floats, bv_mag: Floats, vi_mag: Floats) -> Floats:
+    """Spectra (..., n) multiplied with powers of the wavelength below and above HINGE_NM until they have these colours."""
+    logarithm = np.log(GRID_NM / HINGE_NM)
+    sides = np.stack([np.minimum(logarithm, 0), np.maximum(logarithm, 0)])
+    powers = np.zeros((*np.shape(spectra)[:-1], 2))
     step = 1e-3
+
+    def error(at: Floats) -> Floats:
+        bv, vi = colours(spectra * np.exp(at @ sides))
+        return np.stack([bv - bv_mag, vi - vi_mag], axis=-1)
+
     for _ in range(12):
-        error = _synthetic_bv(blackbody * np.exp(tilt[:, None] * log_wavelength)) - bv
-        slope = (_synthetic_bv(blackbody * np.exp((tilt + step)[:, None] * log_wavelength)) - bv - error) / step
-        tilt -= error / slope
-    spectra = blackbody * np.exp(tilt[:, None] * log_wavelength)
-    return spectra * (BESSELL_V.zero_point / BESSELL_V.mean(GRID_NM, spectra))[:, None]
+        now = error(powers)
+        slope = np.stack([(error(powers + step * unit) - now) / step for unit in np.eye(2)], axis=-1)
+        powers -= np.linalg.solve(slope, now[..., None])[..., 0]
+    return spectra * np.exp(powers @ sides)
 
 
-def _synthetic_bv(photons: Floats) -> Floats:
-    return BESSELL_B.magnitude(GRID_NM, photons) - BESSELL_V.magnitude(GRID_NM, photons)
+@functools.cache
+def colour_grid() -> ColourGrid:
+    """Spectra from which those of all stars are interpolated."""
+    spectra = templates()
+    bv, vi = colours(spectra)
+    place = np.interp(VI_NODES_MAG, vi, np.arange(len(vi)))
+    lower = np.minimum(place.astype(np.intp), len(vi) - 2)
+    weight = (place - lower)[:, None]
+    # Between templates the logarithm is linear: absorption by molecules multiplies.
+    between = np.exp((1 - weight) * np.log(spectra[lower]) + weight * np.log(spectra[lower + 1]))
+    reference = np.interp(VI_NODES_MAG, vi, bv)
+    wanted_bv = reference[:, None] + EXCESS_NODES_MAG
+    grid = np.broadcast_to(between[:, None], (*wanted_bv.shape, len(GRID_NM)))
+    grid = tilted(grid, wanted_bv, np.broadcast_to(VI_NODES_MAG[:, None], wanted_bv.shape))
+    return ColourGrid(reference, grid * (BESSELL_V.zero_point / (grid @ band_weights(BESSELL_V)))[..., None])
 
 
-def colour_row(bv_mag: ArrayLike) -> Floats:
-    """Fractional row of :func:`colour_table` for B-V; bluer or redder stars than the table take its ends."""
-    return (np.clip(np.asarray(bv_mag, float), BV_START_MAG, BV_STOP_MAG) - BV_START_MAG) / BV_STEP_MAG
+def colour_place(bv_mag: ArrayLike, vi_mag: ArrayLike) -> tuple[Floats, Floats]:
+    """Fractional row (V-I) and column (B-V) of :func:`colour_grid`; colours beyond the grid take its edge."""
+    row = np.clip((np.asarray(vi_mag, float) - VI_NODES_MAG[0]) * (1 / VI_STEP_MAG), 0.0, len(VI_NODES_MAG) - 1.0)
+    excess = np.asarray(bv_mag, float) - _between(colour_grid().bv_mag, row)
+    fine = np.clip((excess - EXCESS_NODES_MAG[0]) * (1 / VI_STEP_MAG), 0.0, len(_EXCESS_COLUMNS) - 1.0)
+    return row, _between(_EXCESS_COLUMNS, fine)
 
 
-def star_spectra(v_mag: ArrayLike, bv_mag: ArrayLike) -> Floats:
+def _between(table: Floats, place: Floats) -> Floats:
+    """Linear interpolation in a table at fractional indices."""
+    lower = np.minimum(place.astype(np.int32), len(table) - 2)
+    start = table.take(lower)
+    return start + (place - lower) * (table.take(lower + 1) - start)
+
+
+def star_spectra(v_mag: ArrayLike, bv_mag: ArrayLike, vi_mag: ArrayLike | None = None) -> Floats:
     """Photon spectra of stars above the atmosphere.
 
     Parameters
     ----------
     v_mag, bv_mag : (m,) array_like
+        Johnson.
+    vi_mag : (m,) array_like or None
+        V - I in Cousins' system; None: the usual one of B-V (:func:`generator.light.star_colours.usual_vi`).
 
     Returns
     -------
     (m, n) array
         Photons s^-1 m^-2 nm^-1 at GRID_NM.
     """
-    table = colour_table()
-    row = colour_row(bv_mag)
-    lower = np.minimum(row.astype(np.intp), len(table) - 2)
-    weight = (row - lower)[:, None]
-    shape = (1 - weight) * table[lower] + weight * table[lower + 1]
+    grid = colour_grid().spectra
+    row, column = colour_place(bv_mag, usual_vi(bv_mag) if vi_mag is None else vi_mag)
+    r, c = (
+        np.minimum(place.astype(np.intp), size - 2) for place, size in zip((row, column), grid.shape[:2], strict=True)
+    )
+    down, across = (row - r)[:, None], (column - c)[:, None]
+    first = (1 - across) * grid[r, c] + across * grid[r, c + 1]
+    second = (1 - across) * grid[r + 1, c] + across * grid[r + 1, c + 1]
+    shape: Floats = (1 - down) * first + down * second
     return shape * 10 ** (-0.4 * np.asarray(v_mag, float))[:, None]

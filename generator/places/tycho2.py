@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from generator.errors import DataFileError
+from generator.light.star_colours import moves_like_a_dwarf, vi_from_type
 from generator.places.catalogue import ASSUMED_BV_MAG, StarCatalogue, load_catalogue
 
 Floats = NDArray[np.float64]
@@ -101,6 +102,8 @@ def read_tycho2(path: Path) -> StarCatalogue:
     v_mag, bv_mag = johnson_from_tycho(record["mag"].astype(float) / 100, bt_vt)
     ra, dec = record["ra"].astype(float) / 1e6 * 15, record["dec"].astype(float) / 1e5
     none = np.zeros(len(record), np.int32)
+    motion_mas_yr = np.hypot(record["pm_ra"].astype(float), record["pm_dec"].astype(float)) / 10
+    vi_mag = vi_from_type(bv_mag, record["spectral_type"].astype(str), moves_like_a_dwarf(v_mag, motion_mas_yr))
     stars = StarCatalogue(
         hip=none,
         hr=none,
@@ -111,6 +114,7 @@ def read_tycho2(path: Path) -> StarCatalogue:
         parallax_mas=record["parallax"].astype(float) / 10,
         v_mag=v_mag,
         bv_mag=bv_mag,
+        vi_mag=vi_mag,
         bv_assumed=assumed,
         other_id=(TYCHO_ID_BASE + np.arange(len(record))).astype(np.int32),
     )

@@ -234,6 +234,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 emitter.colour_table.host(),
                 emitter.optical_depth.host()[0],
                 np.array(emitter.colour_row, dtype=np.float64),
+                np.array(emitter.colour_column, dtype=np.float64),
                 np.array(emitter.airmass, dtype=np.float64),
                 bands,
             )

@@ -58,6 +58,38 @@ class SpectralTable:
         return self.eval(mi.Float(0), wavelengths)
 
 
+class ColourTable:
+    """Spectra on GRID_NM over two colours; row and column may be fractional, which blends four neighbouring spectra.
+
+    Parameters
+    ----------
+    table : TensorXf
+        Shape (rows, columns, len(GRID_NM)).
+    """
+
+    def __init__(self, table: Any) -> None:
+        if len(table.shape) != 3 or min(table.shape[:2]) < 2:
+            raise ValueError(
+                f"a table of colours must have shape (rows, columns, {len(GRID_NM)}), not {tuple(table.shape)}"
+            )
+        self.rows, self.columns = table.shape[:2]
+        self.spectra = SpectralTable(mi.TensorXf(table.array, (self.rows * self.columns, table.shape[2])))
+
+    def host(self) -> NDArray[np.float64]:
+        """The table as a NumPy array."""
+        return self.spectra.host().reshape(self.rows, self.columns, len(GRID_NM))
+
+    def eval(self, row: Any, column: Any, wavelengths: Any) -> Any:
+        """Value at fractional row and column (Float) and `wavelengths` (Spectrum, nm), zero outside the grid."""
+        upper = dr.minimum(mi.UInt32(row), self.rows - 2)
+        left = dr.minimum(mi.UInt32(column), self.columns - 2)
+        across = column - mi.Float(left)
+        first, second = (
+            self.spectra.eval(mi.Float((upper + below) * self.columns + left) + across, wavelengths) for below in (0, 1)
+        )
+        return dr.lerp(first, second, row - mi.Float(upper))
+
+
 def stratified_wavelengths(sample: Any) -> Any:
     """Wavelengths (Spectrum, nm) over the whole range from one uniform sample (Float); their density is 1/range."""
     return GRID_START_NM + SPECTRAL_RANGE_NM * mi.sample_shifted(mi.Float(sample))

@@ -5,9 +5,10 @@ parameter          type     meaning
 =================  =======  =====================================================================================
 ``directions``     tensor   (n, k, 3): apparent unit vectors (ENU), evenly spaced over the shutter's time, k >= 2
 ``v_mag``          tensor   (n,): Johnson V above the atmosphere
-``colour_row``     tensor   (n,): fractional row of ``colour_table`` (from B-V)
+``colour_row``     tensor   (n,): fractional row of ``colour_table`` (from V-I)
+``colour_column``  tensor   (n,): fractional column of ``colour_table`` (from B-V)
 ``airmass``        tensor   (n,): relative airmass
-``colour_table``   tensor   (m, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
+``colour_table``   tensor   (m, c, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
 ``optical_depth``  tensor   (1, k): vertical optical depth of the atmosphere
 ``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
 ``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
@@ -26,7 +27,7 @@ import mitsuba as mi
 import numpy as np
 
 from generator.plugins.scene_tensors import array
-from generator.plugins.spectra import SpectralTable, stratified_wavelengths
+from generator.plugins.spectra import ColourTable, SpectralTable, stratified_wavelengths
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6
@@ -47,8 +48,9 @@ class StarEmitter(mi.Emitter):
         v_mag = array(props["v_mag"], 1)
         self.brightness = mi.Float(10 ** (-0.4 * v_mag))
         self.colour_row = mi.Float(props["colour_row"].array)
+        self.colour_column = mi.Float(props["colour_column"].array)
         self.airmass = mi.Float(props["airmass"].array)
-        self.colour_table = SpectralTable(props["colour_table"])
+        self.colour_table = ColourTable(props["colour_table"])
         self.optical_depth = SpectralTable(props["optical_depth"])
         self.light_curve = array(props["light_curve"], 2) if "light_curve" in props else None
         if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
@@ -71,7 +73,8 @@ class StarEmitter(mi.Emitter):
 
     def irradiance(self, star: Any, wavelengths: Any) -> Any:
         """Irradiance (Spectrum) at the ground of stars (UInt32 indices), photons s^-1 m^-2 nm^-1."""
-        shape = self.colour_table.eval(dr.gather(mi.Float, self.colour_row, star), wavelengths)
+        row, column = (dr.gather(mi.Float, place, star) for place in (self.colour_row, self.colour_column))
+        shape = self.colour_table.eval(row, column, wavelengths)
         path = dr.gather(mi.Float, self.airmass, star)
         return (
             dr.gather(mi.Float, self.brightness, star)

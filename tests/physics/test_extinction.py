@@ -61,7 +61,7 @@ def test_rendered_stars_are_dimmed_by_their_own_path() -> None:
     plan = plan_frame(hazy, 0)
     ratio = render_expected(plan).star_electrons / render_expected(plan_frame(clear, 0)).star_electrons
     response = quantum_efficiency(plan.spec)
-    spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag)
+    spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag, plan.stars.vi_mag)
     depth = optical_depth(GRID_NM, Atmosphere(1010.0, 0.3, 1.3, 400.0))
     dimmed = spectra * np.exp(-depth * plan.airmass[:, None])
     wanted = np.trapezoid(dimmed * response, GRID_NM) / np.trapezoid(spectra * response, GRID_NM)

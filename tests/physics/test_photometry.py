@@ -11,6 +11,7 @@ from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.light.photometry import (
     BESSELL_B,
+    BESSELL_I,
     BESSELL_V,
     GRID_NM,
     radiance_from_surface_brightness,
@@ -22,7 +23,9 @@ from generator.places.catalogue import load_catalogue
 PER_CM2_ANGSTROM = 1e-5
 
 
-@pytest.mark.parametrize(("band", "name"), [(BESSELL_B, "bessell-B"), (BESSELL_V, "bessell-V")])
+@pytest.mark.parametrize(
+    ("band", "name"), [(BESSELL_B, "bessell-B"), (BESSELL_V, "bessell-V"), (BESSELL_I, "bessell-I")]
+)
 def test_band_is_bessell_1990_as_speclite_has_it(band, name) -> None:
     published = speclite.filters.load_filter(name)
     np.testing.assert_allclose(band.wavelength_nm * 10, published.wavelength)
@@ -44,11 +47,14 @@ def test_v_six_gives_3539_photons_in_the_band() -> None:
 
 
 def test_spectra_close_on_catalogue_v_and_colour() -> None:
-    """Synthetic V within 0.01 and B-V within 0.03 mag for catalogue stars, through speclite's own bands."""
+    """Synthetic V within 0.01, B-V within 0.03 and V-I within 0.01 mag for catalogue stars, through speclite's own bands.
+
+    V-I is that of the catalogue to the reddest template, 4.4.
+    """
     catalogue = load_catalogue()
     rows = np.arange(0, 9000, 7)
     stars = catalogue[rows]
-    photons = star_spectra(stars.v_mag, stars.bv_mag)
+    photons = star_spectra(stars.v_mag, stars.bv_mag, stars.vi_mag)
 
     def synthetic(name: str, zero_point: float) -> np.ndarray:
         band = speclite.filters.load_filter(name)
@@ -58,9 +64,10 @@ def test_spectra_close_on_catalogue_v_and_colour() -> None:
         mean = (spectra * response).sum(axis=1) / response.sum()
         return -2.5 * np.log10(mean * PER_CM2_ANGSTROM / zero_point)
 
-    v, b = synthetic("bessell-V", 995.9), synthetic("bessell-B", 1393.5)
+    v, b, i = synthetic("bessell-V", 995.9), synthetic("bessell-B", 1393.5), synthetic("bessell-I", 461.5)
     assert np.abs(v - stars.v_mag).max() < 0.01
     assert np.abs(b - v - stars.bv_mag).max() < 0.03
+    assert np.abs(v - i - np.minimum(stars.vi_mag, 4.4)).max() < 0.01
 
 
 @pytest.mark.parametrize(

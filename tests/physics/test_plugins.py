@@ -122,7 +122,7 @@ def test_three_stars_and_three_attitudes_leave_the_terminal_in_peace(mi, capfd) 
     description = scene_dict(plan)
     stars = description["stars"]
     brightest = np.argsort(array(stars["v_mag"], 1))[:3]
-    for name in ("directions", "v_mag", "colour_row", "airmass"):
+    for name in ("directions", "v_mag", "colour_row", "colour_column", "airmass"):
         stars[name] = tensor(array(stars[name], 3 if name == "directions" else 1)[brightest])
     light = np.array(mi.render(mi.load_dict(description)))
     assert light.sum() > 0

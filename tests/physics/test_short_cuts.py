@@ -12,7 +12,7 @@ from generator.frame.scene import render_expected, scene_dict
 from generator.frame.star_truth import share_within
 from generator.light.atmosphere import Atmosphere, optical_depth
 from generator.light.photometry import GRID_NM
-from generator.light.stellar_spectra import colour_row, colour_table
+from generator.light.stellar_spectra import colour_grid, colour_place, star_spectra
 from generator.scenario.projection import Projection
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
@@ -35,11 +35,10 @@ def test_table_of_star_electrons_against_each_star_s_own_integral(mi) -> None:
     wavelength = np.linspace(352, 998, 132)
     curves = np.stack([np.exp(-(((wavelength - centre) / 90) ** 2)) for centre in (460, 540, 640)])
     response = FilmResponse(wavelength, curves * 650 / 132)
-    row = colour_row(np.repeat(np.linspace(-0.4, 5.9, 40), 50))
+    vi_mag = np.repeat(np.linspace(-0.4, 4.4, 40), 50)
+    bv_mag = np.linspace(-0.4, 4.0, 2000)[np.random.default_rng(7).permutation(2000)]
     airmass = np.tile(np.concatenate([[0.0], np.geomspace(1.0, 38.0, 49)]), 40)
-    lower = np.minimum(row.astype(int), len(colour_table()) - 2)
-    part = (row - lower)[:, None]
-    spectra = (1 - part) * colour_table()[lower] + part * colour_table()[lower + 1]
+    spectra = star_spectra(np.zeros(2000), bv_mag, vi_mag)
     place = np.interp(wavelength, GRID_NM, np.arange(len(GRID_NM)))
     for aerosol, tolerance in ((0.1, 1e-4), (0.6, 5e-4)):
         depth = optical_depth(GRID_NM, Atmosphere(1013.0, aerosol, 1.3, 300.0))
@@ -47,7 +46,7 @@ def test_table_of_star_electrons_against_each_star_s_own_integral(mi) -> None:
         right = place - left
         shape, tau = ((1 - right) * x[..., left] + right * x[..., left + 1] for x in (spectra, depth))
         light = shape * np.exp(-airmass[:, None] * tau)
-        found = response.of_stars(colour_table(), depth, row, airmass, 4)
+        found = response.of_stars(colour_grid().spectra, depth, *colour_place(bv_mag, vi_mag), airmass, 4)
         band = ((wavelength - 350) / 162.5).astype(int)
         for number in range(4):
             wanted = light[:, band == number] @ response.electrons[:, band == number].T

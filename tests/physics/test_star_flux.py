@@ -177,7 +177,7 @@ def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
     from generator.light.photometry import GRID_NM
     from generator.light.stellar_spectra import star_spectra
 
-    spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag)
+    spectra = star_spectra(plan.stars.v_mag, plan.stars.bv_mag, plan.stars.vi_mag)
     cosine = plan.middle.enu[:, 2]
     wanted = [
         float(np.sum(cosine * [np.interp(nm, GRID_NM, row) for row in spectra])) / np.pi for nm in (450, 550, 650, 750)

@@ -94,6 +94,7 @@ def test_knows_stars_where_they_were_at_hipparcos_epoch(tmp_path) -> None:
         parallax_mas=fast.parallax_mas,
         v_mag=fast.v_mag,
         bv_mag=fast.bv_mag,
+        vi_mag=fast.vi_mag,
         bv_assumed=fast.bv_assumed,
         other_id=(TYCHO_ID_BASE + np.arange(len(fast))).astype(np.int32),
     )

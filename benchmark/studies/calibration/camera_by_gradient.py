@@ -44,6 +44,9 @@ STARTING_PX = 2.0
 length, k1 and the turn about the axis, on the axis for the other turns."""
 SATURATED = 0.8
 """Pixels whose expectation exceeds this part of saturation are left out."""
+LONGEST_STEP_PX = 4.0
+"""A step that would move the stars further, on average, is shortened to this: with few stars in a frame the first steps can
+overshoot by more than the blurred images reach."""
 SETTLED = 1e-3
 """A step shorter than this part of its standard deviation ends the iteration."""
 
@@ -104,7 +107,8 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
             model = stars.image(values, blur_px)
             step, information = _score(model.electrons, model.derivatives, observed, background, noise_variance,
                                        saturation_e(plan.spec.sensor), blur_px)  # fmt: skip
-            values = values + step
+            moved = _distance_px(spoiled(declared, values), declared, values + step, rays)
+            values = values + step * min(1.0, LONGEST_STEP_PX / max(moved, 1e-9))
             steps += 1
             path.append(_distance_px(plan, declared, values, rays))
             if float(step @ information @ step) < SETTLED**2 * len(values):
