@@ -22,14 +22,16 @@ from generator.reading.table import read_table
 TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
 CLOUD_COLUMN = "cloud_optical_depth"
 STREAK_COLUMNS = ("start_u_px", "start_v_px", "end_u_px", "end_v_px")
+LIGHT_COLUMNS = ("light_u_px", "light_v_px")
 
 
 @dataclass(frozen=True)
 class TruthStars:
     """Truth stars of one frame, each of length n.
 
-    Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, and the way (px) that
-    it goes over the image during the exposure (None where the truth table does not say).
+    Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, the way (px) that
+    it goes over the image during the exposure, and the centroids of its light (px), which is what a detector can find (each
+    None where the truth table does not say).
     """
 
     star_id: NDArray[np.int64]
@@ -38,6 +40,12 @@ class TruthStars:
     snr: NDArray[np.float64]
     cloud_optical_depth: NDArray[np.float64] | None = None
     streak_px: NDArray[np.float64] | None = None
+    light_uv: NDArray[np.float64] | None = None
+
+    @property
+    def detected_uv(self) -> NDArray[np.float64]:
+        """Where a perfect detector finds the stars, shape (n, 2), px: the light's centroids if there are any, else `uv`."""
+        return self.uv if self.light_uv is None else self.light_uv
 
 
 @dataclass(frozen=True)
@@ -140,7 +148,9 @@ def truth_digest(frames: Sequence[Frame]) -> str:
     for frame in sorted(frames, key=lambda frame: frame.frame_id):
         place = frame.conditions.latitude_deg, frame.conditions.longitude_deg
         digest.update(f"{frame.frame_id}:{place!r}:{len(frame.truth.star_id)}:".encode())
-        for values in (frame.truth.star_id, frame.truth.uv, frame.truth.electrons_e, frame.truth.snr):
+        truth = frame.truth
+        light = () if truth.light_uv is None else (truth.light_uv,)
+        for values in (truth.star_id, truth.uv, truth.electrons_e, truth.snr, *light):
             digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
 
@@ -296,7 +306,7 @@ _NO_STARS = TruthStars(
 
 
 def _read_truth(path: Path) -> dict[str, TruthStars]:
-    wanted = (*TRUTH_COLUMNS, CLOUD_COLUMN, *STREAK_COLUMNS)
+    wanted = (*TRUTH_COLUMNS, CLOUD_COLUMN, *STREAK_COLUMNS, *LIGHT_COLUMNS)
     try:
         table = read_table(path, STAR_SCHEMA, needed=TRUTH_COLUMNS, columns=wanted)
     except GeneratorError as error:
@@ -315,6 +325,8 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
     star_id, electrons_e, snr = sorted_column("star_id", np.int64), sorted_column("electrons_e"), sorted_column("snr")
     uv = np.column_stack([sorted_column("u_px"), sorted_column("v_px")])
     cloud = sorted_column(CLOUD_COLUMN) if optional else None
+    lit = all(name in table.column_names for name in LIGHT_COLUMNS)
+    light = np.column_stack([sorted_column(name) for name in LIGHT_COLUMNS]) if lit else None
     streak = _streak(*(sorted_column(name) for name in STREAK_COLUMNS)) if streaks else None
     stars = {}
     for place, frame_id in enumerate(frame_ids.dictionary.to_pylist()):
@@ -326,6 +338,7 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
             snr=snr[own],
             cloud_optical_depth=None if cloud is None else cloud[own],
             streak_px=None if streak is None else streak[own],
+            light_uv=None if light is None else light[own],
         )
     return stars
 

@@ -3,6 +3,8 @@
 Definitions (docs/benchmark.md repeats them):
 
 * A *truth star* of a frame is a row of its truth table with `snr` of at least `TRACE_SNR`: a star that leaves a trace.
+* A truth star lies where the centroid of its light is (`light_u_px`, `light_v_px`): coma and lateral colour take a detection
+  along, and a detector cannot know of them. Tables without these columns give the geometric place at mid-exposure.
 * A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
   detection's position, and is the nearest of the truth stars that do, or gives at least `BLEND_SHARE` of the electrons
   of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
@@ -68,7 +70,7 @@ def score_matches(
     StarScore
     """
     seen = truth.snr >= TRACE_SNR
-    star_uv, star_id, electrons = truth.uv[seen], truth.star_id[seen], truth.electrons_e[seen]
+    star_uv, star_id, electrons = truth.detected_uv[seen], truth.star_id[seen], truth.electrons_e[seen]
     correct = np.zeros(len(matches), dtype=bool)
     if not len(uv) or not len(star_uv):
         return StarScore(0, len(matches), 0, correct)

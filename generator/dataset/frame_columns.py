@@ -12,7 +12,8 @@ from generator.frame.record import pointing_object
 
 _UNITS = {
     "_deg": "deg", "_m": "m", "_s": "s", "_arcsec": "arcsec", "_px": "px", "_mm": "mm", "_hpa": "hPa", "_c": "deg C",
-    "_e": "e", "_dn": "DN", "_e_s": "e/s", "_e_per_dn": "e/DN", "_du": "DU", "_mag": "mag", "_arcsec2": "mag/arcsec2",
+    "_e": "e", "_dn": "DN", "_e_s": "e/s", "_e_per_dn": "e/DN", "_du": "DU", "_rad": "rad", "_mag": "mag",
+    "_arcsec2": "mag/arcsec2",
 }  # fmt: skip
 
 # Column, place in the frame record, type.
@@ -39,6 +40,8 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
     ("cy_px", "camera.cy_px", pa.float64()),
     ("k", "camera.k", pa.list_(pa.float64())),
     ("p", "camera.p", pa.list_(pa.float64())),
+    ("s", "camera.s", pa.list_(pa.float64())),
+    ("tilt_rad", "camera.tilt_rad", pa.list_(pa.float64())),
     ("azimuth_deg", "attitude.azimuth_deg", pa.float64()),
     ("altitude_deg", "attitude.altitude_deg", pa.float64()),
     ("roll_deg", "attitude.roll_deg", pa.float64()),
@@ -57,8 +60,9 @@ _COLUMNS: tuple[tuple[str, str, pa.DataType], ...] = (
 )
 _LATER = {"n_visible", "azimuth_deg", "altitude_deg", "roll_deg"}
 """Columns that frame records of early development versions lack; pointing then follows from the matrix."""
-_OPTIONAL = _LATER | {"sequence", "step"}
-"""Columns without a value where the frame record lacks their place: frames by themselves have no sequence."""
+_OPTIONAL = _LATER | {"sequence", "step", "s", "tilt_rad"}
+"""Columns without a value where the frame record lacks their place: frames by themselves have no sequence, most lenses
+neither thin prism nor tilt."""
 
 
 def unit_of(column: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
@@ -32,7 +33,8 @@ class Annotations:
     category : (n,) int array
         Place in CATEGORIES.
     centre : (n, 2) array
-        Mean place of the light, px from the image's corner, u and v.
+        Centroid of the light, px from the image's corner, u and v: its first moment, with what the point spread function's
+        asymmetry and the lens's lateral colour add. Datasets made before it was recorded give the geometric one.
     box : (n, 4) array
         Left, top, right and bottom edge of the light, px from the image's corner, cut at the image's edges.
     start, end : (n, 2) arrays
@@ -134,6 +136,8 @@ def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
     stars = table.to_pandas()
     stars = stars[(stars["snr"] >= least_snr) & (stars["fraction_in_frame"] >= LEAST_SHARE)]
     centre, start, end = (stars[[f"{name}_u_px", f"{name}_v_px"]].to_numpy() for name in ("centroid", "start", "end"))
+    offset = _light_offset(stars)
+    centre, start, end = (place + offset for place in (centre, start, end))
     everywhere = np.stack([centre, start, end])
     kinds = {kind: number for number, kind in enumerate(CATEGORIES)}
     return {
@@ -149,6 +153,13 @@ def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
     }
 
 
+def _light_offset(table: pd.DataFrame) -> Floats:
+    """From the geometric centroid to that of the light, px, (n, 2); 0 in tables without the latter."""
+    if "light_u_px" not in table:
+        return np.zeros((len(table), 2))
+    return np.stack([table[f"light_{axis}_px"] - table[f"centroid_{axis}_px"] for axis in ("u", "v")], axis=1)
+
+
 def _objects(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
     objects = table.to_pandas()
     seen = (objects["snr"] >= least_snr) & (objects["fraction_in_frame"] > 0) & objects["low_u_px"].notna()
@@ -158,6 +169,8 @@ def _objects(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
         for name, column in
         (("centre", "centroid"), ("start", "start"), ("end", "end"), ("low", "low"), ("high", "high"))
     }  # fmt: skip
+    offset = _light_offset(objects)
+    places = {name: place + offset for name, place in places.items()}
     # The ends of an object's way may lie far from the frame; its light is within its box.
     for name in ("start", "end"):
         places[name] = np.where(np.isfinite(places[name]), places[name], places["centre"])

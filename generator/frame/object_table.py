@@ -32,6 +32,8 @@ OBJECT_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("bv_mag", pa.float32(), "mag"),
     ("centroid_u_px", pa.float64(), "px"),
     ("centroid_v_px", pa.float64(), "px"),
+    ("light_u_px", pa.float64(), "px"),
+    ("light_v_px", pa.float64(), "px"),
     ("start_u_px", pa.float64(), "px"),
     ("start_v_px", pa.float64(), "px"),
     ("end_u_px", pa.float64(), "px"),
@@ -99,6 +101,7 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         },
         {
             "centroid": centroid[rows],
+            "light": np.where(np.isfinite(truth.light_px), truth.light_px, centroid)[rows],
             "start": truth.start_px[rows],
             "end": truth.end_px[rows],
             "low": truth.low_px[rows],
@@ -140,6 +143,7 @@ def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         },
         {
             "centroid": centroid[rows],
+            "light": centroid[rows],
             "start": tracks.start_px[rows],
             "end": tracks.end_px[rows],
             "low": low[rows],

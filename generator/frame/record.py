@@ -46,6 +46,8 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("v_px", pa.float64(), "px"),
     ("centroid_u_px", pa.float64(), "px"),
     ("centroid_v_px", pa.float64(), "px"),
+    ("light_u_px", pa.float64(), "px"),
+    ("light_v_px", pa.float64(), "px"),
     ("start_u_px", pa.float64(), "px"),
     ("start_v_px", pa.float64(), "px"),
     ("end_u_px", pa.float64(), "px"),
@@ -223,12 +225,12 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     electrons = expected.star_electrons[rows]
     # Where a star sends no light at one of these moments (occluded, or outside the lens' range), its mid-exposure position
     # stands.
-    centroid, start, end = (
+    centroid, light, start, end = (
         [
             np.where(np.isfinite(place), place, middle)
             for place, middle in zip(places.T[:, rows], (u_px, v_px), strict=True)
         ]
-        for places in (expected.centroid_px, expected.start_px, expected.end_px)
+        for places in (expected.centroid_px, expected.light_px, expected.start_px, expected.end_px)
     )
     saturating_e = saturation_e(sensor) - sensor.mean_dark_e_s * spec.time.exposure_s
     places = plan.middle[rows]
@@ -250,6 +252,8 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "v_px": v_px,
         "centroid_u_px": centroid[0],
         "centroid_v_px": centroid[1],
+        "light_u_px": light[0],
+        "light_v_px": light[1],
         "start_u_px": start[0],
         "start_v_px": start[1],
         "end_u_px": end[0],

@@ -64,6 +64,9 @@ class ExpectedFrame:
         Positions when that row's exposure starts and ends; NaN outside the range or far from the frame.
     centroid_px : (n, 2) array
         Mean positions weighted by the light that arrives; NaN where none does.
+    light_px : (n, 2) array
+        First moments of the light on an unbounded sensor, the point spread function's asymmetry and lateral colour included;
+        NaN where none arrives.
     star_electrons : (n,) array
         Expected electrons over the whole point spread function; of a colour sensor, the mean over its filter pattern.
     fraction_in_frame : (n,) array
@@ -92,6 +95,7 @@ class ExpectedFrame:
     start_px: Floats
     end_px: Floats
     centroid_px: Floats
+    light_px: Floats
     star_electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
@@ -371,6 +375,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         start_px=truth.start_px,
         end_px=truth.end_px,
         centroid_px=truth.centroid_px,
+        light_px=truth.light_px,
         star_electrons=truth.electrons,
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,

@@ -25,6 +25,9 @@ class StarTruth:
 
     Attributes
     ----------
+    light_px : (n, 2) array
+        First moment of the light on an unbounded sensor: `centroid_px` with what the point spread function's asymmetry and
+        lateral colour add; NaN where no light arrives.
     hidden_fraction : (n,) array
         Part of the light that geometry and landscape hide.
     low_px, high_px : (n, 2) arrays
@@ -36,6 +39,7 @@ class StarTruth:
     start_px: Floats
     end_px: Floats
     centroid_px: Floats
+    light_px: Floats
     electrons: Floats
     fraction_in_frame: Floats
     occluded: NDArray[np.bool_]
@@ -67,6 +71,7 @@ class StarTruth:
             mean(self.start_px[rows]),
             mean(self.end_px[rows]),
             mean(self.centroid_px[rows]),
+            mean(self.light_px[rows]),
             np.array([electrons.sum()]),
             mean(self.fraction_in_frame[rows]),
             np.array([self.occluded[rows].mean() > 0.5]),
@@ -79,7 +84,7 @@ class StarTruth:
     def empty(cls) -> StarTruth:
         """Truth of no stars."""
         nothing, pairs = np.zeros(0), np.zeros((0, 2))
-        return cls(nothing, nothing, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), nothing, pairs, pairs)
+        return cls(nothing, nothing, pairs, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), nothing, pairs, pairs)
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
@@ -96,9 +101,11 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
     if camera.psf is None:
         sigma = camera.psf_sigma_px
         share = share_within(tracks.u, camera.width, sigma) * share_within(tracks.v, camera.height, sigma)
+        light_px = tracks.centroid
     else:
         by_band = np.divide(on_axis_e, on_axis_e.sum(axis=1, keepdims=True), where=on_axis_e > 0, out=0 * on_axis_e)
         share = np.einsum("mb,mb->m", by_band[tracks.star], _table_shares(plan, tracks))
+        light_px = tracks.centroid + _light_offset(plan, tracks, by_band)
     count = len(on_axis_e)
     in_frame = np.bincount(tracks.star, tracks.weight * share, count)
     fraction = np.divide(in_frame, tracks.light, out=np.zeros(count), where=tracks.light > 0)
@@ -108,6 +115,7 @@ def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
         tracks.start,
         tracks.end,
         tracks.centroid,
+        light_px,
         on_axis_e.sum(axis=1) * tracks.light,
         fraction,
         tracks.visible_share < 0.5,
@@ -158,6 +166,43 @@ def share_within(position_px: Floats, size: int, sigma_px: float) -> Floats:
     return share
 
 
+def _nearest_node(plan: FramePlan, tracks: Any, rows: int, columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of the field node nearest to each of m moments, (m,) arrays."""
+    camera = plan.spec.camera
+    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1))
+    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1))
+    return row.astype(np.intp), column.astype(np.intp)
+
+
+def _light_offset(plan: FramePlan, tracks: Any, by_band: Floats) -> Floats:
+    """First moment of each star's light less its mean position, px, (n, 2) array; 0 where no light arrives.
+
+    Of each moment and band, what is drawn of the band's light weighs its lateral chromatic shift and the first moment of the
+    point spread function there; moments weigh by their light.
+    """
+    camera = plan.spec.camera
+    table = psf_table(camera)
+    total, moment = table.light
+    bands, rows, columns = total.shape
+    row, column = _nearest_node(plan, tracks, rows, columns)
+    node = row * columns + column
+    weight = by_band[tracks.star] * total.reshape(bands, -1).T[node] * tracks.weight[:, None]
+    away = np.stack([tracks.u - camera.projection.cx_px, tracks.v - camera.projection.cy_px], axis=1) / camera.corner_px
+    count = len(by_band)
+    lit = np.bincount(tracks.star, weight.sum(axis=1), count)
+    offset = np.zeros((count, 2))
+    geometric = np.zeros((count, 2))
+    for axis, position in enumerate((tracks.u, tracks.v)):
+        inward = moment[..., axis].reshape(bands, -1).T[node] + away[:, axis, None] * table.shift
+        moved = np.einsum("mb,mb->m", weight, inward + position[:, None])
+        offset[:, axis] = np.bincount(tracks.star, moved, count)
+        geometric[:, axis] = np.bincount(tracks.star, tracks.weight * position, count)
+    light = np.bincount(tracks.star, tracks.weight, count)
+    means = [np.divide(sums, by[:, None], out=np.zeros_like(sums), where=by[:, None] > 0)
+             for sums, by in ((offset, lit), (geometric, light))]  # fmt: skip
+    return means[0] - means[1]
+
+
 def _table_shares(plan: FramePlan, tracks: Any) -> Floats:
     """Part of the tabulated point spread function that falls on the sensor, at m moments, (m, bands) array.
 
@@ -167,8 +212,7 @@ def _table_shares(plan: FramePlan, tracks: Any) -> Floats:
     table = psf_table(camera)
     bands, rows, columns, size = table.stamps.shape[:4]
     half = (size - 1) / 2
-    row = np.rint(np.clip((tracks.v + 0.5) / camera.height, 0, 1) * (rows - 1)).astype(np.intp)
-    column = np.rint(np.clip((tracks.u + 0.5) / camera.width, 0, 1) * (columns - 1)).astype(np.intp)
+    row, column = _nearest_node(plan, tracks, rows, columns)
     shares = table.cumulated[:, :, :, -1, -1].reshape(bands, -1).T[row * columns + column]
     reach = half / FINE_PER_PX + 1
     inside = (tracks.u > reach) & (tracks.u < camera.width - 1 - reach)

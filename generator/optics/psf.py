@@ -76,6 +76,21 @@ class PsfTable:
         np.cumsum(result, axis=-1, out=result)
         return np.cumsum(result, axis=-2, out=result)
 
+    @functools.cached_property
+    def light(self) -> tuple[Floats, Floats]:
+        """Sum of the light, (bands, rows, columns), and its first moment over the sum, px (u, v), (bands, rows, columns, 2).
+
+        The moment is from the place of the star plus the band's lateral chromatic shift; samples on the rim count for half.
+        """
+        axis = (np.arange(self.stamps.shape[-1]) - self.stamps.shape[-1] // 2) / FINE_PER_PX
+        weight = np.where(np.arange(len(axis)) % (len(axis) - 1) == 0, 0.5, 1.0) / FINE_PER_PX
+        by_row = self.stamps @ weight
+        total = by_row @ weight
+        along = np.stack(
+            [np.einsum("...rc,c,r->...", self.stamps, weight * axis, weight), by_row @ (weight * axis)], axis=-1
+        )
+        return total, along / total[..., None]
+
     @property
     def by_phase(self) -> NDArray[np.float32]:
         """The stamps' samples by their place within a pixel first: see :class:`generator.plugins.psf_atlas.PsfAtlas`."""
