@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 
 FORMATS = ("PNG", "TIFF", "JPEG", "WEBP")
 ROWS_AT_ONCE = 128
+WHOLE_COLUMN = 0.02
+"""A turn this near to whole columns moves them as they are; others are interpolated between two columns."""
 
 
 class PictureError(ValueError):
@@ -63,15 +65,20 @@ def equirectangular(
     left_azimuth_deg: float = 0.0,
     glow: Bytes | None = None,
 ) -> Panorama:
-    """Panorama of a picture whose columns go once around, eastwards from `left_azimuth_deg` at its left edge.
+    """Panorama of a picture whose columns go once around, eastwards from `left_azimuth_deg` at its left edge."""
+    height, width = rgba.shape[:2]
+    columns = left_azimuth_deg / 360 * width
+    if abs(columns - round(columns)) < WHOLE_COLUMN:
+        turned = np.roll(rgba, round(columns), axis=1)
+        shine = None if glow is None else np.roll(glow[:, :, :3], round(columns), axis=1)
+        return cropped(Panorama(turned[:, :, :3], turned[:, :, 3], top_deg, bottom_deg, shine))
 
-    The turn is rounded to whole columns, where the remainder moves the picture by less than half a column.
-    """
-    width = rgba.shape[1]
-    shift = round(left_azimuth_deg / 360 * width) % width
-    turned = np.roll(rgba, shift, axis=1)
-    shine = None if glow is None else np.roll(glow[:, :, :3], shift, axis=1)
-    return cropped(Panorama(turned[:, :, :3], turned[:, :, 3], top_deg, bottom_deg, shine))
+    def place(altitude: Floats, azimuth: Floats) -> Lookup:
+        row = (top_deg - altitude) / (top_deg - bottom_deg) * height - 0.5
+        column = ((azimuth - left_azimuth_deg) % 360) / 360 * width - 0.5
+        return Lookup(*np.broadcast_arrays(column, row))
+
+    return cropped(resampled(rgba, glow, place, (height, width), top_deg, bottom_deg))
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,21 @@ from pydantic import Field, model_validator
 
 from generator.ground.panorama import Bytes, Panorama
 from generator.ground.picture import equirectangular, fisheye, read_picture
+from generator.ground.stellarium.landscape import read_landscape
 from generator.scenario.strict import File, Fraction, InputFile, Strict
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
+
+
+OF_PICTURES = {"projection", "azimuth_deg", "top_deg", "bottom_deg", "fov_deg", "mirrored", "glow_file"}
+"""Keys that a package has of its own."""
 
 
 class LandscapeSpec(Strict):
     """What stands around the camera, as a picture whose transparent parts show the sky; lit by the night of the scenario."""
 
     file: File
-    """Picture with transparency (PNG, TIFF, WebP)."""
+    """Picture with transparency (PNG, TIFF, WebP), or a landscape package of Stellarium (.zip)."""
     projection: Literal["equirectangular", "fisheye"] = "equirectangular"
     """Of the picture: once around in equal steps, or a disk with the zenith in its middle."""
     azimuth_deg: Angle = 0.0
@@ -46,10 +51,18 @@ class LandscapeSpec(Strict):
 
     @model_validator(mode="after")
     def _readable(self) -> LandscapeSpec:
+        extra = sorted(self.model_fields_set & OF_PICTURES)
+        if self.is_package and extra:
+            raise ValueError(f"{extra[0]} belongs to a picture; a package says it itself: leave it out")
         if self.bottom_deg >= self.top_deg:
             raise ValueError(f"bottom_deg ({self.bottom_deg:g}) must be below top_deg ({self.top_deg:g})")
         landscape_panorama(self)
         return self
+
+    @property
+    def is_package(self) -> bool:
+        """Whether the file is a landscape package of Stellarium."""
+        return self.file.path.lower().endswith(".zip")
 
 
 @functools.lru_cache(maxsize=2)
@@ -58,9 +71,12 @@ def landscape_panorama(spec: LandscapeSpec) -> Panorama:
 
     Raises
     ------
-    PictureError
+    PictureError, PackageError
         A file that cannot be used.
     """
+    if spec.is_package:
+        panorama = read_landscape(Path(spec.file.location), spec.file.path)
+        return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
     picture = _picture(spec.file)
     glow = None if spec.glow_file is None else _picture(spec.glow_file)
     if glow is not None and spec.glow_file is not None and glow.shape != picture.shape:

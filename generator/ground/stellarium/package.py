@@ -1,0 +1,165 @@
+"""A landscape package of strangers: a bounded archive, and its landscape.ini as checked values.
+
+Nothing is unpacked to disk. A member counts only if it lies in the folder of landscape.ini or below it, and is read up to a
+limit, whatever its header says.
+"""
+
+from __future__ import annotations
+
+import configparser
+import math
+import posixpath
+import zipfile
+import zlib
+from pathlib import Path
+
+INI = "landscape.ini"
+MOST_MEMBERS = 2000
+"""Packages have some tens, with descriptions in many languages."""
+LARGEST_INI_BYTES = 65_536
+LARGEST_LIST_BYTES = 2_000_000
+LARGEST_MEMBER_BYTES = 200_000_000
+LONGEST_VALUE = 1000
+
+
+class PackageError(ValueError):
+    """The package cannot be used; the message names the file, the key and what is expected."""
+
+
+class Package:
+    """An open package.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        For messages.
+
+    Raises
+    ------
+    PackageError
+        No zip archive, or without exactly one landscape.ini.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.name = name
+        try:
+            self.archive = zipfile.ZipFile(path)
+            members = [info for info in self.archive.infolist() if not info.is_dir()]
+        except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+            raise PackageError(f"'{name}' is not a zip archive ({error})") from error
+        if len(members) > MOST_MEMBERS:
+            raise PackageError(f"'{name}' has {len(members)} files; a landscape has at most {MOST_MEMBERS}")
+        self.members = {info.filename: info for info in members}
+        found = [place for place in self.members if posixpath.basename(place) == INI and "__MACOSX" not in place]
+        if len(found) != 1:
+            raise PackageError(f"'{name}' has {len(found)} files {INI}, expected one: pack one landscape's folder")
+        self.folder = posixpath.dirname(found[0])
+        self.values = self._ini(found[0])
+
+    def _ini(self, place: str) -> dict[str, str]:
+        """The section [landscape], keys in lower case."""
+        data = self._bytes(place, LARGEST_INI_BYTES)
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+        if "\x00" in text:
+            raise PackageError(f"'{self.name}': {INI} is not a text in UTF-8 or Latin-1; save it as UTF-8")
+        parser = configparser.RawConfigParser(
+            strict=False,
+            delimiters=("=",),
+            comment_prefixes=("#", ";"),
+            inline_comment_prefixes=(";",),
+            allow_no_value=True,
+        )
+        try:
+            parser.read_string(text)
+        except configparser.Error as error:
+            raise PackageError(f"'{self.name}': {INI} cannot be read ({str(error).splitlines()[0][:200]})") from error
+        sections = [section for section in parser.sections() if section.lower() == "landscape"]
+        if not sections:
+            raise PackageError(f"'{self.name}': {INI} has no section [landscape]")
+        values = {key: (value or "").strip().strip('"').strip() for key, value in parser.items(sections[0])}
+        for key, value in values.items():
+            if len(value) > LONGEST_VALUE and key not in ("description", "author"):
+                raise PackageError(f"'{self.name}': {INI}: {key} has {len(value)} characters, at most {LONGEST_VALUE}")
+        return values
+
+    def _bytes(self, place: str, most: int) -> bytes:
+        try:
+            with self.archive.open(self.members[place]) as stream:
+                data = stream.read(most + 1)
+        except (
+            OSError,
+            RuntimeError,
+            NotImplementedError,
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            ValueError,
+        ) as error:
+            reason = str(error)[:200] or type(error).__name__
+            raise PackageError(f"'{self.name}': '{place}' cannot be unpacked ({reason}); pack it again") from error
+        if len(data) > most:
+            raise PackageError(f"'{self.name}': '{place}' has more than {most} bytes; make it smaller")
+        return data
+
+    def file(self, key: str, most: int = LARGEST_MEMBER_BYTES) -> bytes:
+        """Contents of the file that a key names. Raises PackageError."""
+        named = self.text(key)
+        place = posixpath.normpath(posixpath.join(self.folder, named.replace("\\", "/")))
+        inside = not self.folder or place.startswith(f"{self.folder}/")
+        if place.startswith(("/", "..")) or not inside:
+            raise PackageError(f"'{self.name}': {INI}: {key} = {named} leaves the package")
+        if place not in self.members:
+            raise PackageError(f"'{self.name}': {INI}: {key} = {named}: there is no such file in the package; add it")
+        return self._bytes(place, most)
+
+    def has(self, key: str) -> bool:
+        """Whether a key has a value."""
+        return bool(self.values.get(key))
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """A key's value. Raises PackageError where it is missing and has no default."""
+        value = self.values.get(key) or default
+        if value is None:
+            raise PackageError(f"'{self.name}': {INI}: {key} is missing; add it to [landscape]")
+        return value
+
+    def number(self, key: str, default: float, low: float, high: float) -> float:
+        """A number between limits. Raises PackageError."""
+        return self.parsed(key, self.text(key, repr(default)), low, high)
+
+    def parsed(self, key: str, text: str, low: float, high: float) -> float:
+        """A number between limits that is part of a key's value. Raises PackageError."""
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise PackageError(
+                f"'{self.name}': {INI}: {key}: found {text!r}, expected a number from {low:g} to {high:g}"
+            )
+        return value
+
+    def count(self, key: str, default: int, most: int) -> int:
+        """A whole number from 1. Raises PackageError."""
+        value = self.number(key, default, 1, most)
+        if value != int(value):
+            raise PackageError(f"'{self.name}': {INI}: {key}: found {value:g}, expected a whole number")
+        return int(value)
+
+    def flag(self, key: str) -> bool:
+        """Whether a switch is on; off where it is missing."""
+        return self.text(key, "false").lower() in ("true", "1", "yes", "on")
+
+    def colour(self, key: str, default: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        """Three numbers from 0 to 1; the default where the key is missing or its red is negative. Raises PackageError."""
+        if not self.has(key):
+            return default
+        parts = self.text(key).replace(",", " ").split()
+        if len(parts) != 3:
+            raise PackageError(f"'{self.name}': {INI}: {key}: found {self.text(key)!r}, expected three numbers")
+        red, green, blue = (self.parsed(key, part, -1, 1) for part in parts)
+        return default if min(red, green, blue) < 0 else (red, green, blue)
