@@ -60,7 +60,7 @@ class City:
 
 @functools.cache
 def lamp_spectra() -> dict[str, Floats]:
-    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero outside the tables' 380 to 780 nm."""
+    """Photon spectra of street lamps at GRID_NM, each with a V-band mean of 1; zero below 380 nm."""
     try:
         table = read_csv(LAMPS_PATH, str(LAMPS_PATH), least_rows=2, most_rows=MOST_WAVELENGTHS, increasing=True)
     except CsvError as error:

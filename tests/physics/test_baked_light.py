@@ -13,7 +13,7 @@ from generator.light.disk_scattering import disk_nodes, disk_single
 from generator.light.lamps import GARSTANG_HORIZON_SHARE, WORLD_ATLAS_HORIZON_SHARE, City, lamp_spectra, mixed_lamps
 from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
 from generator.light.single_scattering import aerosol_phase, city_single
-from generator.light.stellar_spectra import star_spectra
+from generator.light.stellar_spectra import colours, star_spectra
 from generator.light.view_directions import view_directions
 from generator.sky.city_light import STANDARD_AIR, bortle_city, city_radiance, city_table
 from generator.sky.component import SkyTable
@@ -217,3 +217,31 @@ def test_full_moon_lights_the_ground_with_a_quarter_lux() -> None:
     diffuse_v = 2 * np.pi * np.trapezoid(per_row * np.sin(altitude) * np.cos(altitude), altitude)
     lux = (direct_v + diffuse_v) / BESSELL_V.zero_point * 2.54e-6
     assert lux == pytest.approx(0.25, rel=0.15)
+
+
+def test_high_pressure_sodium_in_the_near_infrared() -> None:
+    """Against another lamp than the table's: Osram Super Vialox, LI-1800 spectroradiometer (Aphalo, photobiologyLamps).
+
+    In that spectrum sodium's doublet at 818 and 819 nm holds 55 nm times the mean over V, and V-I is 0.47; three lamps'
+    continua between 700 and 760 nm differ by a factor 1.5, which is 0.4 mag in V-I without the doublet.
+    """
+    sodium = lamp_spectra()["HPS"]
+    doublet = (GRID_NM > 810) & (GRID_NM < 830)
+    continuum = np.interp(GRID_NM[doublet], [805, 835], sodium[np.isin(GRID_NM, [805, 835])])
+    assert float(np.sum(sodium[doublet] - continuum)) * 5 == pytest.approx(55, rel=0.2)
+    assert float(colours(sodium)[1]) == pytest.approx(0.47, abs=0.4)
+
+
+def test_light_emitting_diodes_are_dark_in_the_near_infrared() -> None:
+    """Phosphor's band ends: less than 1 % of the photons beyond 780 nm; metal halide has sodium's doublet too."""
+    lamps = lamp_spectra()
+    beyond = {name: float(lamp[GRID_NM > 780].sum() / lamp.sum()) for name, lamp in lamps.items()}
+    assert beyond["LED"] < 0.01
+    assert beyond["LED3000"] < 0.01
+    assert lamps["MH"][GRID_NM == 820] > 10 * lamps["MH"][GRID_NM == 800]
+
+
+def test_a_city_s_glow_shines_in_the_near_infrared() -> None:
+    """Half HPS, half LED, class 6: V-I between the lamps' own -0.6 and 1.7 mag less, as molecules scatter V and I."""
+    glow = city_table(City(14.0, 225.0, 10.0)).radiance(np.array([90.0]), np.array([0.0]))[0]
+    assert -0.6 - 1.7 < float(colours(glow)[1]) < -0.6
