@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.camera import Camera
+from celnav.checking import bounded, check_fields
 from celnav.identification.verification import rotation_of, turning_derivatives
 
 F8 = NDArray[np.float64]
@@ -37,9 +38,12 @@ class CameraPriors:
         distance from it over half the diagonal of the frame.
     """
 
-    focal: float = 0.0
-    centre_px: float = 0.0
-    distortion: float = 0.0
+    focal: float = bounded(0.0, 0)
+    centre_px: float = bounded(0.0, 0)
+    distortion: float = bounded(0.0, 0)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def sigmas(self) -> F8:

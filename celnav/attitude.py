@@ -11,11 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.checking import finite_number, real_array
 from celnav.errors import AttitudeError
 
 Kind = Literal["rotation", "up"]
 _Rows = tuple[tuple[float, float, float], ...]
 ROTATION_TOLERANCE = 1e-6
+_LARGEST_ENTRY = 1e100  # its square is still a float
 
 
 @dataclass(frozen=True)
@@ -93,14 +95,13 @@ def as_attitude(attitude: Attitude | ArrayLike | None) -> Attitude | None:
 
 
 def _finite(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise AttitudeError(f"{what} must be numbers of shape {shape}") from None
+    array = real_array(values, what, AttitudeError)
     if array.shape != shape:
         raise AttitudeError(f"{what} has shape {array.shape}; it must be {shape}")
     if not np.isfinite(array).all():
         raise AttitudeError(f"{what} holds NaN or infinity")
+    if np.abs(array).max() > _LARGEST_ENTRY:
+        raise AttitudeError(f"{what} holds a number above {_LARGEST_ENTRY:g}")
     return array
 
 
@@ -114,6 +115,4 @@ def _rotation_rows(R_cam: ArrayLike) -> _Rows:
 
 
 def _sigma(name: str, value: float) -> float:
-    if not (isinstance(value, (int, float, np.number)) and math.isfinite(value) and value >= 0):
-        raise AttitudeError(f"{name} = {value!r} must be a finite number of degrees, zero or more")
-    return float(value)
+    return finite_number(value, name, AttitudeError, least=0.0)

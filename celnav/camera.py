@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav import projection
+from celnav.checking import finite_number, real_array, real_rows, shown
 from celnav.errors import CameraError
 
 PERSPECTIVE = ("pinhole", "brown_conrady")
 FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
 MODELS = (*PERSPECTIVE, *FISHEYE)
+MAX_SIDE_PX = 100_000
 # How many coefficients k each model takes; models that are absent take none.
 _RADIAL = {"brown_conrady": 6, "kannala_brandt": 4}
 _MOST_TILT_RAD = 0.5
@@ -68,8 +70,10 @@ class Camera:
             raise CameraError(f"camera model {self.model!r} is not known; known: {', '.join(MODELS)}")
         for name in ("width", "height"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= 100_000:
-                raise CameraError(f"camera {name} = {value!r} must be a whole number of pixels from 1 to 100000")
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= MAX_SIDE_PX:
+                raise CameraError(
+                    f"camera {name} = {shown(value)} must be a whole number of pixels from 1 to {MAX_SIDE_PX}"
+                )
             object.__setattr__(self, name, int(value))
         defaults = {"f_px": math.nan, "fy_px": self.f_px, "cx_px": (self.width - 1) / 2, "cy_px": (self.height - 1) / 2}
         for name, default in defaults.items():
@@ -85,9 +89,11 @@ class Camera:
     @classmethod
     def pinhole(cls, width: int, height: int, hfov_deg: float) -> Camera:
         """Make a pinhole camera from its size and its horizontal field of view, edge to edge, in degrees."""
-        if not (isinstance(hfov_deg, (int, float, np.number)) and 0 < hfov_deg < 180):
-            raise CameraError(f"hfov_deg = {hfov_deg!r} must lie between 0 and 180 degrees for a pinhole")
-        return cls("pinhole", width, height, f_px=float(width / 2 / math.tan(math.radians(float(hfov_deg)) / 2)))
+        hfov_deg = finite_number(hfov_deg, "hfov_deg", CameraError)
+        if not 0 < hfov_deg < 180:
+            raise CameraError(f"hfov_deg = {hfov_deg:g} must lie between 0 and 180 degrees for a pinhole")
+        width_px = finite_number(width, "camera width", CameraError, 1, MAX_SIDE_PX)
+        return cls("pinhole", width, height, f_px=width_px / 2 / math.tan(math.radians(hfov_deg) / 2))
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Camera:
@@ -127,7 +133,7 @@ class Camera:
             Unit vectors in the camera frame; NaN outside the image circle of a fisheye, and where a distortion has no
             inverse.
         """
-        uv = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
+        uv = real_rows(uv, 2, "uv", CameraError)
         x, y = (uv[:, 0] - self.cx_px) / self.f_px, (uv[:, 1] - self.cy_px) / self.fy_px
         if self._tilt is not None:
             x, y = projection.onto(np.asarray(np.linalg.inv(self._tilt), np.float64), x, y)
@@ -160,7 +166,7 @@ class Camera:
             Pixel positions; NaN where the camera cannot see: behind a perspective camera, or beyond the angle up to
             which the distortion is one to one.
         """
-        dirs = np.asarray(dirs, dtype=np.float64).reshape(-1, 3)
+        dirs = real_rows(dirs, 3, "dirs", CameraError)
         if self.model in PERSPECTIVE:
             z = np.where(dirs[:, 2] > 0, dirs[:, 2], np.nan)
             x, y = dirs[:, 0] / z, dirs[:, 1] / z
@@ -264,14 +270,12 @@ class Camera:
         return corner(right, down) + corner(right, up) + corner(left, down) + corner(left, up)
 
 
-def _coefficients(model: str, name: str, given: object, most: int) -> tuple[float, ...]:
+def _coefficients(model: str, name: str, given: ArrayLike, most: int) -> tuple[float, ...]:
     """Return coefficients as a tuple of at most `most` floats; zeros beyond these are left out."""
-    try:
-        values = tuple(float(value) for value in given)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise CameraError(f"camera {name} must be a list of numbers") from None
-    if not all(math.isfinite(value) for value in values):
-        raise CameraError(f"camera {name} must be finite numbers")
+    array = real_array(given, f"camera {name}", CameraError)
+    if array.ndim != 1 or not np.isfinite(array).all():
+        raise CameraError(f"camera {name} must be a list of finite numbers")
+    values = tuple(array.tolist())
     if any(values[most:]):
         takes = (
             f"at most {most} coefficients {name}" if most else f"no distortion coefficients {name}; leave {name} empty"
@@ -282,10 +286,5 @@ def _coefficients(model: str, name: str, given: object, most: int) -> tuple[floa
 
 def _number(name: str, value: object, default: float) -> float:
     """Return `value` as a finite float, or `default` where it is the marker NaN."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise CameraError(f"camera {name} = {value!r} must be a number of pixels")
-    number = float(np.real(value))
-    number = default if math.isnan(number) else number
-    if not math.isfinite(number):
-        raise CameraError(f"camera {name} must be a finite number of pixels")
-    return number
+    given = default if isinstance(value, (float, np.floating)) and math.isnan(value) else value
+    return finite_number(given, f"camera {name}", CameraError)

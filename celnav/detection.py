@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.checking import bounded, check_fields, real_array
 from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
 from celnav.detecting.image_background import (
+    as_image,
     background_and_noise,
     grey,
     remove_line_offsets,
@@ -101,22 +103,19 @@ class DetectionConfig:
 
     seed_sigma: float = 4.5
     grow_sigma: float = 3.0
-    psf_sigma_px: float | None = None
+    psf_sigma_px: float | None = bounded(None, 0.3, 10)
     streak_px: tuple[float, float] | None = None
     gain_e_per_dn: float | None = None
     saturation_dn: float | None = None
-    max_area_px: int = 1000
+    max_area_px: int = bounded(1000, 1)
     trail_length_px: float | None = 20.0
-    tile_px: int = 32
-    float_floor: float = 1e-4
+    tile_px: int = bounded(32, 4)
+    float_floor: float = bounded(1e-4, 0, 1)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0 < self.grow_sigma <= self.seed_sigma:
             raise ConfigError("detection needs 0 < grow_sigma <= seed_sigma")
-        if self.max_area_px < 1 or self.tile_px < 4:
-            raise ConfigError("detection needs max_area_px >= 1 and tile_px >= 4")
-        if self.psf_sigma_px is not None and not 0.3 <= self.psf_sigma_px <= 10:
-            raise ConfigError("detection needs 0.3 <= psf_sigma_px <= 10, or None")
         if self.streak_px is not None and not float(np.hypot(*self.streak_px)) <= 60:
             raise ConfigError("detection needs a streak_px of at most 60 pixels, or None")
         if self.gain_e_per_dn is not None and not self.gain_e_per_dn > 0:
@@ -150,7 +149,7 @@ def detect(
     config = DetectionConfig() if config is None else config
     if isinstance(config, FloodFillConfig):
         return Detections(*flood_fill(image, mask, config))
-    original = np.asarray(image)
+    original = as_image(image)
     pixels = grey(original)
     used = used_pixels(pixels, mask)
     nothing = Detections(np.empty((0, 2)), np.empty(0), pixels.shape, np.empty(0))
@@ -300,10 +299,7 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
 
 def as_positions(uv: ArrayLike) -> F8:
     """Return pixel positions as an (n, 2) array of finite numbers; raises `DetectionError` otherwise."""
-    try:
-        positions = np.array(uv, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise DetectionError("detections must be numbers of shape (n, 2)") from None
+    positions = real_array(uv, "detections", DetectionError)
     if positions.size == 0:
         return np.empty((0, 2))
     if positions.ndim != 2 or positions.shape[1] != 2:
@@ -333,10 +329,7 @@ def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = N
 
 
 def _column(name: str, values: ArrayLike, n: int) -> F8:
-    try:
-        column = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise DetectionError(f"{name} must be numbers of shape (n,)") from None
+    column = real_array(values, name, DetectionError)
     if column.shape != (n,):
         raise DetectionError(f"{name} has shape {column.shape}; it must be ({n},), one per detection")
     if not np.isfinite(column).all():

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
+from celnav.checking import bounded, check_fields
 from celnav.detection import as_positions
-from celnav.errors import AttitudeError, ConfigError, DetectionError
+from celnav.errors import AttitudeError, DetectionError
 from celnav.fix import Fix, Reason
 from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars
 from celnav.sky.catalog import load_catalog
@@ -35,14 +36,11 @@ F8 = NDArray[np.float64]
 class Weather:
     """Air at the observer, for refraction: pressure (hPa; 0: no refraction) and temperature (deg C)."""
 
-    pressure_hpa: float = 1010.0
-    temperature_c: float = 10.0
+    pressure_hpa: float = bounded(1010.0, 0, 1200)
+    temperature_c: float = bounded(10.0, -100, 80)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.pressure_hpa <= 1200:
-            raise ConfigError(f"pressure_hpa = {self.pressure_hpa} must lie between 0 and 1200")
-        if not -100 <= self.temperature_c <= 80:
-            raise ConfigError(f"temperature_c = {self.temperature_c} must lie between -100 and 80")
+        check_fields(self)
 
 
 def usual_weather(height_m: float, pressure_hpa: float | None = None, temperature_c: float | None = None) -> Weather:
@@ -88,16 +86,19 @@ class PositionConfig:
         Of Levenberg-Marquardt.
     """
 
-    grid_step_deg: float = 5.0
-    grid_stars: int = 24
+    grid_step_deg: float = bounded(5.0, 0.5, 45)
+    grid_stars: int = bounded(24, 1, 1000)
     loss: Literal["soft-l1", "huber", "cauchy", "squares"] = "soft-l1"
-    loss_scale_deg: float = 0.1
+    loss_scale_deg: float = bounded(0.1, 1e-9, 180)
     weights: Literal["angle", "pixel"] = "angle"
-    clip_sigma: float = 5.0
-    clip_floor_px: float = 1.0
-    centroid_sigma_px: float | None = None
-    min_sigma_px: float = 0.01
-    max_iterations: int = 50
+    clip_sigma: float = bounded(5.0, 0)
+    clip_floor_px: float = bounded(1.0, 0)
+    centroid_sigma_px: float | None = bounded(None, 1e-6)
+    min_sigma_px: float = bounded(0.01, 1e-6)
+    max_iterations: int = bounded(50, 1, 10_000)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +156,7 @@ def fix_position(
     config = PositionConfig() if config is None else config
     weather = Weather() if weather is None else weather
     positions = as_positions(uv)
-    ids = np.asarray(star_ids)
-    if ids.shape != (len(positions),) or not np.issubdtype(ids.dtype, np.integer):
-        raise DetectionError(f"star_ids must be {len(positions)} whole numbers, one per position")
+    ids = _whole_numbers(star_ids, len(positions))
     if len(positions) == 0:
         return Fix.refusal(Reason.TOO_FEW_DETECTIONS, "no star")
     known = as_attitude(attitude)
@@ -191,6 +190,16 @@ def fix_position(
         matches=np.column_stack((keep, ids[keep])).astype(np.int64),
         residual_rms_px=float(np.sqrt(np.mean(error_px**2))),
     )
+
+
+def _whole_numbers(star_ids: ArrayLike, n: int) -> NDArray[np.int64]:
+    try:
+        ids = np.asarray(star_ids)
+    except ValueError:  # rows of different lengths
+        ids = np.empty(0)
+    if ids.shape != (n,) or (n and not np.issubdtype(ids.dtype, np.integer)):
+        raise DetectionError(f"star_ids must be {n} whole numbers, one per position")
+    return ids.astype(np.int64)
 
 
 def _observe(positions: F8, camera: Camera, attitude: Attitude, weather: Weather) -> _Observed:

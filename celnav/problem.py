@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from celnav.attitude import Attitude
+from celnav.checking import bounded, check_fields, finite_number
 from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.history import History
@@ -22,15 +22,12 @@ from celnav.sky.utc import Utc
 class LastKnown:
     """A position known from before: geodetic latitude and longitude, and the radius (km) that surely holds the answer."""
 
-    lat_deg: float
-    lon_deg: float
-    radius_km: float
+    lat_deg: float = bounded(least=-90, most=90)
+    lon_deg: float = bounded(least=-1e6, most=1e6)
+    radius_km: float = bounded(least=1e-6, most=1e6)
 
     def __post_init__(self) -> None:
-        if not (abs(self.lat_deg) <= 90 and math.isfinite(self.lon_deg)):
-            raise ConfigError(f"last known position ({self.lat_deg}, {self.lon_deg}) is not on the Earth")
-        if not self.radius_km > 0:
-            raise ConfigError(f"radius_km = {self.radius_km} must be positive")
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +63,7 @@ class Problem:
 
 def check_time_limit(time_limit_s: float) -> None:
     """Raise `ConfigError` unless the limit is a positive number of seconds."""
-    if not (isinstance(time_limit_s, (int, float)) and time_limit_s > 0):
-        raise ConfigError(f"time_limit_s = {time_limit_s!r} must be a positive number of seconds")
+    finite_number(time_limit_s, "time_limit_s", ConfigError, least=1e-9)
 
 
 class Solver(Protocol):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, predict, without_focal
 from celnav.camera import Camera
+from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
 from celnav.field_stars import Prepared, pairing_radius, seen_planets, visible_stars
 from celnav.fix import Calibration, Estimate, Fix, Reason
@@ -83,26 +84,20 @@ class SkybenchConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     calibrate: Literal["auto", "none", "full"] = "auto"
     priors: CameraPriors = field(default_factory=lambda: CameraPriors(focal=0.03, centre_px=3.0, distortion=0.02))
-    focal_factors: tuple[float, ...] = (0.88, 1.13)
-    focal_effort: float = 0.125
-    max_work: int = 20_000_000
+    focal_factors: tuple[float, ...] = bounded((0.88, 1.13), 0.2, 5)
+    focal_effort: float = bounded(0.125, 0, 1)
+    max_work: int = bounded(20_000_000, 1)
     time_limit_s: float | None = None
-    max_detections: int = 20_000
-    single_star_sigma_deg: float = 0.3
-    min_stars: int = 4
-    max_sigma_px: float = 8.0
-    max_heading_off_deg: float = 1.0
+    max_detections: int = bounded(20_000, 1, 1_000_000)
+    single_star_sigma_deg: float = bounded(0.3, 0)
+    min_stars: int = bounded(4, 1)
+    max_sigma_px: float = bounded(8.0, 0)
+    max_heading_off_deg: float = bounded(1.0, 0)
 
     def __post_init__(self) -> None:
-        if self.calibrate not in ("auto", "none", "full"):
-            raise ConfigError(f"calibrate = {self.calibrate!r} must be auto, none or full")
-        if not all(0.2 <= factor <= 5 for factor in self.focal_factors):
-            raise ConfigError(f"focal_factors = {self.focal_factors!r} must lie between 0.2 and 5")
-        if self.max_work < 1 or self.max_detections < self.min_stars:
-            raise ConfigError(
-                f"max_work = {self.max_work} must be positive, and max_detections = {self.max_detections} at least "
-                f"min_stars = {self.min_stars}"
-            )
+        check_fields(self)
+        if self.max_detections < self.min_stars:
+            raise ConfigError(f"max_detections = {self.max_detections} must be at least min_stars = {self.min_stars}")
         if not 0 <= self.focal_effort * len(self.focal_factors) <= 0.9:
             raise ConfigError(
                 f"focal_effort = {self.focal_effort} for each of {len(self.focal_factors)} focal_factors leaves nothing "

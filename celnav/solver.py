@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
+from celnav.checking import shown
 from celnav.detection import Detections, as_detections
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Fix, Reason
@@ -184,6 +185,10 @@ def solve(
         _check_fit(seen, camera)
         if time_limit_s is not None:
             check_time_limit(time_limit_s)
+        if near is not None and not isinstance(near, LastKnown):
+            raise ConfigError(f"near = {shown(near)} must be a celnav.LastKnown")
+        if history is not None and not isinstance(history, History):
+            raise ConfigError(f"history = {shown(history)} must be a celnav.History")
         problem = Problem(
             Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera, seen.sigma_px),
             parse_utc(utc),
@@ -200,6 +205,8 @@ def solve(
 
 def _solver(solver: str | Solver) -> tuple[Solver, str]:
     if not isinstance(solver, str):
+        if not callable(solver):
+            raise ConfigError(f"solver = {shown(solver)} must be a name or a solver")
         return solver, "custom"
     if solver not in SOLVERS:
         raise ConfigError(f"solver {solver!r} does not exist; there are: {', '.join(SOLVERS)}")

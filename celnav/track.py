@@ -15,6 +15,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.checking import bounded, check_fields, finite_number
 from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.horizon import radii_km
@@ -47,19 +48,15 @@ class TrackConfig:
         13.8 drops one good fix in a thousand.
     """
 
-    speed_sigma_km_s: float = 0.1
-    acceleration_km_s2: float = 1e-4
-    tilt_bias_sigma_deg: float = 0.1
-    heading_bias_sigma_deg: float = 1.0
-    bias_walk_deg: float = 1e-5
-    gate: float = 13.8
+    speed_sigma_km_s: float = bounded(0.1, 0)
+    acceleration_km_s2: float = bounded(1e-4, 0)
+    tilt_bias_sigma_deg: float = bounded(0.1, 0)
+    heading_bias_sigma_deg: float = bounded(1.0, 0)
+    bias_walk_deg: float = bounded(1e-5, 0)
+    gate: float = bounded(13.8, 1e-9)
 
     def __post_init__(self) -> None:
-        for name in ("speed_sigma_km_s", "acceleration_km_s2", "tilt_bias_sigma_deg", "heading_bias_sigma_deg"):
-            if not getattr(self, name) >= 0:
-                raise ConfigError(f"{name} must be zero or more")
-        if not self.gate > 0:
-            raise ConfigError("gate must be positive")
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +142,7 @@ class Track:
         """
         if not fix.ok or fix.cov_km2 is None:
             return None
-        if not math.isfinite(heading_deg):
-            raise ConfigError("heading_deg must be a finite number of degrees")
+        heading_deg = finite_number(heading_deg, "heading_deg", ConfigError)
         instant = parse_utc(utc)
         if self._start is None:
             self._start = instant

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.detecting.image_background import background_and_noise, grey, used_pixels
+from celnav.checking import bounded, check_fields
+from celnav.detecting.image_background import as_image, background_and_noise, grey, used_pixels
 from celnav.errors import ConfigError
 
 F8 = NDArray[np.float64]
@@ -33,23 +34,24 @@ class FloodFillConfig:
 
     seed_sigma: float = 5.0
     grow_sigma: float = 2.5
-    min_area_px: int = 2
+    min_area_px: int = bounded(2, 1)
     max_area_px: int = 1000
-    tile_px: int = 32
+    tile_px: int = bounded(32, 4)
     weighted: bool = True
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0 < self.grow_sigma <= self.seed_sigma:
             raise ConfigError("flood fill needs 0 < grow_sigma <= seed_sigma")
-        if not 1 <= self.min_area_px <= self.max_area_px or self.tile_px < 4:
-            raise ConfigError("flood fill needs 1 <= min_area_px <= max_area_px and tile_px >= 4")
+        if self.min_area_px > self.max_area_px:
+            raise ConfigError("flood fill needs min_area_px <= max_area_px")
 
 
 def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig) -> tuple[F8, F8, tuple[int, int]]:
     """Return positions (n, 2) and fluxes (n,), brightest first, and the image's height and width; see `celnav.detect`."""
     from scipy import ndimage
 
-    original = np.asarray(image)
+    original = as_image(image)
     pixels = grey(original)
     used = used_pixels(pixels, mask)
     size = (pixels.shape[0], pixels.shape[1])

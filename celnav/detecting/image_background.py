@@ -9,6 +9,7 @@ from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+LARGEST_VALUE = 1e15
 
 # Samples along each side of a tile: the mean of 144 pixels is good to 8 % of the noise.
 _SAMPLES = 12
@@ -18,13 +19,25 @@ _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
 _SHARPEST = 0.12
 
 
+def as_image(image: ArrayLike) -> NDArray[np.generic]:
+    """Return an image as an array of the type that it has; raises `ImageError` for rows of different lengths."""
+    try:
+        return np.asarray(image)
+    except ValueError:
+        raise ImageError("image must be an array of (height, width) or (height, width, 3 or 4) numbers") from None
+
+
 def grey(image: NDArray[np.generic]) -> F4:
     """Return an image as one channel of float32; colours are averaged with the weights of Rec. 601.
 
-    Raises `ImageError` for a wrong shape or type, NaN and infinity.
+    Raises `ImageError` for a wrong shape or type, NaN, infinity, and values whose squares single precision cannot hold.
     """
     if image.dtype == np.bool_ or not np.issubdtype(image.dtype, np.number) or np.iscomplexobj(image):
         raise ImageError(f"image must hold real numbers, not {image.dtype}")
+    if image.dtype.itemsize > 2 and image.size and not (image.min() >= -LARGEST_VALUE and image.max() <= LARGEST_VALUE):
+        raise ImageError(
+            f"image holds NaN, infinity or values above {LARGEST_VALUE:g}: replace them, or scale the image"
+        )
     if image.ndim == 3 and image.shape[2] in (3, 4):
         values = image[:, :, :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     elif image.ndim == 2:
@@ -33,8 +46,6 @@ def grey(image: NDArray[np.generic]) -> F4:
         raise ImageError(f"image has shape {image.shape}; it must be (height, width) or (height, width, 3 or 4)")
     if min(values.shape) < 3:
         raise ImageError(f"image of {values.shape[1]} x {values.shape[0]} pixels is too small")
-    if not np.isfinite(values).all():
-        raise ImageError("image holds NaN or infinity: replace them, or pass a mask and finite values")
     return np.asarray(values)
 
 
@@ -42,7 +53,7 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     """Return where an image is to be used; raises `ImageError` for a mask that does not fit."""
     if mask is None:
         return np.ones(pixels.shape, dtype=bool)
-    ignored = np.asarray(mask)
+    ignored = as_image(mask)
     if ignored.shape != pixels.shape or ignored.dtype != np.bool_:
         raise ImageError(f"mask must be boolean of shape {pixels.shape}, true where the image is not to be used")
     return ~ignored

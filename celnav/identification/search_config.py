@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from celnav.checking import bounded, check_fields
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -23,11 +25,14 @@ class Stage:
         Detections that score a hypothesis.
     """
 
-    bright: int
-    lags: tuple[int, int]
-    sigma_px: float
-    tolerance_px: float
-    scored: int = 150
+    bright: int = bounded(least=1, most=10_000)
+    lags: tuple[int, int] = bounded(least=0, most=10_000)
+    sigma_px: float = bounded(least=0, most=1000)
+    tolerance_px: float = bounded(least=0, most=1000)
+    scored: int = bounded(150, 1, 10_000)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 # Noise and tolerance, pixels: for good centroids, and for 4 px of noise or a focal length that is off by 3 %.
@@ -117,26 +122,29 @@ class SearchConfig:
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
     unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
-    verified: int = 120
-    candidates: int = 2
+    verified: int = bounded(120, 1, 100_000)
+    candidates: int = bounded(2, 1, 100)
     max_log10_false_alarm: float = -8.0
-    first_look: int = 36
-    first_look_singles: int = 80
-    chance_sigmas: float = 2.5
-    paired_depth: float = 2.2
-    scored_depth: float = 2.2
-    verified_depth: float = 1.6
-    unordered_paired_depth: float = 1.1
-    unordered_depth: float = 1.2
-    narrowest_pair: float = 0.12
-    pairs_at_once: int = 8
-    hypotheses_at_once: int = 12_000
-    sharp_scale: float = 4.0
-    given_order_share: float = 1 / 3
-    least_rival: int = 8
-    rival_share: float = 0.5
-    same_deg: float = 2.0
-    rival_work: int = 600_000
+    first_look: int = bounded(36, 1, 100_000)
+    first_look_singles: int = bounded(80, 1, 100_000)
+    chance_sigmas: float = bounded(2.5, 0)
+    paired_depth: float = bounded(2.2, 0.01, 100)
+    scored_depth: float = bounded(2.2, 0.01, 100)
+    verified_depth: float = bounded(1.6, 0.01, 100)
+    unordered_paired_depth: float = bounded(1.1, 0.01, 100)
+    unordered_depth: float = bounded(1.2, 0.01, 100)
+    narrowest_pair: float = bounded(0.12, 0, 1)
+    pairs_at_once: int = bounded(8, 1, 10_000)
+    hypotheses_at_once: int = bounded(12_000, 1, 1_000_000)
+    sharp_scale: float = bounded(4.0, 1)
+    given_order_share: float = bounded(1 / 3, 0, 1)
+    least_rival: int = bounded(8, 1)
+    rival_share: float = bounded(0.5, 0, 1)
+    same_deg: float = bounded(2.0, 0, 180)
+    rival_work: int = bounded(600_000, 0)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def kept_for_rival(self, max_work: int) -> int:
         """Return the part of the bound of work that is kept for the other orientation."""

@@ -29,11 +29,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.cache import cached, digest
-from celnav.errors import ConfigError
+from celnav.checking import bounded, check_fields
 from celnav.fix import Reason
 from celnav.history import History
 from celnav.matching.confirmation import keep_mutually_nearest, log10_chance
-from celnav.matching.patterns import PatternConfig, Patterns, bearings, load_patterns, pattern_stars, separations
+from celnav.matching.patterns import (
+    MAX_LIMIT_DECIMAG,
+    PatternConfig,
+    Patterns,
+    bearings,
+    load_patterns,
+    pattern_stars,
+    separations,
+)
 from celnav.matching.protocol import Identification, Observation
 from celnav.sky.catalog import load_catalog
 
@@ -71,23 +79,20 @@ class DaiConfig:
         As for the thesis' matcher; scales and rotations are counted.
     """
 
-    limit_decimag: int = 40
-    radius_deg: float = 45.0
-    neighbours: int = 24
-    ratio_bin: float = 0.02
-    angle_bin_deg: float = 2.0
-    references: int = 15
-    candidates: int = 20
-    largest_scale: float = 1.5
+    limit_decimag: int = bounded(40, -20, MAX_LIMIT_DECIMAG)
+    radius_deg: float = bounded(45.0, 0.01, 90)
+    neighbours: int = bounded(24, 3, 200)
+    ratio_bin: float = bounded(0.02, 0.001, 1)
+    angle_bin_deg: float = bounded(2.0, 0.1, 90)
+    references: int = bounded(15, 1, 10_000)
+    candidates: int = bounded(20, 1, 10_000)
+    largest_scale: float = bounded(1.5, 1.001, 100)
     match_tolerance_deg: float = 0.5
     min_degree: float = 0.3
     max_log10_false_alarm: float = -4.0
 
     def __post_init__(self) -> None:
-        if self.neighbours < 3 or self.references < 1 or self.candidates < 1:
-            raise ConfigError("ddr-dai needs neighbours >= 3, references >= 1 and candidates >= 1")
-        if not (0 < self.ratio_bin <= 1 and 0 < self.angle_bin_deg <= 90 and self.largest_scale > 1):
-            raise ConfigError("ddr-dai needs 0 < ratio_bin <= 1, 0 < angle_bin_deg <= 90 and largest_scale > 1")
+        check_fields(self)
 
     @property
     def patterns(self) -> PatternConfig:

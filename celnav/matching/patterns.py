@@ -17,12 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.cache import cached, digest
+from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
 from celnav.sky.catalog import StarCatalog, load_catalog
 
 F8 = NDArray[np.float64]
 F4 = NDArray[np.float32]
 I4 = NDArray[np.int32]
+
+
+# Pairs of stars grow with the square of their number: 8,900 stars to V 6.5 make some ten million.
+MAX_LIMIT_DECIMAG = 65
 
 
 @dataclass(frozen=True)
@@ -42,19 +47,16 @@ class PatternConfig:
         the ``radius``, which no missing star can change.
     """
 
-    limits_decimag: tuple[int, ...] = tuple(range(20, 46))
-    radius_deg: float = 45.0
-    theta_bin_deg: float = 0.5
-    rho_bin: float = 0.02
+    limits_decimag: tuple[int, ...] = bounded(tuple(range(20, 46)), -20, MAX_LIMIT_DECIMAG)
+    radius_deg: float = bounded(45.0, 0.01, 90)
+    theta_bin_deg: float = bounded(0.5, 0.01, 90)
+    rho_bin: float = bounded(0.02, 0.001, 1)
     theta_max: Literal["pattern", "radius"] = "pattern"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not self.limits_decimag or list(self.limits_decimag) != sorted(set(self.limits_decimag)):
             raise ConfigError("limits_decimag must hold at least one limit, in rising order")
-        if not (0 < self.radius_deg <= 90 and self.theta_bin_deg > 0 and 0 < self.rho_bin <= 1):
-            raise ConfigError("patterns need 0 < radius_deg <= 90, theta_bin_deg > 0 and 0 < rho_bin <= 1")
-        if self.theta_max not in ("pattern", "radius"):
-            raise ConfigError(f"theta_max = {self.theta_max!r} is neither 'pattern' nor 'radius'")
 
     @property
     def n_theta(self) -> int:

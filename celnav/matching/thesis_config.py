@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
 from celnav.matching.patterns import PatternConfig
 
@@ -87,28 +88,28 @@ class DdrConfig:
 
     patterns: PatternConfig = field(default_factory=PatternConfig)
     fixed_limit_decimag: int | None = None
-    probe_steps: int = 1
+    probe_steps: int = bounded(1, 0, 1000)
     density_statistic: Literal["median", "mean"] = "median"
-    density_references: int | None = 5
+    density_references: int | None = bounded(5, 1)
     iterate: bool = True
     similarity_threshold: float = 0.45
     below_threshold: Literal["refuse", "accept"] = "refuse"
     reference_order: Literal["centrality", "brightness"] = "centrality"
-    max_references: int | None = 30
+    max_references: int | None = bounded(30, 1)
     reject_polar_deg: float | None = 75.0
     polar_criterion: Literal["declination", "determinant"] = "declination"
     vote_normalisation: Literal["image", "pattern", "larger"] = "image"
-    tolerance_bins: int = 0
-    candidates: int = 30
-    effort: int = 6000
+    tolerance_bins: int = bounded(0, 0, 100)
+    candidates: int = bounded(30, 1, 10_000)
+    effort: int = bounded(6000, 1, 10_000_000)
     bearings: Literal["rotation", "sorted-differences", "ignored"] = "rotation"
-    match_tolerance_deg: float = 0.5
+    match_tolerance_deg: float = bounded(0.5, 0, 180)
     max_log10_false_alarm: float = -4.0
-    min_matches: int = 3
-    min_features: int = 4
+    min_matches: int = bounded(3, 1)
+    min_features: int = bounded(4, 2)
     brightest: bool = True
-    brightest_factor: float = 1.0
-    brightest_count: int | None = None
+    brightest_factor: float = bounded(1.0, 0)
+    brightest_count: int | None = bounded(None, 3)
     consensus_min_matches: int = 5
     consensus_min_similarity: float = 0.6
     consensus_margin: float = 0.05
@@ -116,28 +117,9 @@ class DdrConfig:
     stars_in_fix: Literal["all", "one"] = "all"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.fixed_limit_decimag is not None and self.fixed_limit_decimag not in self.patterns.limits_decimag:
             raise ConfigError(f"fixed_limit_decimag = {self.fixed_limit_decimag} is none of the catalogues' limits")
-        if self.candidates < 1 or self.min_features < 2 or self.min_matches < 1:
-            raise ConfigError("the DDR matcher needs candidates >= 1, min_features >= 2 and min_matches >= 1")
-        for name, least in (("density_references", 1), ("max_references", 1), ("brightest_count", 3)):
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise ConfigError(f"{name} = {value} must be {least} or more, or None")
-        if self.tolerance_bins < 0 or self.probe_steps < 0:
-            raise ConfigError("tolerance_bins and probe_steps must be 0 or more")
-        allowed = {
-            "density_statistic": ("median", "mean"),
-            "below_threshold": ("refuse", "accept"),
-            "reference_order": ("centrality", "brightness"),
-            "polar_criterion": ("declination", "determinant"),
-            "vote_normalisation": ("image", "pattern", "larger"),
-            "bearings": ("rotation", "sorted-differences", "ignored"),
-            "stars_in_fix": ("all", "one"),
-        }
-        for name, values in allowed.items():
-            if getattr(self, name) not in values:
-                raise ConfigError(f"{name} = {getattr(self, name)!r} is none of {', '.join(values)}")
 
 
 # The configurations of the thesis, section 5, with our readings of what it leaves open.

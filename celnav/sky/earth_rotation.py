@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.checking import finite_number
 from celnav.errors import EarthRotationError
 from celnav.sky.utc import Utc, tai_minus_utc_s
 
@@ -99,6 +100,7 @@ def earth_orientation(utc: Utc, dut1_s: float | None = None) -> EarthOrientation
     """
     if dut1_s is None:
         return default_table().at(utc)
+    dut1_s = finite_number(dut1_s, "dut1_s", EarthRotationError)
     if not abs(dut1_s) < 1.0:
         raise EarthRotationError(f"dut1_s = {dut1_s} is impossible: |UT1-UTC| is kept below 0.9 s")
     table = default_table()

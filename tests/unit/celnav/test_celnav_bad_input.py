@@ -70,7 +70,7 @@ def test_malformed_questions():
         (lambda: celnav.solve(uv, CAMERA, "2150-01-01T00:00:00Z", None), "Earth rotation"),
         (lambda: celnav.solve(uv, celnav.Camera.pinhole(100, 80, 60), UTC, None), "outside"),
         (lambda: celnav.solve(celnav.Detections(uv, None, None, np.zeros(30)), CAMERA, UTC, None), "sigma_px"),
-        (lambda: celnav.LastKnown(95, 0, 10), "Earth"),
+        (lambda: celnav.LastKnown(95, 0, 10), "lat_deg"),
         (lambda: celnav.LastKnown(5, 0, 0), "radius"),
         (lambda: celnav.SkybenchConfig(calibrate="always"), "calibrate"),
         (lambda: celnav.SkybenchConfig(max_work=0), "max_work"),

@@ -96,6 +96,22 @@ def test_cache_is_used_and_survives_damage(tmp_path, monkeypatch):
     assert len(built) == 2
 
 
+def test_one_wrong_byte_in_the_cache_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    whole = {"a": np.arange(1000.0), "b": np.arange(50)}
+    celnav.cache.cached("t", "k", lambda: whole)
+    (file,) = (tmp_path / "skybench" / "celnav").iterdir()
+    content = file.read_bytes()
+    rng = np.random.default_rng(7)
+    first = content.index(b"\n") + 1
+    for place in (first, len(content) - 1, *rng.integers(first, len(content), 50).tolist()):
+        file.write_bytes(content[:place] + bytes([content[place] ^ 1 << int(rng.integers(8))]) + content[place + 1 :])
+        built = []
+        found = celnav.cache.cached("t", "k", lambda built=built: built.append(1) or whole)
+        assert built
+        assert np.array_equal(found["a"], whole["a"])
+
+
 def test_cache_gives_back_what_it_was_given(tmp_path, monkeypatch):
     """Bits, types and shapes, empty and two-dimensional arrays included; and nobody can write into a mapped table."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -116,7 +132,7 @@ def test_cache_gives_back_what_it_was_given(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"{}\n", b"[1]\n", b"PK\x03\x04", b'{"format": "celnav-cache/1", "bytes": 0}\n']
+    "content", [b"", b"{}\n", b"[1]\n", b"PK\x03\x04", b'{"format": "celnav-cache/2", "bytes": 0}\n']
 )
 def test_cache_builds_what_is_no_table(tmp_path, monkeypatch, content):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
