@@ -21,6 +21,10 @@ PERSPECTIVE = ("pinhole", "brown_conrady")
 FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
 MODELS = (*PERSPECTIVE, *FISHEYE)
 MAX_SIDE_PX = 100_000
+# Beyond these no lens lies, and within them no square overflows.
+_FOCAL_PX, _LARGEST_CENTRE_PX, _LARGEST_COEFFICIENT = (0.01, 1e9), 1e7, 1e9
+OUTSIDE_FRAME_PART = 0.05
+"""Positions may lie this far outside the frame, as a part of its width."""
 # How many coefficients k each model takes; models that are absent take none.
 _RADIAL = {"brown_conrady": 6, "kannala_brandt": 4}
 _MOST_TILT_RAD = 0.5
@@ -78,8 +82,11 @@ class Camera:
         defaults = {"f_px": math.nan, "fy_px": self.f_px, "cx_px": (self.width - 1) / 2, "cy_px": (self.height - 1) / 2}
         for name, default in defaults.items():
             object.__setattr__(self, name, _number(name, getattr(self, name), default))
-        if self.f_px <= 0 or self.fy_px <= 0:
-            raise CameraError(f"camera focal lengths f_px = {self.f_px}, fy_px = {self.fy_px} must be positive pixels")
+        if not all(_FOCAL_PX[0] <= f_px <= _FOCAL_PX[1] for f_px in (self.f_px, self.fy_px)):
+            limits = f"from {_FOCAL_PX[0]:g} to {_FOCAL_PX[1]:g}"
+            raise CameraError(f"camera focal lengths f_px = {self.f_px}, fy_px = {self.fy_px} must be {limits} pixels")
+        if max(abs(self.cx_px), abs(self.cy_px)) > _LARGEST_CENTRE_PX:
+            raise CameraError(f"camera cx_px, cy_px must be within {_LARGEST_CENTRE_PX:g} pixels")
         radial = _RADIAL.get(self.model, 0)
         for name, most in (("k", radial), ("p", 2), ("s", 4), ("tilt_rad", 2)):
             object.__setattr__(self, name, _coefficients(self.model, name, getattr(self, name), most))
@@ -249,6 +256,16 @@ class Camera:
         inside_u = (u >= -0.5 - margin_px) & (u <= self.width - 0.5 + margin_px)
         return np.asarray(inside_u & (v >= -0.5 - margin_px) & (v <= self.height - 0.5 + margin_px))
 
+    def check_positions(self, uv: NDArray[np.float64]) -> None:
+        """Raise `CameraError` where a position, shape (n, 2), lies far outside the frame."""
+        outside = ~self.in_frame(uv, OUTSIDE_FRAME_PART * self.width)
+        if outside.any():
+            u, v = uv[np.flatnonzero(outside)[0]]
+            raise CameraError(
+                f"detection at ({u:.1f}, {v:.1f}) lies outside the camera's {self.width} x {self.height} pixels: "
+                "is this the right camera?"
+            )
+
     @cached_property
     def solid_angle_sr(self) -> float:
         """Solid angle of the frame in steradians.
@@ -273,8 +290,8 @@ class Camera:
 def _coefficients(model: str, name: str, given: ArrayLike, most: int) -> tuple[float, ...]:
     """Return coefficients as a tuple of at most `most` floats; zeros beyond these are left out."""
     array = real_array(given, f"camera {name}", CameraError)
-    if array.ndim != 1 or not np.isfinite(array).all():
-        raise CameraError(f"camera {name} must be a list of finite numbers")
+    if array.ndim != 1 or not (np.abs(array) <= _LARGEST_COEFFICIENT).all():
+        raise CameraError(f"camera {name} must be a list of numbers, none of them above {_LARGEST_COEFFICIENT:g}")
     values = tuple(array.tolist())
     if any(values[most:]):
         takes = (

@@ -156,6 +156,7 @@ def fix_position(
     config = PositionConfig() if config is None else config
     weather = Weather() if weather is None else weather
     positions = as_positions(uv)
+    camera.check_positions(positions)
     ids = _whole_numbers(star_ids, len(positions))
     if len(positions) == 0:
         return Fix.refusal(Reason.TOO_FEW_DETECTIONS, "no star")

@@ -34,9 +34,6 @@ from celnav.problem import LastKnown, Problem, Solver, Stopwatch, check_time_lim
 from celnav.sky.utc import Utc, parse_utc
 from celnav.skybench_solver import SkybenchSolver
 
-# Centroid noise may push a star over the edge, but not by this part of the frame's width.
-OUTSIDE_FRAME_PART = 0.05
-
 
 @dataclass(frozen=True)
 class MatchThenFix:
@@ -218,10 +215,4 @@ def _check_fit(seen: Detections, camera: Camera) -> None:
         raise CameraError(
             f"the camera is {camera.width} x {camera.height} pixels, but the image {seen.shape[1]} x {seen.shape[0]}"
         )
-    outside = ~camera.in_frame(seen.uv, OUTSIDE_FRAME_PART * camera.width)
-    if outside.any():
-        u, v = seen.uv[np.flatnonzero(outside)[0]]
-        raise CameraError(
-            f"detection at ({u:.1f}, {v:.1f}) lies outside the camera's {camera.width} x {camera.height} pixels: "
-            "is this the right camera?"
-        )
+    camera.check_positions(seen.uv)

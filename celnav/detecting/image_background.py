@@ -56,7 +56,7 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     ignored = as_image(mask)
     if ignored.shape != pixels.shape or ignored.dtype != np.bool_:
         raise ImageError(f"mask must be boolean of shape {pixels.shape}, true where the image is not to be used")
-    return ~ignored
+    return np.logical_not(ignored)
 
 
 def background_and_noise(pixels: F4, used: Mask, tile_px: int) -> tuple[F4, F4]:

@@ -72,6 +72,8 @@ def _lift(dirs_enu: NDArray[np.float64], arcmin: NDArray[np.float64]) -> NDArray
 
 
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
+# Thinner air bends no ray by a hundredth of an arcsecond.
+LEAST_PRESSURE_HPA = 1e-3
 
 
 def refraction_rad(
@@ -93,6 +95,8 @@ def refraction_rad(
     """
     import erfa
 
+    if pressure_hpa < LEAST_PRESSURE_HPA:
+        return np.zeros_like(apparent_zenith_distance_rad)
     a, b = erfa.refco(pressure_hpa, temperature_c, relative_humidity, wavelength_um)
     highest = np.radians(90 - LOWEST_ALTITUDE_OF_SERIES_DEG)
     tangent = np.tan(np.minimum(apparent_zenith_distance_rad, highest))
