@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
-from celnav.checking import bounded, check_fields
+from celnav.checking import bounded, check_fields, finite_number
 from celnav.detection import as_positions
-from celnav.errors import AttitudeError, DetectionError
+from celnav.errors import AttitudeError, ConfigError, DetectionError
 from celnav.fix import Fix, Reason
 from celnav.sky.astrometry import TerrestrialStars, terrestrial_stars
 from celnav.sky.catalog import load_catalog
@@ -48,8 +48,7 @@ def usual_weather(height_m: float, pressure_hpa: float | None = None, temperatur
 
     From the 1010 hPa and 10 deg C of a `Weather` at sea level, by 6.5 K/km up to 11 km (U.S. Standard Atmosphere 1976).
     """
-    if not -1000 <= height_m <= 30000:
-        raise ConfigError(f"height_m = {height_m} must lie between -1000 and 30000")
+    height_m = finite_number(height_m, "height_m", ConfigError, -1000, 30000)
     sea = Weather()
     usual_hpa = sea.pressure_hpa * standard_pressure_hpa(height_m / 1000) / standard_pressure_hpa(0.0)
     usual_c = sea.temperature_c - 6.5e-3 * min(height_m, 11000.0)

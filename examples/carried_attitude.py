@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 import celnav
-from celnav.images import read_image
+from celnav.detecting.image_file import read_image
 
 EARTH_RAD_S = 7.292115e-5
 

@@ -15,7 +15,7 @@ import tetra3rs
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
-from celnav.images import read_image
+from celnav.detecting.image_file import read_image
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import parse_utc

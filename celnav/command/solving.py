@@ -19,10 +19,10 @@ from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
+from celnav.detecting.image_file import read_image
 from celnav.detection import detect
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Reason
-from celnav.images import read_image
 from celnav.position import usual_weather
 from celnav.problem import Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver

@@ -20,8 +20,8 @@ from celnav.adjustment import CameraPriors
 from celnav.camera import MODELS
 from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import read_tags
+from celnav.detecting.image_file import read_image
 from celnav.identification.search_config import SearchConfig, Stage
-from celnav.images import read_image
 from celnav.matching.ddr_dai import DaiConfig
 from celnav.matching.patterns import PatternConfig
 from celnav.sky.utc import parse_utc
