@@ -14,6 +14,7 @@ from celnav.camera import Camera
 from celnav.command.camera_file import CameraFile, read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
+from celnav.detecting.image_file import read_image
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
@@ -56,6 +57,7 @@ __all__ = [
     "errors",
     "fix_position",
     "read_camera_file",
+    "read_image",
     "solve",
     "solvers",
     "usual_weather",

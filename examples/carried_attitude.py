@@ -20,7 +20,6 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 import celnav
-from celnav.detecting.image_file import read_image
 
 EARTH_RAD_S = 7.292115e-5
 
@@ -64,7 +63,7 @@ def main(folder: Path) -> None:
         true = np.array(record["attitude"]["R_cam"])
         off_arcmin = math.degrees(Rotation.from_matrix(attitude @ true.T).magnitude()) * 60
 
-        detections = celnav.detect(read_image(path.with_suffix(".png")))
+        detections = celnav.detect(celnav.read_image(path.with_suffix(".png")))
         camera, time = celnav.Camera.from_json(path), record["time"]
         fixes = [
             celnav.solve(

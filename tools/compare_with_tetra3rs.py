@@ -15,7 +15,6 @@ import tetra3rs
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
-from celnav.detecting.image_file import read_image
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import parse_utc
@@ -61,7 +60,7 @@ def main() -> None:
     rows = []
     for path in sorted(folder.glob("frame-*.json")):
         record = json.loads(path.read_text())
-        image, camera = read_image(path.with_suffix(".png")), celnav.Camera.from_json(path)
+        image, camera = celnav.read_image(path.with_suffix(".png")), celnav.Camera.from_json(path)
         rows.append(
             (
                 record["sky"]["bortle"],

@@ -84,7 +84,9 @@ class StarTruth:
     def empty(cls) -> StarTruth:
         """Truth of no stars."""
         nothing, pairs = np.zeros(0), np.zeros((0, 2))
-        return cls(nothing, nothing, pairs, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), nothing, pairs, pairs)
+        return cls(
+            nothing, nothing, pairs, pairs, pairs, pairs, nothing, nothing, np.zeros(0, bool), nothing, pairs, pairs
+        )
 
 
 def star_truth(plan: FramePlan, tracks: Any, on_axis_e: Floats) -> StarTruth:
