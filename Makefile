@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow fuzz lint format install lock clean
+.PHONY: help demo demo-small boards boards-plan check-results docs test test-journeys test-slow fuzz lint format install lock dist sbom clean
 
 help:
 	@echo "make demo        render 27 frames, solve them with four solvers, write results/demo/index.html"
@@ -17,6 +17,8 @@ help:
 	@echo "make lint        ruff and mypy"
 	@echo "make format      format the code"
 	@echo "make lock        pin the dependencies anew (requirements.lock)"
+	@echo "make dist        build wheel and source archive, out/dist; the same commit gives the same bytes"
+	@echo "make sbom        write the bill of materials, out/sbom.cdx.json (CycloneDX)"
 	@echo "make clean       remove .venv, the documentation, the demos and caches; other files in out/ and results/ stay"
 
 install:
@@ -74,7 +76,15 @@ lock:
 	@$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra peers --generate-hashes \
 		--custom-compile-command "make lock" pyproject.toml --output-file requirements.lock
 
+# hatchling stamps all files with one date, that of the variable SOURCE_DATE_EPOCH or one of its own.
+dist: install
+	@$(BIN)/python -m build --no-isolation --outdir out/dist .
+
+sbom: install
+	@$(BIN)/python tools/bill_of_materials.py out/sbom.cdx.json
+	@echo "out/sbom.cdx.json"
+
 clean:
-	@rm -rf .venv out/docs out/demo out/demo-small results/demo results/demo-small
+	@rm -rf .venv out/docs out/dist out/sbom.cdx.json out/demo out/demo-small results/demo results/demo-small
 	@rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@rmdir out 2>/dev/null || true

@@ -1,5 +1,6 @@
 """The wheel alone, in an environment without the repository and an empty folder: files, scenarios, commands."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -113,3 +114,26 @@ def test_the_demonstration_and_a_position(installed, empty) -> None:
     frame = "out/demo/frame-00000"
     options = ("--camera", f"{frame}.json", "--attitude", f"{frame}.json", "--utc", "2020-01-15T20:00:00.25Z")
     assert "latitude" in run(installed, empty, "celnav", "solve", f"{frame}.png", *options)
+
+
+def test_wheel_and_source_archive_have_the_same_bytes_wherever_and_whenever_they_are_built(tmp_path) -> None:
+    """From two copies of the tracked files, with other dates and other rights, under other variables."""
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout.decode()
+    built = []
+    for number, rights in enumerate((0o644, 0o600)):
+        copy = tmp_path / ("here" * (number + 1))
+        for name in tracked.rstrip("\0").split("\0"):
+            if name.startswith(("results/", "docs/images/")) or not (ROOT / name).is_file():
+                continue
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, copy / name)
+            (copy / name).chmod(rights)
+            os.utime(copy / name, (10**9 + number * 10**7, 10**9 + number * 10**7))
+        environment = os.environ | {"TZ": ("UTC", "Asia/Tokyo")[number], "PYTHONHASHSEED": str(number)}
+        out = tmp_path / f"out-{number}"
+        command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(copy)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 0, done.stderr
+        built.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in out.iterdir()})
+    assert built[0] == built[1]
+    assert sorted(Path(name).suffix for name in built[0]) == [".gz", ".whl"]
