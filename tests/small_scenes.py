@@ -14,7 +14,15 @@ BASE: dict[str, Any] = {
     "seed": 7,
     "site": {"latitude_deg": 52.0, "longitude_deg": 4.36},
     "time": {"utc_start": "2020-01-15T20:00:00Z", "exposure_s": 0.5},
-    "camera": {"width": 270, "height": 180, "hfov_deg": 120, "aperture_mm": 4},
+    # A lens without stray light, which tests of it add.
+    "camera": {
+        "width": 270,
+        "height": 180,
+        "hfov_deg": 120,
+        "aperture_mm": 4,
+        "bloom": {"share": 0},
+        "veiling_glare": 0,
+    },
     "sky": {"bortle": 4},
 }
 V_BAND_QE = [

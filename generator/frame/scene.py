@@ -18,13 +18,13 @@ from generator.frame.foreground import shape_dicts
 from generator.frame.landscape import LandscapeMaps, landscape_maps, own_light_maps
 from generator.frame.moon_disk import moon_points
 from generator.frame.plan import FramePlan, dimming_atmosphere
+from generator.frame.scattered_light import Shining, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.light.star_colours import usual_vi
 from generator.light.stellar_spectra import colour_grid, colour_place
 from generator.optics.psf import psf_table
-from generator.optics.stray_light import with_stray_light
 from generator.plugins.scene_tensors import tensor
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.model import FrameSpec
@@ -35,6 +35,7 @@ from generator.sky.component import SkyTable, black_sky, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
 SKY_STEP_PX = 8.0
 """The diffuse sky is evaluated once per this many pixels of motion."""
@@ -53,7 +54,7 @@ class ExpectedFrame:
     electrons : (height, width) float32 array
         Expected electrons from stars and sky in each pixel, of the colour that its filter passes.
     sky_electrons : (height, width) float32 array
-        Those from the sky and from the foreground.
+        Those from the sky and from the foreground, and what the lens scatters of all light.
     channels : dict of (height, width) float32 arrays
         Expected electrons by channel (``electrons``, or ``blue``, ``green``, ``red``), as if every pixel had it; empty
         unless requested.
@@ -329,41 +330,57 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     landscape = landscape_maps(plan, list(tables.values()), response)
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera, landscape))
     integrator = scene.integrator()
-    sensor = plan.spec.sensor
-    # Stray light carries a channel's light to other pixels.
-    apart = sensor.colour is not None and not channels and plan.spec.camera.direct_share == 1
+    sensor, direct = plan.spec.sensor, np.float32(plan.spec.camera.direct_share)
+    apart = sensor.colour is not None and not channels
     names = [] if apart else list(sensor.channels)
     pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
-    sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
     zenith = sum(table.zenith_v() for table in tables.values())
-    image = sky
+
+    def astray(scene: Any, sky: Singles, points: Singles | None, shining: list[Shining]) -> Singles:
+        light = scattered(plan.spec, scene, camera, sky, points, shining)
+        return mosaic(light, sensor)[:, :, None] if apart else light
+
+    sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
         separate = {
             name: (metameric([part], response), landscape_maps(plan, [part], response, name))
             for name, part in tables.items()
         }
-        shining = own_light_maps(plan, response)
-        if shining is not None:
-            separate["landscape"] = (black_sky(), shining)
+        own_light = own_light_maps(plan, response)
+        if own_light is not None:
+            separate["landscape"] = (black_sky(), own_light)
         for name, (part, lit) in separate.items():
             alone = mi.load_dict(scene_dict(plan, part, camera, lit))
-            parts[name] = mosaic(np.array(alone.integrator().diffuse(alone, camera, pattern)), sensor)
+            light = np.array(alone.integrator().diffuse(alone, camera, pattern))
+            if direct < 1:
+                light = direct * light + astray(alone, light, None, [])
+            parts[name] = mosaic(light, sensor)
     truths = dict.fromkeys(("stars", "objects"), StarTruth.empty())
+    shining: list[Shining] = []
+    points: Singles | None = None
+    dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
     for emitter in scene.emitters():
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        points = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
-        points = with_stray_light(points, plan.spec.camera)
-        image = image + points
+        light = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
+        points = light if points is None else points + light
+        by_band = integrator.electrons_by_band(camera, emitter, integrator.bands)
+        shining.append(Shining(emitter, tracks, by_band.sum(axis=2)))
         if layers:
-            parts[emitter.id()] = mosaic(points, sensor)
-        on_axis = integrator.electrons_by_band(camera, emitter, integrator.bands)
-        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), on_axis))
+            if direct < 1:
+                light = direct * light + astray(dark, np.zeros_like(light), light, shining[-1:])
+            parts[emitter.id()] = mosaic(light, sensor)
+        truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), by_band))
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
         truths[emitter.id()] = truth
+    image = sky if points is None else sky + points
+    if direct < 1:
+        wide = astray(scene, sky, points, shining)
+        image = direct * image + wide
+        sky = direct * sky + wide
     # In the emitter, the points of the Moon's disk follow the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(

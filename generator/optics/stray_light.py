@@ -1,100 +1,173 @@
-"""Light that a lens sends astray: bloom around every point of light, and ghosts by two reflections inside.
+"""Light that a lens sends astray: wings around everything that shines, veiling glare, and ghosts.
 
-- Bloom: surface roughness and dust scatter a share of the light into wide wings, w(r) = 1 / (1 + (r / core)^slope), the ABg
-  form of scatter (Pfisterer 2011, "Approximated scatter models for stray light analysis", Optics & Photonics News 22(10),
-  16). Around stars the observed slope is 2 (King 1971, PASP 83, 199: the aureole falls as the inverse square). The wings end
-  at `reach_px`.
-- Ghosts: to first order light that is reflected twice falls into the image of the pupil, a disk whose middle lies at a fixed
-  multiple of the point's own distance from the principal point, negative beyond it (Lee & Eisemann 2013, "Practical real-time
-  lens-flare rendering", Computer Graphics Forum 32(4), 1: lens systems as matrices).
+- Wings: :mod:`generator.optics.wings`.
+- Veiling glare: what has lost its direction in the lens and its barrel falls evenly on the sensor. Its measure is that of
+  ISO 9358 (Veiling glare of image-forming systems): of an evenly lit hemisphere, the share that reaches the image of a black
+  spot. Here that share is of the hemisphere's mean radiance, weighted as the entrance pupil sees it.
+- Ghosts: :mod:`generator.optics.ghosts`.
 
-A share of the light that reaches the frame is moved, none is made or lost but what leaves the frame. The diffuse sky is left
-as it is: what a smooth field loses by scatter it gets back. Light from outside the frame scatters nothing into it.
+Each takes its share from the image of a point and gives it to all pixels, in the frame or not: light is moved, not made. An
+evenly lit field keeps its brightness. Stars, planets, the Moon, lamps, flying objects and the diffuse sky are treated alike,
+inside the frame and around it, as far as the wings reach and the lens sees.
 """
 
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.scenario.camera_spec import BloomSpec, CameraSpec, GhostSpec
+from generator.optics.ghosts import ghost_light
+from generator.optics.light_cells import RIM, CellGrid, block_mean, cells_outside, enlarged, halved
+from generator.optics.wings import COARSE_PX, TRUNCATE, mixture, wide_kernel
+from generator.scenario.camera_spec import BloomSpec, CameraSpec
 
 Floats = NDArray[np.float64]
-
-FINE = 5
-"""Samples per pixel and axis where a disk's edge crosses it."""
+Singles = NDArray[np.float32]
 
 
-def with_stray_light(points: NDArray[np.float32], camera: CameraSpec) -> NDArray[np.float32]:
-    """Image of points of light with the camera's bloom and ghosts.
+@dataclass(frozen=True)
+class PointSources:
+    """Light of m points.
+
+    Attributes
+    ----------
+    u_px, v_px : (m,) arrays
+        Where it falls, also outside the frame; NaN where the lens does not image it.
+    electrons : (m, channels) array
+    """
+
+    u_px: Floats
+    v_px: Floats
+    electrons: Floats
+
+
+@dataclass(frozen=True)
+class Surround:
+    """Light that does not fall on the frame itself.
+
+    Attributes
+    ----------
+    sky : (n, channels) array
+        Electrons per pixel from the diffuse sky in the coarse cells of `generator.optics.light_cells.cells_outside`.
+    hemisphere : (channels,) array
+        Electrons of a pixel on the axis if the lens saw the mean of all light in front of it, points included.
+    """
+
+    sky: Floats
+    hemisphere: Floats
+
+
+def cell_grid(camera: CameraSpec, colour: bool) -> CellGrid:
+    """Cells for a camera's stray light; those of a colour sensor are at least as large as its filter pattern."""
+    parts = mixture(camera.bloom) if camera.bloom.share else ()
+    finest = min((part.cell_px for part in parts), default=COARSE_PX)
+    margin = max(RIM + 1, math.ceil(camera.bloom.reach_px / COARSE_PX) if camera.bloom.share else 0)
+    return CellGrid(camera.width, camera.height, max(finest, 2 if colour else 1), margin)
+
+
+def stray_light(
+    frame: Singles, points: Sequence[PointSources], surround: Surround, grid: CellGrid, camera: CameraSpec
+) -> Singles:
+    """Electrons that reach each pixel astray.
 
     Parameters
     ----------
-    points : (height, width, channels) array
-        Electrons from stars, planets, Moon, or flying objects, without the diffuse sky.
+    frame : (height, width, channels) array
+        Electrons in the frame, as a lens without stray light images them, without those of `points`.
+    points : sequence of PointSources
+        Further light: that of ghosts of points, and what lies outside the frame.
+    surround : Surround
+    grid : CellGrid
+        Of :func:`cell_grid`.
     camera : CameraSpec
 
     Returns
     -------
     (height, width, channels) array
     """
-    if camera.direct_share == 1:
-        return points
-    image = np.empty_like(points)
-    for channel in range(points.shape[2]):
-        light = points[:, :, channel].astype(np.float64)
-        total = camera.direct_share * light
-        if camera.bloom is not None:
-            total += camera.bloom.share * _convolved(light, bloom_wings(camera.bloom))
+    planes = []
+    index, _, _ = cells_outside(grid)
+    for channel in range(frame.shape[2]):
+        around = np.zeros(grid.shape)
+        around.ravel()[index] = surround.sky[:, channel]
+        fine = grid.fine_from(np.ascontiguousarray(frame[:, :, channel]), around)
+        for source in points:
+            grid.add_points(fine, around, source.u_px, source.v_px, source.electrons[:, channel])
+        even = np.float32(camera.veiling_glare * surround.hemisphere[channel])
+        if camera.bloom.share:
+            light = wing_light(fine, around, grid, camera.bloom)
+            light *= np.float32(camera.bloom.share)
+            light += even
+        else:
+            light = np.full_like(fine, even)
+        planes.append(grid.on_pixels(light))
+    return planes[0][:, :, None] if len(planes) == 1 else np.stack(planes, axis=2)
+
+
+def ghosts(
+    sky: Singles, points: Sequence[PointSources], surround: Surround, grid: CellGrid, camera: CameraSpec
+) -> Singles:
+    """Electrons of a camera's ghosts in each pixel; of a sky as that of :func:`stray_light`, and of all points."""
+    result = np.zeros_like(sky)
+    index, _, _ = cells_outside(grid)
+    for channel in range(sky.shape[2]):
+        around = np.zeros(grid.shape)
+        around.ravel()[index] = surround.sky[:, channel]
+        smooth = coarse_cells(grid.fine_from(np.ascontiguousarray(sky[:, :, channel]), around), around, grid)
+        lights = [(source.u_px, source.v_px, source.electrons[:, channel]) for source in points]
         for ghost in camera.ghosts:
-            total += ghost.share * _convolved(_mapped(light, ghost, camera), disk(ghost.diameter_px))
-        image[:, :, channel] = total
-    return image
+            result[:, :, channel] += ghost_light(ghost, smooth, lights, grid, camera)
+    return result
 
 
-@functools.lru_cache(maxsize=8)
-def bloom_wings(bloom: BloomSpec) -> Floats:
-    """Wings of the bloom on whole pixels, (2 reach + 1)^2, with sum 1."""
-    axis = np.arange(-bloom.reach_px, bloom.reach_px + 1)
-    radius = np.hypot(axis, axis[:, None])
-    wings = np.where(radius <= bloom.reach_px, 1 / (1 + (radius / bloom.core_px) ** bloom.slope), 0.0)
-    return wings / wings.sum()
+def coarse_cells(fine: Singles, around: Floats, grid: CellGrid) -> Floats:
+    """Light on all coarse cells, of that on the fine cells and beyond them."""
+    whole = around.copy()
+    rows, columns = grid.inner
+    skip = grid.margin - RIM
+    inner = block_mean(fine, COARSE_PX // grid.fine_px)
+    whole[skip : skip + rows + 2 * RIM, skip : skip + columns + 2 * RIM] = inner
+    return whole
 
 
-@functools.lru_cache(maxsize=8)
-def disk(diameter_px: float) -> Floats:
-    """An evenly lit disk on whole pixels, with sum 1; pixels on its edge by their area within it."""
-    half = int(np.ceil(diameter_px / 2 + 0.5))
-    fine = (np.arange((2 * half + 1) * FINE) + 0.5) / FINE - half - 0.5
-    inside = (np.hypot(fine, fine[:, None]) <= diameter_px / 2).astype(np.float64)
-    shape = inside.reshape(2 * half + 1, FINE, 2 * half + 1, FINE).sum(axis=(1, 3))
-    return shape / shape.sum()
+@functools.lru_cache(maxsize=4)
+def _kernel_spectrum(bloom: BloomSpec, margin: int, fine_px: int, size: tuple[int, ...]) -> NDArray[np.complex128]:
+    """Transform of the kernel on coarse cells."""
+    from scipy import fft
+
+    return np.asarray(fft.rfft2(wide_kernel(bloom, margin, fine_px), size))
 
 
-def _mapped(light: Floats, ghost: GhostSpec, camera: CameraSpec) -> Floats:
-    """The light moved to the ghost's distances from the principal point, shared between the four nearest pixels."""
-    height, width = light.shape
-    rows, columns = np.nonzero(light)
-    projection = camera.projection
-    u = projection.cx_px + ghost.magnification * (columns - projection.cx_px)
-    v = projection.cy_px + ghost.magnification * (rows - projection.cy_px)
-    left, top = np.floor(u).astype(np.intp), np.floor(v).astype(np.intp)
-    image = np.zeros(light.size)
-    for down in (0, 1):
-        for right in (0, 1):
-            share = np.abs(1 - right - (u - left)) * np.abs(1 - down - (v - top))
-            column, row = left + right, top + down
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            amount = (light[rows, columns] * share)[inside]
-            image += np.bincount(row[inside] * width + column[inside], amount, light.size)
-    return image.reshape(height, width)
+def wing_light(fine: Singles, around: Floats, grid: CellGrid, bloom: BloomSpec) -> Singles:
+    """The wings of light on cells, as light on the fine cells."""
+    # Take a while to import, which frames without stray light need not wait for.
+    from scipy import fft, ndimage
 
-
-def _convolved(light: Floats, kernel: Floats) -> Floats:
-    """Convolution, light that leaves the frame dropped; without the transform's negative rounding errors."""
-    # Takes a quarter of a second to import, which frames without stray light need not wait for.
-    from scipy.signal import fftconvolve
-
-    return np.maximum(fftconvolve(light, kernel, mode="same"), 0)
+    levels = []
+    cells, side = fine, grid.fine_px
+    while side < COARSE_PX:
+        light = np.float32(0) * cells
+        for part in mixture(bloom):
+            if max(part.cell_px, grid.fine_px) == side:
+                sigma = math.sqrt(part.left_px2(grid.fine_px)) / side
+                blurred = ndimage.gaussian_filter(cells, sigma, mode="constant", truncate=TRUNCATE)
+                blurred *= np.float32(part.share)
+                light += blurred
+        levels.append(light)
+        cells, side = halved(cells), 2 * side
+    whole = coarse_cells(cells, around, CellGrid(grid.width, grid.height, COARSE_PX, grid.margin))
+    size = tuple(fft.next_fast_len(length + RIM, real=True) for length in whole.shape)
+    spread = fft.irfft2(fft.rfft2(whole, size) * _kernel_spectrum(bloom, grid.margin, grid.fine_px, size), size)
+    # The kernel's middle is at its index `margin`; what wraps around stays within the margin.
+    rows, columns = grid.inner
+    first = 2 * grid.margin - RIM
+    wide = spread[first : first + rows + 2 * RIM, first : first + columns + 2 * RIM].astype(np.float32)
+    for light in reversed(levels):
+        wide = enlarged(np.pad(wide, 1, mode="edge"), 2)
+        wide += light
+    return np.maximum(wide, 0, out=wide)

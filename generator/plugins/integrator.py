@@ -144,13 +144,13 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         for look in range(self.sky_moments):
             ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
             etendue *= free / self.sky_moments
-            self._add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
+            self.add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
-                    self._add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
+                    self.add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
         ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
         cover = dr.select((ray.d.z >= 0) & (etendue > 0), 1 - free, 1) + dr.zeros(mi.Float, width * height)
         return mi.TensorXf(interleaved(image), (height, width, planes)), mi.TensorXf(cover, (height, width))
@@ -183,13 +183,13 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             dr.eval(image, left)
         return dr.maximum(left, 0)
 
-    def _add_sky(
+    def add_sky(
         self,
         image: list[Any],
         coefficients: list[Any],
         terms: list[Any],
         etendue: Any,
-        seen: tuple[Pattern, Any, Any] | None,
+        seen: tuple[Pattern, Any, Any] | None = None,
     ) -> None:
         """Add light of the sky to planes: a sum of terms, each a value by direction times an integrated spectrum."""
         lights = []

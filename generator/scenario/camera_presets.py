@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 GENERIC = (
-    "Dark current, line time, non-uniformities, distortion, vignetting, aberrations and quantum efficiency are skybench's "
-    "own generic values."
+    "Where no source is named, dark current, line time, non-uniformities, distortion, vignetting, aberrations, stray light "
+    "and quantum efficiency are skybench's own generic values."
 )
 """Holds for every camera beside the source of its other figures."""
 
@@ -35,8 +35,17 @@ class CameraPreset:
 PRESETS: dict[str, CameraPreset] = {
     "thesis-720p": CameraPreset(
         "The camera of the thesis on DDR star identification: 120 deg across, one rectilinear lens",
-        "The projection that the thesis assumes (1080 x 720, 120 deg); the sensor is skybench's generic one.",
-        camera={"model": "pinhole", "width": 1080, "height": 720, "hfov_deg": 120.0, "aperture_mm": 4.0},
+        "The projection that the thesis assumes (1080 x 720, 120 deg), and a lens without stray light, as its own; the "
+        "sensor is skybench's generic one.",
+        camera={
+            "model": "pinhole",
+            "width": 1080,
+            "height": 720,
+            "hfov_deg": 120.0,
+            "aperture_mm": 4.0,
+            "bloom": {"share": 0.0},
+            "veiling_glare": 0.0,
+        },
         sensor={},
     ),
     "imx477-6mm": CameraPreset(
@@ -97,7 +106,8 @@ PRESETS: dict[str, CameraPreset] = {
     "imx462-fisheye": CameraPreset(
         "Colour camera with a Sony IMX462 and a 1.8 mm f/2 equidistant fisheye",
         "1936 x 1096 pixels of 2.9 um; full well and read noise from ZWO's published curves for the ASI462MC (11.2 ke-, "
-        "2.65 e-), read from them at second hand.",
+        "2.65 e-), read from them at second hand; wings of the lens as measured on the fisheye of superstar-allsky, at the "
+        "same distance in micrometres.",
         camera={
             "model": "equidistant",
             "width": 1936,
@@ -105,6 +115,7 @@ PRESETS: dict[str, CameraPreset] = {
             "focal_length_mm": 1.8,
             "pixel_pitch_um": 2.9,
             "aperture_mm": 0.9,
+            "bloom": {"share": 0.33, "core_px": 6.4, "slope": 2.4, "reach_px": 800},
         },
         sensor={
             "colour": {"pattern": "RGGB"},
@@ -117,6 +128,55 @@ PRESETS: dict[str, CameraPreset] = {
             "dark_current_e_s": 0.3,
             "prnu": 0.006,
             "dsnu_e": 0.4,
+        },
+    ),
+    "superstar-allsky": CameraPreset(
+        "All-sky camera: Starlight Xpress Superstar (Sony ICX205, monochrome) with a 1.57 mm f/2 fisheye under a dome",
+        "Measured on eight frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
+        "mommermi/cloudynight): the lens by 764 stars of one frame (0.26 px rms an axis), throughput by stars of V 2.5 to 5, "
+        "gain and read noise by the noise of sky and dark corners, wings around stars to 38 px and around the Moon to 450. "
+        "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most.",
+        camera={
+            "model": "kannala_brandt",
+            "width": 1392,
+            "height": 1040,
+            "f_px": 337.0175,
+            "pixel_pitch_um": 4.65,
+            "cx_px": 709.673,
+            "cy_px": 489.55,
+            "k": [-0.010559, -0.005406],
+            "image_circle_px": 500.0,
+            "aperture_mm": 0.78,
+            "transmission": 0.4,
+            "psf_sigma_px": 0.7,
+            "bloom": {"share": 0.33, "core_px": 4.0, "slope": 2.4, "reach_px": 500},
+            "veiling_glare": 0.001,
+        },
+        sensor={
+            "quantum_efficiency": [
+                [350, 0.1],
+                [400, 0.4],
+                [450, 0.5],
+                [500, 0.55],
+                [550, 0.52],
+                [600, 0.44],
+                [650, 0.35],
+                [700, 0.27],
+                [750, 0.2],
+                [800, 0.14],
+                [850, 0.1],
+                [900, 0.06],
+                [950, 0.03],
+                [1000, 0.01],
+            ],
+            "full_well_e": 17500.0,
+            "read_noise_e": 8.0,
+            "gain_e_per_dn": 0.27,
+            "black_level_dn": 2320,
+            "bits": 16,
+            "dark_current_e_s": 0.1,
+            "prnu": 0.01,
+            "dsnu_e": 1.0,
         },
     ),
     "machine-vision-mono": CameraPreset(

@@ -13,7 +13,7 @@ from generator.scenario.strict import File, Fraction, Numbers, Strict, listed
 
 Waves = Annotated[float, Field(ge=-5, le=5)]
 LEAST_DIRECT_SHARE = 0.4
-"""Least part of the light that bloom and ghosts must leave."""
+"""Least part of the light that bloom, veiling glare and ghosts must leave."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
 
 
@@ -86,15 +86,18 @@ class PsfSpec(Strict):
 
 
 class BloomSpec(Strict):
-    """Light scattered in the lens into wide wings 1 / (1 + (r / core_px)^slope) around every point of light."""
+    """Light that surfaces and dust of the lens scatter into wings (1 + (r / core_px)^2)^(-slope / 2) around its source.
 
-    share: Annotated[float, Field(gt=0, le=0.5)]
-    """Of the light, 0-0.5."""
-    core_px: Annotated[float, Field(ge=0.5, le=100)] = 2.0
+    The wings of everything that shines: stars, planets, the Moon, lamps, the diffuse sky, in the frame and around it.
+    """
+
+    share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    """Of the light, 0-0.5; 0 turns the wings off."""
+    core_px: Annotated[float, Field(ge=0.5, le=100)] = 4.0
     """Radius at which the wings begin, px."""
-    slope: Annotated[float, Field(ge=1, le=6)] = 2.0
+    slope: Annotated[float, Field(ge=1, le=6)] = 2.4
     """Exponent of the wings."""
-    reach_px: Annotated[int, Field(ge=2, le=1000)] = 200
+    reach_px: Annotated[int, Field(ge=2, le=2000)] = 500
     """Radius at which the wings end, px."""
 
 
@@ -176,9 +179,11 @@ class CameraSpec(Strict):
     """Standard deviation of the Gaussian point spread function, px, where `psf` is not given."""
     psf: PsfSpec | None = None
     """Another point spread function."""
-    # Excluded from the scenario's hash unless given, as if the keys did not exist.
-    bloom: BloomSpec | None = Field(default=None, exclude_if=lambda bloom: bloom is None)
+    bloom: BloomSpec = BloomSpec()
     """Scatter in the lens."""
+    veiling_glare: Annotated[float, Field(ge=0, le=0.2)] = 0.01
+    """Part of the light that spreads evenly over the sensor: as ISO 9358 has it, the light of a black spot over that of an
+    evenly lit hemisphere around it, wings and ghosts left out."""
     ghosts: Annotated[tuple[GhostSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(
         default=(), exclude_if=lambda ghosts: not ghosts
     )
@@ -195,7 +200,7 @@ class CameraSpec(Strict):
             raise ValueError("psf.diffraction needs pixel_pitch_um")
         if self.direct_share < LEAST_DIRECT_SHARE:
             raise ValueError(
-                f"bloom and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
+                f"bloom, veiling glare and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
                 f"{1 - LEAST_DIRECT_SHARE:.2g} together"
             )
         try:
@@ -218,8 +223,8 @@ class CameraSpec(Strict):
 
     @property
     def direct_share(self) -> float:
-        """Part of the light that goes neither into bloom nor into ghosts."""
-        return 1 - (self.bloom.share if self.bloom else 0.0) - sum(ghost.share for ghost in self.ghosts)
+        """Part of the light that goes into its image: not into wings, veiling glare or ghosts."""
+        return 1 - self.bloom.share - self.veiling_glare - sum(ghost.share for ghost in self.ghosts)
 
     @property
     def f_px(self) -> float:

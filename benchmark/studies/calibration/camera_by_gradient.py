@@ -122,12 +122,14 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
 
 
 def gradient_scenario(scenario: Scenario, camera: CameraSpec, n_frames: int) -> Scenario:
-    """The scenario as the recovery takes it: a lens model with a k1, a Gaussian point spread, steady stars, an open sky."""
+    """The scenario as the recovery takes it: a lens model with a k1, a Gaussian point spread without wings, steady stars."""
     lens = with_k1(camera.projection, 0.0)
     if lens is None:
         raise ValueError(f"{camera.model} has no k1")
     left_out = ("hfov_deg", "focal_length_mm", "psf", "bloom", "ghosts")
     section = {key: value for key, value in scenario.template["camera"].items() if key not in left_out}
+    # The recovery's model of a star is its point spread alone.
+    section |= {"bloom": {"share": 0.0}, "veiling_glare": 0.0}
     section |= {"model": lens.model, "f_px": lens.f_px, "k": list(lens.k), "p": list(lens.p)}
     if camera.psf is not None:
         section |= {"psf": None, "psf_sigma_px": min(20.0, max(0.2, equivalent_sigma_px(camera)))}

@@ -1,0 +1,125 @@
+"""What a frame's lens scatters: the light of its sky and its points, inside and around the frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.optics.light_cells import cells_outside
+from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
+from generator.scenario.model import FrameSpec
+from generator.sensor.colour import filter_array, mosaic
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Shining:
+    """An emitter of points of light and what became of it.
+
+    Attributes
+    ----------
+    emitter : StarEmitter
+    tracks : generator.plugins.star_tracks.StarTracks
+    on_axis_e : (n, channels) array
+        Electrons of each point on the axis.
+    """
+
+    emitter: Any
+    tracks: Any
+    on_axis_e: Floats
+
+
+def scattered(
+    spec: FrameSpec, scene: Any, camera: Any, sky: Singles, points: Singles | None, shining: Sequence[Shining]
+) -> Singles:
+    """Electrons of light astray in each pixel, (height, width, channels) array.
+
+    Parameters
+    ----------
+    spec : FrameSpec
+    scene : Scene
+        Whose environment is the diffuse sky.
+    camera : Sensor
+    sky : (height, width, channels) array
+        Electrons from the diffuse sky and the foreground; of a colour sensor either all channels or, as one, that of each
+        pixel. Only the latter counts.
+    points : array of the same shape, or None
+        Those from points of light; used of a monochrome sensor.
+    shining : sequence of Shining
+        The points, also those around the frame.
+    """
+    from generator.frame.surround import hemisphere_mean, sky_beside, unhidden
+
+    integrator = scene.integrator()
+    colour = spec.sensor.colour is not None
+    grid = cell_grid(spec.camera, colour)
+    _, u, v = cells_outside(grid)
+    lights = [(one.emitter, _mean_over_time(one)) for one in shining]
+    surround = Surround(sky_beside(scene, integrator, camera, u, v), hemisphere_mean(scene, integrator, camera, lights))
+    smooth = _all_channels(sky, spec)
+    free = [unhidden(scene, integrator, one.emitter) for one in shining]
+
+    def sources(beyond: tuple[int, int] | None) -> list[PointSources]:
+        return [_sources(one, part, beyond) for one, part in zip(shining, free, strict=True)]
+
+    if colour or points is None:
+        # A mosaic samples stars too coarsely for sums over cells.
+        light, others = smooth, sources(None)
+    else:
+        light, others = smooth + points, sources((spec.camera.width, spec.camera.height))
+    astray = stray_light(light, others, surround, grid, spec.camera)
+    if spec.camera.ghosts:
+        astray += ghosts(smooth, sources(None), surround, grid, spec.camera)
+    return astray
+
+
+def _mean_over_time(one: Shining) -> Floats:
+    curve = one.emitter.light_curve
+    return one.on_axis_e if curve is None else one.on_axis_e * curve.mean(axis=1)[:, None]
+
+
+def _sources(one: Shining, free: Floats, beyond: tuple[int, int] | None) -> PointSources:
+    """Points near the frame at their moments, others, as far as they are `free`, where they are at mid-exposure.
+
+    `beyond`: only those outside a frame of this width and height.
+    """
+    tracks = one.tracks
+    far = np.ones(len(tracks.u_px), dtype=bool)
+    far[tracks.star] = False
+    far &= np.isfinite(tracks.u_px) & (tracks.light > 0)
+    near = np.ones(len(tracks.star), dtype=bool)
+    if beyond is not None:
+        width, height = beyond
+        near = np.abs(tracks.u - (width - 1) / 2) > width / 2
+        near |= np.abs(tracks.v - (height - 1) / 2) > height / 2
+    star = np.concatenate([tracks.star[near], np.flatnonzero(far)])
+    light = np.concatenate([tracks.weight[near], (tracks.light * free)[far]])
+    return PointSources(
+        np.concatenate([tracks.u[near], tracks.u_px[far]]),
+        np.concatenate([tracks.v[near], tracks.v_px[far]]),
+        one.on_axis_e[star] * light[:, None],
+    )
+
+
+def _all_channels(sky: Singles, spec: FrameSpec) -> Singles:
+    """Every channel of a smooth image from what the pixels record: in each 2 x 2 pixels the mean of those of the channel."""
+    if spec.sensor.colour is None:
+        return sky
+    height, width = sky.shape[:2]
+    recorded = mosaic(sky, spec.sensor)
+    # Mirrored at a pixel, so that the pattern goes on.
+    even = np.pad(recorded, [(0, height % 2), (0, width % 2)], mode="reflect")
+    chosen = filter_array(spec.sensor.colour.pattern, *even.shape)
+    result = np.empty((*even.shape, 3), np.float32)
+    for channel in range(3):
+        here = np.where(chosen == channel, even, np.float32(0))
+        blocks = here[0::2, 0::2] + here[0::2, 1::2] + here[1::2, 0::2] + here[1::2, 1::2]
+        blocks /= (chosen[:2, :2] == channel).sum()
+        result[:, :, channel] = blocks.repeat(2, axis=0).repeat(2, axis=1)
+    return result[:height, :width]

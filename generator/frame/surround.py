@@ -1,0 +1,120 @@
+"""Light that a camera receives from around its frame: what its lens scatters into it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.foreground import lit_directions
+from generator.plugins.integrator import NightSkyIntegrator
+from generator.plugins.stars import StarEmitter
+
+Floats = NDArray[np.float64]
+
+HEMISPHERE_DIRECTIONS = 1024
+"""Even directions over the pupil's hemisphere: the mean of a night sky over them is good to 1 %."""
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+
+
+def sky_beside(scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, u: Floats, v: Floats) -> Floats:
+    """Electrons per pixel from the sky and the foreground at positions that need not lie in the frame, at mid-exposure.
+
+    Parameters
+    ----------
+    scene, integrator, camera
+    u, v : (n,) arrays
+        px.
+
+    Returns
+    -------
+    (n, channels) array
+        0 where the lens images nothing.
+    """
+    position = mi.Point2f(mi.Float((u + 0.5) / camera.width), mi.Float((v + 0.5) / camera.height))
+    ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), position)
+    etendue = dr.select(dr.isfinite(etendue), etendue, 0)
+    return _seen(scene, integrator, camera, ray, etendue, integrator.lit_samples)
+
+
+def hemisphere_mean(
+    scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, per_emitter: list[tuple[StarEmitter, Floats]]
+) -> Floats:
+    """Electrons of a pixel on the axis if it received the mean of all light in front of the lens, (channels,) array.
+
+    The mean is over the hemisphere about the boresight, at mid-exposure, weighted by the pupil's projected area.
+
+    Parameters
+    ----------
+    scene, integrator, camera
+    per_emitter : list of (StarEmitter, (n, channels) array)
+        Points of light, and their electrons on the axis.
+    """
+    # The cosine law is uniform over the disk that the hemisphere projects to, the constant pupil over the hemisphere.
+    place = (np.arange(HEMISPHERE_DIRECTIONS) + 0.5) / HEMISPHERE_DIRECTIONS
+    cosine_law = camera.pupil_law == "cosine"
+    z = np.sqrt(1 - place) if cosine_law else 1 - place
+    radius, turn = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(HEMISPHERE_DIRECTIONS)
+    rotation = np.array([[float(np.array(part)[0]) for part in row] for row in camera.world_to_camera(FLOAT64(0.5))])
+    enu = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1) @ rotation
+    direction: Any = mi.Vector3f(np.ascontiguousarray(enu.T))
+    ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), mi.Point2f(0.5))
+    ray.d = direction
+    projection = camera.projection
+    pixel_sr = 1 / (projection.f_px * projection.fy_px)
+    etendue = camera.collected * mi.Float(pixel_sr)
+    mean = _seen(scene, integrator, camera, ray, etendue, integrator.lit_samples).mean(axis=0)
+    for emitter, electrons in per_emitter:
+        cosine = _middle_directions(emitter) @ rotation[2]
+        weight = np.maximum(cosine, 0) / math.pi if cosine_law else (cosine > 0) / (2 * math.pi)
+        weight = weight * unhidden(scene, integrator, emitter)
+        mean = mean + pixel_sr * (weight @ electrons)
+    return np.asarray(mean)
+
+
+def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:
+    """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
+    if not emitter.behind_foreground or (not scene.shapes() and integrator.landscape is None):
+        return np.ones(emitter.count)
+    direction = mi.Vector3f(np.ascontiguousarray(_middle_directions(emitter).T, dtype=np.float32))
+    free = np.ones(emitter.count)
+    if scene.shapes():
+        free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))
+    if integrator.landscape is not None:
+        free = free * (1 - np.array(integrator.landscape.at(*integrator.landscape.place(direction), 1)[0]))
+    return free
+
+
+def _middle_directions(emitter: StarEmitter) -> Floats:
+    """Unit vectors (east, north, up) of an emitter's points near mid-exposure, (n, 3) array."""
+    middle = emitter.keyframes // 2
+    return np.stack([np.array(part)[middle :: emitter.keyframes] for part in emitter.components], axis=1)
+
+
+def _seen(
+    scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, ray: Any, etendue: Any, lit_samples: int
+) -> Floats:
+    """Electrons along rays, (n, channels) array."""
+    environment = scene.environment()
+    channels = camera.film().create_block().channel_count() - 1
+    count = dr.width(ray.d)
+    if environment is None:
+        return np.zeros((count, channels))
+    terms = [mi.Float(channel) for channel in integrator.response(camera).of(environment.spectra.host())]
+    image = [dr.zeros(mi.Float, count) for _ in range(channels)]
+    free = dr.select(scene.ray_test(ray), mi.Float(0), mi.Float(1)) if scene.shapes() else mi.Float(1)
+    landscape = integrator.landscape
+    if landscape is not None:
+        alpha, *lights = landscape.at(*landscape.place(ray.d), landscape.planes)
+        image = [light * (etendue * free) for light in lights]
+        free *= 1 - alpha
+    integrator.add_sky(image, environment.coefficients(ray.d), terms, etendue * free)
+    if scene.shapes() and lit_samples:
+        for weight, direction in lit_directions(scene, ray, lit_samples):
+            integrator.add_sky(image, environment.coefficients(direction), terms, etendue * weight)
+    return np.stack([np.array(plane, dtype=np.float64) for plane in image], axis=1)

@@ -1,0 +1,149 @@
+"""Wings of the point spread function of a lens: light scattered by its surfaces, dust and bulk.
+
+The irradiance at r from a point is (1 + (r / core)^2)^(-slope / 2), the form of Harvey and Shack for scatter by polished
+surfaces (Harvey 1976, "Light-scattering characteristics of optical surfaces", thesis, University of Arizona; Pfisterer 2011,
+"Approximated scatter models for stray light analysis", Optics & Photonics News 22(10), 16). Far from the core it falls as
+r^-slope: as r^-2 around stars in telescopes (King 1971, PASP 83, 199), as r^-1.6 to r^-3 in others (compiled by Bernstein
+2007, ApJ 666, 663; Sandin 2014, A&A 567, A97), as r^-2.4 in the fisheye of an all-sky camera.
+
+Such a profile is a mixture of Gaussians, (1 + x^2)^-p = integral over t of t^(p-1) exp(-t) exp(-t x^2) dt / Gamma(p). The
+narrow ones are convolved on cells of half their width; what is left is smooth on :data:`COARSE_PX` and is convolved there by
+one transform.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.scenario.camera_spec import BloomSpec
+
+Floats = NDArray[np.float64]
+
+COARSE_PX = 8
+"""Side of the largest cells, px."""
+NARROWEST = 1.65
+"""Of the mixture: t of its narrowest Gaussian. Narrower ones hold less than 1 % of the light of wings of slope 2.4."""
+STEP = 4.0
+"""Ratio of t between neighbours: their widths double."""
+TRUNCATE = 4.0
+"""Standard deviations at which a Gaussian ends."""
+WIDEST_PX = 64.0
+"""Standard deviation of Gaussians that the cells' own blur does not matter to."""
+LEAST_SIGMA_CELLS = 1.1
+"""Standard deviation, in cells, of a Gaussian that cells sample to 1 %."""
+SAMPLES = 5
+"""Per axis, of the profile in a coarse cell: its core may be narrower than one."""
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A Gaussian of the mixture.
+
+    Attributes
+    ----------
+    sigma_px : float
+    share : float
+        Of the wings' light.
+    """
+
+    sigma_px: float
+    share: float
+
+    @property
+    def cell_px(self) -> int:
+        """Side of the largest cells, px, a power of two, that sample it well."""
+        widest = math.floor(math.log2(max(self.sigma_px, 1.0) / LEAST_SIGMA_CELLS))
+        return int(2 ** min(max(widest, 0), round(math.log2(COARSE_PX))))
+
+    def left_px2(self, fine_px: int) -> float:
+        """Variance per axis, px^2, left for the convolution: the way from fine cells to these and back blurs by the rest."""
+        return max(self.sigma_px**2 - blur_px2(max(self.cell_px, fine_px), fine_px), 0.0)
+
+    def on_pixels(self, r2: Floats, variance_px2: float) -> Floats:
+        """Light on a pixel at squared distances, of a light of 1 in the wings, with another width."""
+        return np.asarray(self.share / (2 * math.pi * variance_px2) * np.exp(-r2 / (2 * variance_px2)))
+
+
+def blur_px2(cell_px: int, fine_px: int) -> float:
+    """Variance per axis, px^2, by which light is blurred on its way over cells.
+
+    Points are shared between the nearest fine cells (fine^2 / 6 in the mean); each doubling of the cells, and each halving
+    back to single pixels, displaces the light by 3/16 of the squared side of the larger cells.
+    """
+    return fine_px**2 / 6 + (cell_px**2 - fine_px**2) / 4 + (cell_px**2 - 1) / 4
+
+
+def area_px2(bloom: BloomSpec, radius_px: float | Floats) -> Floats:
+    """Integral of the profile within a radius, px^2."""
+    x2 = np.square(np.asarray(radius_px, dtype=np.float64) / bloom.core_px)
+    scale = math.pi * bloom.core_px**2
+    if abs(bloom.slope - 2) < 1e-9:
+        return np.asarray(scale * np.log1p(x2))
+    power = 1 - bloom.slope / 2
+    return np.asarray(scale / power * np.expm1(power * np.log1p(x2)))
+
+
+def encircled(bloom: BloomSpec, radius_px: float | Floats) -> Floats:
+    """Part of the wings' light within a radius, 0-1."""
+    return area_px2(bloom, np.minimum(radius_px, bloom.reach_px)) / area_px2(bloom, bloom.reach_px)
+
+
+def profile(bloom: BloomSpec, radius_px: Floats) -> Floats:
+    """Light on a pixel at a distance, of wings with a light of 1; 0 beyond their reach."""
+    light = (1 + np.square(radius_px / bloom.core_px)) ** (-bloom.slope / 2) / area_px2(bloom, bloom.reach_px)
+    return np.where(radius_px <= bloom.reach_px, light, 0.0)
+
+
+@functools.lru_cache(maxsize=8)
+def mixture(bloom: BloomSpec) -> tuple[Gaussian, ...]:
+    """Gaussians that make up the wings to a few percent of the profile at each radius, narrowest first.
+
+    The rest, a ripple and the wings' end, is in :func:`wide_kernel`.
+    """
+    order = bloom.slope / 2
+    found: list[Gaussian] = []
+    t = NARROWEST
+    while True:
+        sigma = bloom.core_px / math.sqrt(2 * t)
+        if sigma > WIDEST_PX or TRUNCATE * sigma > bloom.reach_px:
+            return tuple(found)
+        height = math.log(STEP) * t**order * math.exp(-t) / math.gamma(order)
+        share = height * 2 * math.pi * sigma**2 / float(area_px2(bloom, bloom.reach_px))
+        found.append(Gaussian(sigma, share))
+        t /= STEP
+
+
+@functools.lru_cache(maxsize=8)
+def wide_kernel(bloom: BloomSpec, margin: int, fine_px: int) -> Floats:
+    """What the Gaussians of cells below COARSE_PX leave of the wings, on cells of COARSE_PX: shares of the light.
+
+    `fine_px` is the side of the finest cells. May be below zero by the small difference between the profile and its mixture.
+
+    Returns
+    -------
+    (2 margin + 1, 2 margin + 1) array
+    """
+    axis = np.arange(-margin, margin + 1) * float(COARSE_PX)
+    parts = mixture(bloom)
+    samples = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * (COARSE_PX / SAMPLES)
+    kernel = np.zeros((len(axis), len(axis)))
+    for dx in samples:
+        for dy in samples:
+            r2 = np.square(axis + dx) + np.square(axis + dy)[:, None]
+            kernel += profile(bloom, np.sqrt(r2))
+            for part in parts:
+                kernel -= part.on_pixels(r2, part.sigma_px**2)
+    kernel /= SAMPLES**2
+    for part in parts:
+        if part.cell_px == COARSE_PX:
+            kernel += part.on_pixels(np.square(axis) + np.square(axis)[:, None], part.left_px2(fine_px))
+    kernel *= COARSE_PX**2
+    share = 1 - sum(part.share for part in parts if part.cell_px < COARSE_PX)
+    # The narrowest part of the core, which the mixture lacks, is in the middle cell.
+    kernel[margin, margin] += share - kernel.sum()
+    return kernel
