@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -153,13 +154,11 @@ def _values(named: Named) -> dict[str, Any]:
 
         return {"attitude": NAMED_ATTITUDES[named.name].model_dump()}
     if named.kind == SKY:
-        from generator.sky.city_light import bortle_city
+        from generator.sky.city_light import bortle_layout
 
         bortle = int(named.name.removeprefix("bortle-"))
-        city = bortle_city(bortle)
-        place = {"distance_km": city.distance_km, "azimuth_deg": city.azimuth_deg, "radius_km": city.radius_km}
-        lamps = {"horizon_share": city.horizon_share, "lamps": dict(city.lamps)}
-        return {"zenith_mag_arcsec2": BORTLE_ZENITH_MAG[bortle], "cities": [place | lamps]}
+        cities = [dataclasses.asdict(city) | {"lamps": dict(city.lamps)} for city in bortle_layout(bortle)]
+        return {"zenith_mag_arcsec2": BORTLE_ZENITH_MAG[bortle], "cities": cities}
     from generator.light.lamps import lamp_spectra
     from generator.light.photometry import GRID_NM
 

@@ -76,14 +76,14 @@ def render(
 def bake(
     what: Annotated[
         str,
-        typer.Argument(help="moon, city or all.", autocompletion=lambda: ["moon", "city", "all"]),
+        typer.Argument(help="moon, city, ground or all.", autocompletion=lambda: ["moon", "city", "ground", "all"]),
     ] = "all",
     as_json: AsJson = False,
 ) -> None:
-    """Make the maps of moonlight and city light again, by radiative transfer (about four minutes on two cores)."""
+    """Make the maps of Moon, city and ground light again, by radiative transfer (about five minutes on two cores)."""
     from generator.bake import make_maps
 
-    tasks = {"moon": make_maps.bake_moon, "city": make_maps.bake_city}
+    tasks = {"moon": make_maps.bake_moon, "city": make_maps.bake_city, "ground": make_maps.bake_ground}
     if what not in (*tasks, "all"):
         fail(ValueError(f"found {what!r}, expected one of all, {', '.join(tasks)}"))
     errors = {}

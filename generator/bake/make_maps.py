@@ -15,8 +15,9 @@ from generator.bake.smoothing import Axis, chosen_terms, design, evaluated, smoo
 from generator.errors import GeneratorError
 from generator.files import atomic_path
 from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid, content_hash
-from generator.light.baked_maps import CITY_FILE, FOLDER, MOON_FILE
+from generator.light.bake_grids import BakedAir, CityGrid, GroundGrid, MoonGrid, content_hash
+from generator.light.baked_maps import CITY_FILE, FOLDER, GROUND_FILE, MOON_FILE
+from generator.light.emission import PATTERNS
 from generator.light.single_scattering import moon_single, moon_single_in_layers
 
 Floats = NDArray[np.float64]
@@ -95,10 +96,43 @@ def city_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
     return values, relative, max(scatters)
 
 
+def ground_values(mean: Floats, error: Floats) -> tuple[Floats, Floats, float]:
+    """Light reflected by the ground at the nodes of the map, and the fits' worst scatter.
+
+    Returns
+    -------
+    glow : (aerosol, wavelength, view) array
+    lamps : (pattern, aerosol, wavelength, view, edges of the rings) array
+    scatter : float
+    """
+    grid = GroundGrid()
+    rings, _ = grid.city.edges
+    scale = grid.city.scale(rings)
+    axes = (
+        Axis(np.log(grid.wavelength_nm[0]), np.log(grid.wavelength_nm[-1]), 4),
+        Axis(np.log(grid.view_altitude_deg[0]), np.log(90.0), 6),
+        Axis(0.0, float(scale[-1]), 7),
+    )
+    points = (np.log(grid.wavelength_nm), np.log(grid.view_altitude_deg))
+    radius = grid.city.core_km * np.expm1(within_cells(scale)[0])
+    cells = ((scale, within_cells(scale)[1] * radius * (radius + grid.city.core_km)),)
+    bases = [axis.basis(at) for axis, at in zip(axes, (*points, scale), strict=True)]
+    shape = (*mean.shape[:3], len(PATTERNS), grid.city.distances)
+    of_lamps, errors = (np.moveaxis(part[..., 1:].reshape(shape), 3, 0) for part in (mean, error))
+    values, scatters = np.empty((*of_lamps.shape[:-1], len(scale))), []
+    for index in np.ndindex(of_lamps.shape[:2]):
+        fit, _, scatter = smooth(of_lamps[index], errors[index], axes, points, cells, TOTAL_DEGREE)
+        values[index] = np.exp(evaluated(fit, bases))
+        scatters.append(scatter)
+    return mean[..., 0], values, max(scatters)
+
+
 def store(path: Path, key: str, **arrays: Floats) -> None:
-    """Write a map."""
+    """Write a map: values in single precision, their relative errors, which need few digits, in half."""
     FOLDER.mkdir(parents=True, exist_ok=True)
-    single: dict[str, Any] = {name: values.astype(np.float32) for name, values in arrays.items()}
+    single: dict[str, Any] = {
+        name: values.astype(np.float16 if name.endswith("error") else np.float32) for name, values in arrays.items()
+    }
     with atomic_path(path) as temporary:
         np.savez_compressed(temporary, key=np.array(key), **single)
 
@@ -108,6 +142,15 @@ def bake_moon() -> float:
     walked = run_worker("moon")
     values, error = moon_values(*walked)
     store(MOON_FILE, content_hash(BakedAir(), MoonGrid()), values=values, relative_error=error, walked=walked[0])
+    return float(np.median(error))
+
+
+def bake_ground() -> float:
+    """Make the map of light that the ground reflects; return the median relative error of the walks."""
+    mean, error = run_worker("ground")
+    glow, lamps, _ = ground_values(mean, error)
+    key = content_hash(BakedAir(), GroundGrid())
+    store(GROUND_FILE, key, values=lamps, glow=glow, walked=mean, walked_error=error)
     return float(np.median(error))
 
 

@@ -14,8 +14,15 @@ from drjit.llvm import Float, UInt32, UInt64
 from numpy.typing import NDArray
 
 from generator.bake.walk import Air, Scattering, Vector, walk
-from generator.light.bake_grids import CityGrid, MoonGrid
-from generator.light.single_scattering import GARSTANG_NORMALISATION
+from generator.light.bake_grids import CityGrid, GroundGrid, MoonGrid
+from generator.light.emission import (
+    DIRECT_SHARE,
+    FRONTAL_AREA_INDEX,
+    GARSTANG_NORMALISATION,
+    PATTERNS,
+    REFLECTED_SHARE,
+    built_up_output,
+)
 
 Floats = NDArray[np.float64]
 FIXED_POINT = 2.0**40
@@ -47,13 +54,22 @@ def landed(air: Air, at: Scattering, direction: Vector) -> tuple[Any, Any, Any, 
     return weight, dr.fma(ux, length, at.x), dr.fma(uy, length, at.y), sine
 
 
+def glowing_ground(angle: Any, cosine: Any) -> tuple[Any, Any, Any]:
+    """Radiance of ground covered with lamps in each of PATTERNS, by zenith angle and its cosine: intensity over cosine."""
+    horizon = GARSTANG_NORMALISATION / (2 * math.pi) * dr.square(dr.square(angle)) / cosine
+    lambert = 1 / math.pi
+    clear = dr.exp(-FRONTAL_AREA_INDEX * dr.sqrt(dr.maximum(1 - cosine * cosine, 0)) / cosine) / built_up_output()
+    built_up = clear * (DIRECT_SHARE * horizon + REFLECTED_SHARE * (1 - DIRECT_SHARE) * lambert)
+    return Float(lambert), horizon, built_up
+
+
 def city_piece(air: Air, grid: CityGrid, view_altitude_deg: float, seed: int) -> tuple[Floats, Floats]:
     """Kernel of a lamp seen at one altitude, without light scattered once: mean over each part of each ring.
 
     Returns
     -------
-    mean, relative_error : (2, distances, azimuths) arrays
-        Radiance per photon output above the horizon, km^-2 sr^-1, in Lambert's and Garstang's pattern.
+    mean, relative_error : (patterns, distances, azimuths) arrays
+        Radiance per photon output above the horizon, km^-2 sr^-1, in each of PATTERNS.
     """
     rings, parts = grid.edges
     cells = grid.distances * grid.azimuths
@@ -61,7 +77,7 @@ def city_piece(air: Air, grid: CityGrid, view_altitude_deg: float, seed: int) ->
     per_log = dr.opaque(Float, float(grid.distances / grid.scale(grid.farthest_km)))
     batches = []
     for batch in range(grid.batches):
-        sums = [dr.zeros(UInt64, cells) for _ in range(2)]
+        sums = [dr.zeros(UInt64, cells) for _ in PATTERNS]
 
         def tally(at: Scattering, sums: list[Any] = sums) -> None:
             if at.order == 1:
@@ -74,15 +90,52 @@ def city_piece(air: Air, grid: CityGrid, view_altitude_deg: float, seed: int) ->
                 part = dr.minimum(UInt32(dr.sqrt(dr.abs(dr.atan2(x, y)) / math.pi) * grid.azimuths), grid.azimuths - 1)
                 counts = (weight > 0) & (ring < grid.distances)
                 angle = dr.acos(dr.minimum(sine_down, 1))
-                # A lamp's intensity over the cosine is the radiance of ground that is covered with lamps.
-                horizon = GARSTANG_NORMALISATION / (2 * math.pi) * dr.square(dr.square(angle)) / sine_down
-                for total, radiance in zip(sums, (weight / math.pi, weight * horizon), strict=True):
-                    dr.scatter_add(total, UInt64(radiance * FIXED_POINT), ring * grid.azimuths + part, counts)
+                for total, radiance in zip(sums, glowing_ground(angle, sine_down), strict=True):
+                    dr.scatter_add(total, UInt64(weight * radiance * FIXED_POINT), ring * grid.azimuths + part, counts)
 
         walk(air, view_altitude_deg, grid.paths, seed + batch, tally)
         batches.append([np.array(total, dtype=np.float64) for total in sums])
-    light = np.array(batches).reshape(grid.batches, 2, *area.shape) / (FIXED_POINT * grid.paths * area)
+    light = np.array(batches).reshape(grid.batches, len(PATTERNS), *area.shape) / (FIXED_POINT * grid.paths * area)
     return mean_and_error(light)
+
+
+def ground_piece(air: Air, grid: GroundGrid, view_altitude_deg: float, seed: int) -> tuple[Floats, Floats]:
+    """Light that the ground sends up, seen at one altitude in the air of a ground that reflects everything.
+
+    Returns
+    -------
+    mean, relative_error : (1 + patterns * distances,) arrays
+        First the radiance under an endless ground that glows evenly, sr^-1 per light that leaves it, without further
+        reflection. Then that of lamps in each ring around the observer, in each of PATTERNS, of light that the ground has
+        reflected once: km^-2 sr^-1 per light output.
+    """
+    city = CityGrid()
+    rings, _ = city.edges
+    area = np.pi * np.diff(rings**2)
+    per_log = dr.opaque(Float, float(city.distances / city.scale(city.farthest_km)))
+    batches = []
+    for batch in range(grid.batches):
+        glow = np.zeros(1)
+        sums = [dr.zeros(UInt64, city.distances) for _ in PATTERNS]
+
+        def tally(at: Scattering, glow: Floats = glow, sums: list[Any] = sums) -> None:
+            straight = at.weight * dr.exp(-at.depth / dr.maximum(-at.went[2], 1e-6)) / math.pi
+            seen = dr.select((at.went[2] < 0) & (at.bounces == 0), straight, 0)
+            glow += int(dr.sum(UInt64(seen * FIXED_POINT))[0])
+            sine = dr.exp(-PER_LOG * at.random.next_float32())
+            turn, along = 2 * math.pi * at.random.next_float32(), dr.sqrt(1 - sine * sine)
+            for direction in (at.went, (along * dr.cos(turn), along * dr.sin(turn), -sine)):
+                weight, x, y, sine_down = landed(air, at, direction)
+                ring = UInt32(dr.log(1 + dr.sqrt(x * x + y * y) / city.core_km) * per_log)
+                counts = (weight > 0) & (ring < city.distances) & (at.bounces == 1)
+                angle = dr.acos(dr.minimum(sine_down, 1))
+                for total, radiance in zip(sums, glowing_ground(angle, sine_down), strict=True):
+                    dr.scatter_add(total, UInt64(weight * radiance * FIXED_POINT), ring, counts)
+
+        walk(air, view_altitude_deg, grid.paths, seed + batch, tally, most_bounces=1)
+        lamps = np.array([np.array(total, dtype=np.float64) for total in sums]) / area
+        batches.append(np.concatenate([glow, lamps.ravel()]))
+    return mean_and_error(np.array(batches) / (FIXED_POINT * grid.paths))
 
 
 def mean_and_error(batches: Floats) -> tuple[Floats, Floats]:

@@ -6,6 +6,7 @@ The observer stands 2 m above the ground at the origin.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from generator.bake.walk import phase_table
 from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.light.bake_grids import BakedAir, CityGrid
+from generator.light.bake_grids import DEFAULT_ALBEDO, BakedAir, CityGrid
 from generator.light.single_scattering import aerosol_phase
 from generator.light.view_directions import view_directions
 
@@ -167,6 +168,7 @@ def multiply_scattered(
 VIEWS_DEG = ((8.0, 36.0, 90.0), (0.0, 75.0, 180.0))
 """Altitudes and azimuths at which the walks are compared."""
 JUDGED_NM, JUDGED_TAU = 430.0, 0.3
+SNOW_ALBEDO = 0.8
 DISK_RINGS = 22
 """Rings of lamps of CityGrid, out to 29.5 km."""
 
@@ -193,10 +195,19 @@ def disk_beside(paths: int = 100_000) -> tuple[Floats, Floats]:
     return _lamps_scattered_on(*BESIDE_KM, VIEWS_DEG[1], paths)
 
 
+def disk_on_snow(paths: int = 200_000) -> tuple[Floats, Floats]:
+    """The light of :func:`disk_of_lamps` over ground of SNOW_ALBEDO: (3,) arrays."""
+    return _lamps_scattered_on(0.0, float(CityGrid().edges[0][DISK_RINGS]), VIEWS_DEG[1][:1], paths, SNOW_ALBEDO)
+
+
 def _lamps_scattered_on(
-    distance_km: float, radius_km: float, azimuths_deg: tuple[float, ...], paths: int
+    distance_km: float,
+    radius_km: float,
+    azimuths_deg: tuple[float, ...],
+    paths: int,
+    ground_albedo: float = DEFAULT_ALBEDO,
 ) -> tuple[Floats, Floats]:
-    air = BakedAir()
+    air = dataclasses.replace(BakedAir(), ground_albedo=ground_albedo)
     light = {
         "type": "disk",
         "to_world": mi.ScalarTransform4f().translate([0, distance_km, 1e-4]).scale(radius_km),
@@ -209,7 +220,14 @@ def _lamps_scattered_on(
     return mean[:, 0], error[:, 0]
 
 
-def moonlit(moon_altitude_deg: float = 30.0, paths: int = 80_000) -> tuple[Floats, Floats]:
+def moonlit_snow() -> tuple[Floats, Floats]:
+    """The light of :func:`moonlit` over ground of SNOW_ALBEDO: (9,) arrays."""
+    return moonlit(ground_albedo=SNOW_ALBEDO)
+
+
+def moonlit(
+    moon_altitude_deg: float = 30.0, paths: int = 80_000, ground_albedo: float = DEFAULT_ALBEDO
+) -> tuple[Floats, Floats]:
     """All scattered moonlight per unit irradiance above the air, sr^-1, at VIEWS_DEG: mean, error, (9,) arrays."""
     altitude = math.radians(moon_altitude_deg)
     light = {
@@ -217,7 +235,8 @@ def moonlit(moon_altitude_deg: float = 30.0, paths: int = 80_000) -> tuple[Float
         "direction": [0, -math.cos(altitude), -math.sin(altitude)],
         "irradiance": {"type": "uniform", "value": 1.0},
     }
-    scene = mi.load_dict(air_scene(BakedAir(), JUDGED_NM, JUDGED_TAU, light))
+    air = dataclasses.replace(BakedAir(), ground_albedo=ground_albedo)
+    scene = mi.load_dict(air_scene(air, JUDGED_NM, JUDGED_TAU, light))
     mean, error = radiance(scene, view_directions(*VIEWS_DEG), paths, 3)
     return mean[:, 0], error[:, 0]
 

@@ -131,6 +131,8 @@ class Scattering:
     by_aerosol : Float
         The aerosol's part of the scattered light.
     random : PCG32
+    bounces : Float
+        How often the ground has reflected the path.
     """
 
     order: int
@@ -143,6 +145,7 @@ class Scattering:
     went: Vector
     by_aerosol: Any
     random: Any
+    bounces: Any
 
 
 Tally = Callable[[Scattering], None]
@@ -154,8 +157,13 @@ def random_numbers(count: int, seed: int, order: int) -> Any:
     return PCG32(count, *(dr.opaque(UInt64, int(word)) for word in state))
 
 
-def walk(air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally) -> None:
-    """Follow `count` paths seen at one altitude, towards azimuth 0 (the y axis), and call `tally` at each scattering."""
+def walk(
+    air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally, most_bounces: int = MAX_ORDER
+) -> None:
+    """Follow `count` paths seen at one altitude, towards azimuth 0 (the y axis), and call `tally` at each scattering.
+
+    Paths end that the ground has reflected more than `most_bounces` times.
+    """
     slope0 = math.sin(math.radians(view_altitude_deg))
     along0 = math.cos(math.radians(view_altitude_deg))
     rng = random_numbers(count, seed, 0)
@@ -165,6 +173,7 @@ def walk(air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally
     height = air.height(depth)
     albedo, _ = air.scattering(height)
     weight = albedo * scattered
+    bounces = dr.zeros(Float, count)
     x, y = dr.zeros(Float, count), height * dr.opaque(Float, along0 / slope0)
     direction: Vector = (dr.zeros(Float, count), dr.opaque(Float, along0, count), dr.opaque(Float, slope0, count))
     threshold = SURVIVAL * scattered
@@ -174,7 +183,7 @@ def walk(air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally
         cosine = dr.select(rng.next_float32() < by_aerosol, lookup(air.cosines, xi), rayleigh_cosine(xi))
         ux, uy, uz = turned(direction, cosine, 2 * math.pi * rng.next_float32())
         uz = dr.select(uz >= 0, dr.maximum(uz, LEAST_SLOPE), dr.minimum(uz, -LEAST_SLOPE))
-        tally(Scattering(order, weight, x, y, height, depth, direction, (ux, uy, uz), by_aerosol, rng))
+        tally(Scattering(order, weight, x, y, height, depth, direction, (ux, uy, uz), by_aerosol, rng, bounces))
         lands = (uz < 0) & (rng.next_float32() < dr.exp(-depth / dr.abs(uz)))
         x = dr.select(lands, x - ux * height / uz, x)
         y = dr.select(lands, y - uy * height / uz, y)
@@ -184,6 +193,7 @@ def walk(air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally
         uy = dr.select(lands, across * dr.sin(turn), uy)
         uz = dr.select(lands, rise, uz)
         weight = dr.select(lands, weight * air.air.ground_albedo, weight)
+        bounces = dr.select(lands, bounces + 1, bounces)
         depth, height = dr.select(lands, 0, depth), dr.select(lands, 0, height)
         # The next scattering is forced to happen: before the top of the air, or before the ground.
         ahead = dr.select(uz < 0, depth, air.whole - depth) / dr.abs(uz)
@@ -195,13 +205,13 @@ def walk(air: Air, view_altitude_deg: float, count: int, seed: int, tally: Tally
         length = (new_height - height) / uz
         x, y, depth, height = dr.fma(ux, length, x), dr.fma(uy, length, y), new_depth, new_height
         weight = weight * air.scattering(height)[0]
-        keep = rng.next_float32() * threshold < weight
+        keep = (rng.next_float32() * threshold < weight) & (bounces <= most_bounces)
         weight = dr.maximum(weight, threshold)
-        dr.eval(x, y, depth, height, weight, ux, uy, uz, keep)
+        dr.eval(x, y, depth, height, weight, ux, uy, uz, bounces, keep)
         alive: Any = dr.compress(keep)
         if len(alive) == 0:
             return
-        state = (dr.gather(Float, part, alive) for part in (x, y, depth, height, weight, ux, uy, uz))
-        x, y, depth, height, weight, ux, uy, uz = state
+        state = (dr.gather(Float, part, alive) for part in (x, y, depth, height, weight, ux, uy, uz, bounces))
+        x, y, depth, height, weight, ux, uy, uz, bounces = state
         direction = (ux, uy, uz)
         rng = random_numbers(len(alive), seed, order)

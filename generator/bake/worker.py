@@ -6,6 +6,7 @@ another variant than the frames.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import sys
 from pathlib import Path
@@ -16,15 +17,15 @@ from numpy.typing import NDArray
 from generator import mitsuba_runtime
 from generator.errors import GeneratorError
 from generator.files import atomic_path
-from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
+from generator.light.bake_grids import BakedAir, CityGrid, Grid, GroundGrid, MoonGrid
 
 Floats = NDArray[np.float64]
-VOLPATH_TASKS = ("furnace", "disk_of_lamps", "disk_beside", "moonlit")
+VOLPATH_TASKS = ("furnace", "disk_of_lamps", "disk_beside", "disk_on_snow", "moonlit", "moonlit_snow")
 """Tasks of :mod:`generator.bake.volpath`."""
-GRIDS: dict[str, MoonGrid | CityGrid] = {"moon": MoonGrid(), "city": CityGrid()}
+GRIDS: dict[str, Grid] = {"moon": MoonGrid(), "city": CityGrid(), "ground": GroundGrid()}
 
 
-def random_walks(grid: MoonGrid | CityGrid) -> tuple[Floats, Floats]:
+def random_walks(grid: Grid) -> tuple[Floats, Floats]:
     """All pieces of a map: mean and relative error, (..., aerosol, wavelength, view altitude, ..., ...) arrays."""
     shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
     pieces = [piece(grid, *index) for index in np.ndindex(shape)]
@@ -32,17 +33,21 @@ def random_walks(grid: MoonGrid | CityGrid) -> tuple[Floats, Floats]:
     return means, errors
 
 
-def piece(grid: MoonGrid | CityGrid, aerosol: int, wavelength: int, view: int) -> tuple[Floats, Floats]:
+def piece(grid: Grid, aerosol: int, wavelength: int, view: int) -> tuple[Floats, Floats]:
     """One piece of a map, by its indices."""
-    from generator.bake.tallies import city_piece, moon_piece
+    from generator.bake.tallies import city_piece, ground_piece, moon_piece
     from generator.bake.walk import Air
 
     shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
     seed = grid.seed * 1_000_003 + int(np.ravel_multi_index((aerosol, wavelength, view), shape)) * grid.batches
-    air = Air(BakedAir(), grid.wavelength_nm[wavelength], grid.aerosol_tau_550[aerosol])
+    # Of light reflected once, as of all, the ground's share is a factor: the walks take a ground that loses nothing.
+    ground = BakedAir() if not isinstance(grid, GroundGrid) else dataclasses.replace(BakedAir(), ground_albedo=1.0)
+    air = Air(ground, grid.wavelength_nm[wavelength], grid.aerosol_tau_550[aerosol])
     altitude = grid.view_altitude_deg[view]
     if isinstance(grid, MoonGrid):
         return moon_piece(air, grid, altitude, seed)
+    if isinstance(grid, GroundGrid):
+        return ground_piece(air, grid, altitude, seed)
     return city_piece(air, grid, altitude, seed)
 
 

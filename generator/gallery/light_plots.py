@@ -15,7 +15,8 @@ from generator.bake.make_maps import run_worker
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
 from generator.light.baked_maps import city_map, moon_map
-from generator.light.lamps import WORLD_ATLAS_HORIZON_SHARE, City, mixed_lamps
+from generator.light.emission import GARSTANG_HORIZON_SHARE, WORLD_ATLAS_HORIZON_SHARE, pattern_weights
+from generator.light.lamps import City, mixed_lamps
 from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
 from generator.light.single_scattering import aerosol_phase, city_single, rayleigh_phase
 from generator.light.view_directions import view_directions
@@ -55,6 +56,7 @@ def _gradient(axis: Any) -> None:
     z = np.arange(0, 86, 2.5)
     for name, city, style in (
         ("inside (class 9)", bortle_city(9), "-"),
+        ("inside, upward light of Garstang", replace(bortle_city(9), horizon_share=GARSTANG_HORIZON_SHARE), (0, (3, 1))),
         ("inside, upward light of the world atlas", replace(bortle_city(9), horizon_share=WORLD_ATLAS_HORIZON_SHARE), "-."),
         ("inside, Lambert", replace(bortle_city(9), horizon_share=0.0), (0, (1, 1))),
         ("20 km, towards", City(20, 0, 10), "--"),
@@ -69,8 +71,7 @@ def _gradient(axis: Any) -> None:
 
 def _walker(axis: Any) -> None:
     distance = np.array([15.0, 20, 26, 33, 42, 52, 60, 80, 100, 150])
-    share = City(0, 0, 1).horizon_share
-    zenith = np.array([city_radiance(d, 3.0, share)[AT_NM, -1, 0] for d in distance])
+    zenith = np.array([city_radiance(d, 3.0, None)[AT_NM, -1, 0] for d in distance])
     near = distance[distance <= 60]
     axis.loglog(distance, zenith / zenith[0], "o-", label="skybench")
     axis.loglog(near, (near / near[0]) ** -2.5, "k--", label="Walker 1977: d^-2.5")
@@ -108,11 +109,11 @@ def garstang_kernel(distance_km: float, zenith_deg: float, share: float) -> floa
 
 
 def _garstang(axis: Any) -> None:
-    share, zenith = City(0, 0, 1).horizon_share, np.arange(0.0, 61.0, 10.0)
+    share, zenith = GARSTANG_HORIZON_SHARE, np.arange(0.0, 61.0, 10.0)
     views = view_directions(90 - zenith, [0.0])
     for distance in (5.0, 20.0):
         once = city_single(BakedAir(), np.array([NM]), 0.1, np.array([[0.0, distance]]), views)
-        (line,) = axis.semilogy(zenith, ((1 - share) * once[0] + share * once[1])[0], label=f"once, {distance:.0f} km")
+        (line,) = axis.semilogy(zenith, (pattern_weights(share) @ once[:, 0]), label=f"once, {distance:.0f} km")
         reference = [garstang_kernel(distance, z, share) for z in zenith]
         axis.semilogy(zenith, reference, "o", color=line.get_color(), label=f"Garstang, {distance:.0f} km")
         rows = [k for k, altitude in enumerate(VIEW_ALTITUDES_DEG) if altitude >= 27]
@@ -156,7 +157,7 @@ def _lamps(axis: Any) -> None:
 def _noise(axis: Any) -> None:
     grid, error = CityGrid(), city_map("relative_error")
     rings = grid.edges[0][1:]
-    for pattern, name in enumerate(("city, Lambert", "city, near the horizon")):
+    for pattern, name in enumerate(("city, Lambert", "city, near the horizon", "city, built-up")):
         axis.loglog(rings, 100 * np.median(error[pattern], axis=(0, 1, 2, 4))[1:], label=name)
     axis.axhline(100 * np.median(moon_map("relative_error")), color="grey", label="moonlight")
     for electrons in (100, 1000, 10_000):

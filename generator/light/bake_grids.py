@@ -10,8 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from generator.light.emission import DIRECT_SHARE, FRONTAL_AREA_INDEX, REFLECTED_SHARE
+
 Floats = NDArray[np.float64]
 Numbers = tuple[float, ...]
+
+DEFAULT_ALBEDO = 0.15
+"""Of vegetation and built land, grey."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class BakedAir:
     aerosol_height_km: float = 1.5
     angstrom_exponent: float = 1.3
     aerosol_albedo: float = 0.92
-    ground_albedo: float = 0.15
+    ground_albedo: float = DEFAULT_ALBEDO
     top_km: float = 60.0
 
 
@@ -81,6 +86,8 @@ class CityGrid:
     paths, batches : int
         Paths of a batch, and batches, per aerosol depth, wavelength and view altitude; each serves all places of the lamp.
     seed : int
+    built_up : tuple of float
+        Direct and reflected share and frontal area index of :func:`generator.light.emission.built_up`.
     """
 
     aerosol_tau_550: Numbers = (0.03, 0.1, 0.3)
@@ -93,6 +100,7 @@ class CityGrid:
     paths: int = 524_288
     batches: int = 8
     seed: int = 2
+    built_up: Numbers = (DIRECT_SHARE, REFLECTED_SHARE, FRONTAL_AREA_INDEX)
 
     def scale(self, distance_km: ArrayLike) -> Floats:
         """The scale on which rings are equal."""
@@ -105,7 +113,32 @@ class CityGrid:
         return rings, 180 * np.linspace(0, 1, self.azimuths + 1) ** 2
 
 
-def content_hash(air: BakedAir, grid: MoonGrid | CityGrid) -> str:
+@dataclass(frozen=True)
+class GroundGrid:
+    """How the light that the ground reflects is computed apart; rings and their edges are those of CityGrid.
+
+    Attributes
+    ----------
+    aerosol_tau_550, wavelength_nm, view_altitude_deg : tuple of float
+    paths, batches : int
+        Paths of a batch, and batches, per aerosol depth, wavelength and view altitude.
+    seed : int
+    city : CityGrid
+    """
+
+    aerosol_tau_550: Numbers = (0.03, 0.1, 0.3)
+    wavelength_nm: Numbers = WAVELENGTHS_NM
+    view_altitude_deg: Numbers = VIEW_ALTITUDES_DEG
+    paths: int = 65_536
+    batches: int = 4
+    seed: int = 3
+    city: CityGrid = CityGrid()
+
+
+Grid = MoonGrid | CityGrid | GroundGrid
+
+
+def content_hash(air: BakedAir, grid: Grid) -> str:
     """SHA-256 of everything that decides a map's values."""
     meaning = {"format": 2, "air": dataclasses.asdict(air), type(grid).__name__: dataclasses.asdict(grid)}
     return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()

@@ -12,11 +12,11 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from generator.errors import DataFileError
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
-from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir, CityGrid, MoonGrid, content_hash
+from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir, CityGrid, GroundGrid, MoonGrid, content_hash
 
 Floats = NDArray[np.float64]
 FOLDER = Path(__file__).parents[1] / "data" / "baked"
-MOON_FILE, CITY_FILE = FOLDER / "moonlight.npz", FOLDER / "city_kernel.npz"
+MOON_FILE, CITY_FILE, GROUND_FILE = (FOLDER / f"{name}.npz" for name in ("moonlight", "city_kernel", "ground"))
 
 _SEARCHED_NM: Floats = np.geomspace(1000.0, 340.0, 500)
 
@@ -54,6 +54,16 @@ def city_map(part: str = "values") -> Floats:
     random walks' means over the cells and their errors.
     """
     return read(CITY_FILE, content_hash(BakedAir(), CityGrid()), part)
+
+
+def ground_map(part: str = "values") -> Floats:
+    """Light that the ground reflects once, of a ground that loses nothing.
+
+    The part 'values' is that of a lamp at the edges of CityGrid's rings, mean over azimuth, km^-2 sr^-1 per unit output; axes
+    pattern, aerosol, wavelength, view, ring. 'glow' is the radiance under an endless ground that sends up light of 1, sr^-1;
+    axes aerosol, wavelength, view. 'walked' and 'walked_error' are the results of the random walks.
+    """
+    return read(GROUND_FILE, content_hash(BakedAir(), GroundGrid()), part)
 
 
 @functools.cache
@@ -133,14 +143,14 @@ def city_multiple(kernel: Floats, distance_km: Floats, relative_azimuth_deg: Flo
 
     Parameters
     ----------
-    kernel : (2, w, views, rings, parts) array
+    kernel : (patterns, w, views, rings, parts) array
         Of :func:`city_kernel`.
     distance_km, relative_azimuth_deg : (m,) arrays
         Of the lamps, the azimuth relative to the line of sight.
 
     Returns
     -------
-    (2, w, views, m) array
+    (patterns, w, views, m) array
     """
     grid = CityGrid()
     along = grid.scale(np.minimum(distance_km, grid.farthest_km)) / grid.scale(grid.farthest_km) * grid.distances

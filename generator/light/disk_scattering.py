@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import BakedAir
-from generator.light.single_scattering import aerosol_phase, lamp_patterns, rayleigh_phase
+from generator.light.emission import PATTERNS, lamp_patterns
+from generator.light.single_scattering import aerosol_phase, rayleigh_phase
 
 Floats = NDArray[np.float64]
 
@@ -47,8 +48,8 @@ def disk_single(
 
     Returns
     -------
-    (2, w, m) array
-        Per unit photon output above the horizon in each pattern, km^-2 sr^-1.
+    (patterns, w, m) array
+        Per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
     """
     edge = np.concatenate([[0], np.geomspace(1e-3, air.top_km, steps)])
     height = (edge[1:] + edge[:-1]) / 2
@@ -62,7 +63,7 @@ def disk_single(
         np.exp(-height / air.aerosol_height_km) / air.aerosol_height_km * air.aerosol_albedo,
     ]
     node, weight = np.polynomial.legendre.leggauss(distances)
-    result = np.zeros((2, len(wavelength_nm), len(directions)))
+    result = np.zeros((len(PATTERNS), len(wavelength_nm), len(directions)))
     for m, (east, north, up) in enumerate(directions):
         along = height / up
         foot = np.stack([east * along, north * along - distance_km], axis=-1)
@@ -103,8 +104,8 @@ def disk_irradiance(
 
     Returns
     -------
-    (2, n) array
-        Per unit photon output above the horizon in each pattern, km^-2.
+    (patterns, n) array
+        Per unit photon output above the horizon in each of PATTERNS, km^-2.
     """
     _, nearest, farthest, arc = _chords(place_km, radius_km, bearings)
     inner, outer = (0.5 * np.log1p(np.square(d / height_km)) for d in (nearest, farthest))

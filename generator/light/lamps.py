@@ -1,4 +1,4 @@
-"""Lamps of cities: their spectra, how their light leaves upwards, and a city as a disk of them."""
+"""Lamps of cities: their spectra, and a city as a disk of them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,6 @@ MOST_WAVELENGTHS = 10_000
 
 LUMEN_PER_V_PHOTON = 2.54e-6 / BESSELL_V.zero_point
 """Lumen per photon s^-1 nm^-1 in V: a star of V = 0 gives 2.54e-6 lx. Source: Crumey 2014, MNRAS 442, 2600."""
-GARSTANG_HORIZON_SHARE = 0.15 / (0.15 + 0.15 * (1 - 0.15))
-"""Part of the upward light that leaves in Garstang's pattern near the horizon: F / (F + G (1 - F)) for his F = G = 0.15.
-Source: Garstang 1986, PASP 98, 364."""
-WORLD_ATLAS_HORIZON_SHARE = 5.2e-4 / (1.9e-3 + 5.2e-4)
-"""The same of the upward light that fits 20,865 zenith brightnesses of the world atlas, without its 3 % between the two.
-Source: Falchi et al. 2016, Science Advances 2, e1600377."""
 LAMP_MIX = (("HPS", 0.5), ("LED", 0.5))
 """Shares of the light of a town, in V-band photons: high-pressure sodium and white light-emitting diodes."""
 LARGEST_DISTANCE_KM = 150.0
@@ -44,8 +38,9 @@ class City:
     radius_km : float
     upward_mlm : float
         Light that leaves it upwards, megalumen.
-    horizon_share : float
-        Part of that in Garstang's pattern near the horizon; the rest is Lambert.
+    horizon_share : float or None
+        Part of that in Garstang's pattern near the horizon, the rest by Lambert's law; None: all of it as from a built-up
+        area (:func:`generator.light.emission.built_up`).
     lamps : tuple of (name, share)
         Names of :func:`lamp_spectra`, shares in V-band photons.
     """
@@ -54,7 +49,7 @@ class City:
     azimuth_deg: float
     radius_km: float
     upward_mlm: float = 100.0
-    horizon_share: float = GARSTANG_HORIZON_SHARE
+    horizon_share: float | None = None
     lamps: tuple[tuple[str, float], ...] = LAMP_MIX
 
 

@@ -12,10 +12,10 @@ from scipy.special import erfcx
 
 from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import BakedAir
+from generator.light.emission import PATTERNS, lamp_patterns
 
 Floats = NDArray[np.float64]
 
-GARSTANG_NORMALISATION = 0.554
 LAMP_HEIGHT_KM = 0.0005
 
 
@@ -36,13 +36,6 @@ def aerosol_phase(cosine: ArrayLike) -> Floats:
     middle = 1.88 * np.exp(-0.07226 * degrees + 0.0002406 * square)
     back = 0.025 + 0.015 * np.sin(np.radians(2.25 * degrees - 369))
     return np.where(degrees <= 10, aureole, np.where(degrees <= 124, middle, back)) / 1.0027
-
-
-def lamp_patterns(cosine: Floats) -> Floats:
-    """Intensity per unit output above the horizon, sr^-1, Lambert and near the horizon (Garstang 1986), (2, ...) array."""
-    angle = np.arccos(np.clip(cosine, -1, 1))
-    up = cosine > 0
-    return np.where(up, np.stack([cosine / np.pi, GARSTANG_NORMALISATION * angle**4 / (2 * np.pi)]), 0.0)
 
 
 def disk_points(radius_km: float, rings: int = 4, spokes: int = 8) -> Floats:
@@ -105,8 +98,8 @@ def city_single(
 
     Returns
     -------
-    (2, w, m) array
-        Per unit photon output above the horizon in each pattern, km^-2 sr^-1.
+    (patterns, w, m) array
+        Per unit photon output above the horizon in each of PATTERNS, km^-2 sr^-1.
     """
     rayleigh = rayleigh_optical_depth(wavelength_nm, air.pressure_hpa)[:, None]
     aerosol = aerosol_optical_depth(wavelength_nm, aerosol_tau_550, air.angstrom_exponent)[:, None]
@@ -118,7 +111,7 @@ def city_single(
     lamp = np.concatenate([spots_km, -np.sum(spots_km**2, axis=1, keepdims=True) / (2 * earth_radius_km)], axis=1)
     lamp[:, 2] += LAMP_HEIGHT_KM
     upright = np.concatenate([spots_km / earth_radius_km, np.ones((len(lamp), 1))], axis=1)
-    result = np.zeros((2, len(wavelength_nm), len(directions)))
+    result = np.zeros((len(PATTERNS), len(wavelength_nm), len(directions)))
     for m, direction in enumerate(directions):
         sine = direction[2]
         bend = (1 - sine**2) / (2 * earth_radius_km)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from generator.light.atmosphere import SEA_LEVEL_C, SEA_LEVEL_HPA, usual_pressure_hpa, usual_temperature_c
-from generator.light.lamps import GARSTANG_HORIZON_SHARE, LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
+from generator.light.bake_grids import DEFAULT_ALBEDO
+from generator.light.lamps import LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
 from generator.places.times import Instant
 from generator.scenario.camera_presets import with_preset
 from generator.scenario.camera_spec import CameraSpec
@@ -22,7 +23,7 @@ from generator.scenario.foreground_spec import ForegroundSpec
 from generator.scenario.gyro_log import check_motion
 from generator.scenario.motion_spec import MotionSpec
 from generator.scenario.sensor_spec import SensorSpec
-from generator.scenario.strict import Fraction, Strict
+from generator.scenario.strict import MOST_CURVE_POINTS, Fraction, Strict, increasing, listed
 
 
 def _check_utc(text: str) -> str:
@@ -156,9 +157,11 @@ class CitySpec(Strict):
     radius_km: Annotated[float, Field(gt=0, le=20)]
     """Radius of the disk, km."""
     upward_mlm: Annotated[float, Field(gt=0, le=1e7)] = 100.0
-    """Light that leaves the city upwards, megalumen; relative where bortle or zenith_mag_arcsec2 is given."""
-    horizon_share: Fraction = GARSTANG_HORIZON_SHARE
-    """Part of the upward light in Garstang's pattern near the horizon; the rest is Lambert."""
+    """Light that leaves the city upwards over ground of albedo 0.15, megalumen; relative where bortle or
+    zenith_mag_arcsec2 is given."""
+    horizon_share: Fraction | None = None
+    """Part of the upward light in Garstang's pattern near the horizon, the rest by Lambert's law; unless given, all of it
+    leaves as from a built-up area, between obstacles."""
     lamps: Annotated[dict[str, Annotated[float, Field(ge=0)]], AfterValidator(_check_lamps)] = Field(
         default_factory=lambda: dict(LAMP_MIX)
     )
@@ -189,6 +192,30 @@ class CloudSpec(Strict):
     """Azimuth towards which the layer moves, deg."""
 
 
+GROUND_ALBEDO = {"land": DEFAULT_ALBEDO, "snow": 0.8, "water": 0.06, "desert": 0.3}
+"""Grey albedos by name. Source: Oke 1987, "Boundary Layer Climates", table 1.1: fresh snow 0.80 to 0.95, deserts 0.20 to
+0.45, crops and grass 0.16 to 0.26, asphalt 0.05 to 0.20, water under a high Sun 0.03 to 0.10."""
+
+
+def _named_ground(value: object) -> object:
+    if isinstance(value, str):
+        if value not in GROUND_ALBEDO:
+            raise ValueError(f"found {value!r}, expected one of {sorted(GROUND_ALBEDO)}, a number, or points [nm, 0-1]")
+        return GROUND_ALBEDO[value]
+    return listed(value)
+
+
+GroundAlbedo = Annotated[
+    Fraction
+    | Annotated[
+        tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
+        Field(min_length=2, max_length=MOST_CURVE_POINTS),
+        AfterValidator(increasing),
+    ],
+    BeforeValidator(_named_ground),
+]
+
+
 class SkySpec(Strict):
     """The diffuse sky: a Bortle class, a zenith brightness, cities, or a list of components; empty for a black sky."""
 
@@ -202,6 +229,8 @@ class SkySpec(Strict):
     """Components that contribute light; all of them by default, if a brightness or cities are given."""
     solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
     """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
+    ground_albedo: GroundAlbedo = DEFAULT_ALBEDO
+    """Part of the light that the ground reflects: a number, points [nm, 0-1], or land (0.15), snow, water, desert."""
     clouds: CloudSpec | None = None
     """A layer of thin cloud."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
-from generator.light.bake_grids import BakedAir
+from generator.light.ground import Albedo, albedo_at, ground_light
 from generator.light.lamps import City
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
 from generator.light.stellar_spectra import star_spectra
@@ -18,10 +18,10 @@ from generator.places.catalogue import load_catalogue
 from generator.scenario.model import Component, SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
-from generator.sky.city_light import bortle_city, skyglow
-from generator.sky.clouds import CloudVeil, cloud_light
+from generator.sky.city_light import bortle_layout, skyglow
+from generator.sky.clouds import CloudVeil, cloud_light, mean_reflectance
 from generator.sky.component import SkyTable, black_sky, compressed, total
-from generator.sky.directions import sky_grid
+from generator.sky.directions import irradiance_weights
 from generator.sky.moonlight import MOON_BV_MAG, moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.state import SkyState
@@ -54,10 +54,10 @@ def layout(spec: SkySpec) -> tuple[City, ...]:
     if spec.cities is not None:
         return tuple(city.city() for city in spec.cities)
     if spec.bortle is not None:
-        return (bortle_city(spec.bortle),)
+        return bortle_layout(spec.bortle)
     if spec.zenith_mag_arcsec2 is not None:
         wanted = spec.zenith_mag_arcsec2
-        return (bortle_city(min(BORTLE_ZENITH_MAG, key=lambda bortle: abs(BORTLE_ZENITH_MAG[bortle] - wanted))),)
+        return bortle_layout(min(BORTLE_ZENITH_MAG, key=lambda bortle: abs(BORTLE_ZENITH_MAG[bortle] - wanted)))
     return ()
 
 
@@ -81,7 +81,7 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
         name: make(spec, atmosphere, state) for name, make in NATURAL.items() if name in active
     }
     cities = layout(spec) if "skyglow" in active else ()
-    glow = skyglow(cities, atmosphere) if cities else None
+    glow = skyglow(cities, atmosphere, spec.ground_albedo) if cities else None
     asked_mag = _asked_zenith(spec)
     if asked_mag is not None:
         asked = float(radiance_from_surface_brightness(asked_mag))
@@ -98,16 +98,20 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     if glow is not None:
         layers["skyglow"] = glow
     if "moonlight" in active:
-        layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere)
+        layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere, spec.ground_albedo)
     if "twilight" in active:
         layers["twilight"] = twilight(state.sun_enu)
     if state.clouds is not None and layers:
-        layers = _under_cloud(layers, cities, atmosphere, state)
+        layers = _under_cloud(layers, cities, atmosphere, state, spec.ground_albedo)
     return layers
 
 
 def _under_cloud(
-    layers: dict[str, SkyTable], cities: tuple[City, ...], atmosphere: Atmosphere | None, state: SkyState
+    layers: dict[str, SkyTable],
+    cities: tuple[City, ...],
+    atmosphere: Atmosphere | None,
+    state: SkyState,
+    ground_albedo: Albedo,
 ) -> dict[str, SkyTable]:
     """Layers as seen through the frame's cloud, and the cloud's own light."""
     assert state.clouds is not None
@@ -122,17 +126,17 @@ def _under_cloud(
         moon_on_ground = moon
     above = [layer for name, layer in layers.items() if name != "skyglow"]
     sky_on_ground = sum((np.pi * _hemisphere_mean(layer) for layer in above), np.zeros_like(GRID_NM))
-    ground = BakedAir().ground_albedo * (sky_on_ground + moon_on_ground)
+    reflected = mean_reflectance(state.clouds.pattern)
+    falling = (1 - reflected) * (sky_on_ground + moon_on_ground)
+    ground = ground_light(albedo_at(ground_albedo, GRID_NM), falling, reflected)
     seen = {name: layer if name == "skyglow" else layer.behind(passed) for name, layer in layers.items()}
-    glow = cloud_light(state.clouds, cities, ground, moon, moon_sine, atmosphere)
+    glow = cloud_light(state.clouds, cities, ground, moon, moon_sine, atmosphere, ground_albedo)
     return seen | {"clouds": glow}
 
 
 def _hemisphere_mean(layer: SkyTable) -> Floats:
     """Mean radiance over the hemisphere, weighted by the cosine of the zenith angle, (n,) array."""
-    altitude = np.radians(sky_grid().altitude_deg)
-    weight = np.sin(altitude) * np.cos(altitude) * np.gradient(altitude)
-    return (layer.maps.mean(axis=2) @ (weight / weight.sum())) @ layer.spectra
+    return (layer.maps.mean(axis=2) @ irradiance_weights()) @ layer.spectra
 
 
 def whole_sky(layers: dict[str, SkyTable]) -> SkyTable:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Hashable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
-from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
+from generator.light.bake_grids import DEFAULT_ALBEDO, VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
 from generator.light.baked_maps import city_kernel, city_multiple
 from generator.light.disk_scattering import disk_nodes, disk_single
+from generator.light.emission import PATTERNS, output_over_ground, pattern_weights
+from generator.light.ground import Albedo, albedo_at, with_ground
 from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
 from generator.light.photometry import GRID_NM
 from generator.light.single_scattering import city_single, disk_points
@@ -30,11 +33,27 @@ STANDARD_AIR = Atmosphere(1013.25, 0.1, 1.3, 300.0)
 BORTLE_DISTANCE_KM = {1: 60.0, 2: 50.0, 3: 40.0, 4: 30.0, 5: 20.0, 6: 14.0, 7: 8.0, 8: 4.0, 9: 0.0}
 BORTLE_CITY_RADIUS_KM = 10.0
 BORTLE_CITY_AZIMUTH_DEG = 225.0
+BORTLE_NEARBY_RADIUS_KM = 5.0
+BORTLE_NEARBY_MLM = {1: 0.20, 2: 0.35, 3: 0.69, 4: 1.64, 5: 5.36, 6: 15.6}
+"""Light that leaves settlements within 5 km of the observer upwards, where the city's is 100 Mlm: four fifths of the
+artificial light at the zenith in standard air."""
 
 
 def bortle_city(bortle: int) -> City:
-    """The default place of a Bortle class: so far from a city of 10 km radius in the south-west. skybench's convention."""
+    """The city of a Bortle class: so far away, of 10 km radius, in the south-west. skybench's convention."""
     return City(BORTLE_DISTANCE_KM[bortle], BORTLE_CITY_AZIMUTH_DEG, BORTLE_CITY_RADIUS_KM)
+
+
+def bortle_layout(bortle: int) -> tuple[City, ...]:
+    """The default place of a Bortle class: its city, and outside of it the settlements around the observer.
+
+    A city alone as the only light of a place (classes 1 to 6) would make the sky 13 to 18 times brighter low over the city
+    than at the zenith; measured skies reach 5 (docs/physics.md). So most light at the zenith comes from nearby.
+    """
+    city = bortle_city(bortle)
+    if bortle not in BORTLE_NEARBY_MLM:
+        return (city,)
+    return city, City(0.0, 0.0, BORTLE_NEARBY_RADIUS_KM, upward_mlm=BORTLE_NEARBY_MLM[bortle])
 
 
 _VIEW_DEG: Floats = np.array(VIEW_ALTITUDES_DEG)
@@ -43,7 +62,11 @@ _RELATIVE_DEG: Floats = np.array([0.0, 5.0, 10.0, 17.0, 25.0, 35.0, 50.0, 70.0, 
 
 @functools.lru_cache(maxsize=256)
 def city_radiance(
-    distance_km: float, radius_km: float, horizon_share: float, atmosphere: Atmosphere = STANDARD_AIR
+    distance_km: float,
+    radius_km: float,
+    horizon_share: float | None,
+    atmosphere: Atmosphere = STANDARD_AIR,
+    albedo: Albedo = DEFAULT_ALBEDO,
 ) -> Floats:
     """Transfer from a city to the sky: radiance per unit output, m^-2 sr^-1, (wavelength, altitude, azimuth) array.
 
@@ -52,7 +75,7 @@ def city_radiance(
     curvature does to single scattering multiplies it in each direction; the rest is multiplied by its value at the zenith.
     """
     wavelength, views = np.array(WAVELENGTHS_NM), view_directions(_VIEW_DEG, _RELATIVE_DEG)
-    shape = (2, len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
+    shape = (len(PATTERNS), len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
     tau = atmosphere.aerosol_tau_550
     air = dataclasses.replace(
         BakedAir(), pressure_hpa=atmosphere.pressure_hpa, angstrom_exponent=atmosphere.angstrom_exponent
@@ -67,16 +90,21 @@ def city_radiance(
     once = disk_single(air, wavelength, tau, distance_km, radius_km, views).reshape(shape)
     nodes = [disk_nodes(distance_km, radius_km, azimuth, CityGrid().core_km) for azimuth in _RELATIVE_DEG]
     distance, relative, weight = (np.concatenate(each) for each in zip(*nodes, strict=True))
-    multiple = city_multiple(city_kernel(atmosphere), distance, relative) * weight
+    multiple = city_multiple(with_ground(city_kernel(atmosphere), albedo, atmosphere), distance, relative) * weight
     kernel = once * curvature + multiple.reshape(*shape, -1).sum(axis=-1) * curvature[:, :, -1:, :1]
-    mixed = (1 - horizon_share) * kernel[0] + horizon_share * kernel[1]
-    return mixed * 1e-6
+    return np.tensordot(pattern_weights(horizon_share), kernel, axes=1) * 1e-6
 
 
-def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR) -> SkyTable:
+def upward_spectrum(city: City, albedo: Albedo = DEFAULT_ALBEDO) -> Floats:
+    """Photons that leave a city upwards, s^-1 nm^-1 at GRID_NM."""
+    ground = output_over_ground(city.horizon_share, albedo_at(albedo, GRID_NM))
+    return city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps) * ground
+
+
+def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:
     """Skyglow of one city at the ground."""
     grid = sky_grid()
-    transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share, atmosphere)
+    transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share, atmosphere, albedo)
     interpolator = RegularGridInterpolator((np.log(_VIEW_DEG), _RELATIVE_DEG), np.moveaxis(np.log(transfer), 0, -1))
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 4), grid.shape[0] - 1))
     columns = np.arange(0, grid.shape[1], 4)
@@ -84,17 +112,24 @@ def city_table(city: City, atmosphere: Atmosphere = STANDARD_AIR) -> SkyTable:
     relative = np.abs((grid.azimuth_deg[columns] - city.azimuth_deg + 180) % 360 - 180)
     coarse = np.exp(interpolator(np.stack(np.meshgrid(view, relative, indexing="ij"), axis=-1)))
     maps = np.stack([upsampled(coarse[..., k], rows, columns, grid.shape) for k in range(len(WAVELENGTHS_NM))])
-    output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON
     hats = np.array([np.interp(GRID_NM, WAVELENGTHS_NM, row) for row in np.eye(len(WAVELENGTHS_NM))])
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa) + aerosol_optical_depth(
         GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent
     )
     followed = hats * depth / np.interp(WAVELENGTHS_NM, GRID_NM, depth)[:, None]
-    return SkyTable(maps.astype(np.float32), followed * mixed_lamps(city.lamps) * output)
+    return SkyTable(maps.astype(np.float32), followed * upward_spectrum(city, albedo))
 
 
 @functools.lru_cache(maxsize=16)
-def skyglow(cities: tuple[City, ...], atmosphere: Atmosphere | None) -> SkyTable:
+def skyglow(cities: tuple[City, ...], atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:
     """Skyglow of a layout of cities at the ground; without an atmosphere that dims, as in the standard one."""
-    return total([city_table(city, atmosphere or STANDARD_AIR) for city in cities]) if cities else black_sky()
+    tables: dict[Hashable, SkyTable] = {}
+    for city in cities:
+        # Cities of the same lamps and emission have the same spectra, up to their output: their maps are added.
+        table = city_table(dataclasses.replace(city, upward_mlm=1.0), atmosphere or STANDARD_AIR, albedo)
+        maps = table.parts * np.float32(city.upward_mlm)
+        alike = city.lamps, city.horizon_share
+        known = tables.get(alike)
+        tables[alike] = SkyTable(maps if known is None else known.parts + maps, table.spectra)
+    return total(list(tables.values())) if tables else black_sky()

@@ -11,10 +11,14 @@ from scipy.ndimage import map_coordinates
 from scipy.stats import norm
 
 from generator.light.atmosphere import Atmosphere, optical_depth
+from generator.light.bake_grids import DEFAULT_ALBEDO
 from generator.light.disk_scattering import disk_irradiance
-from generator.light.lamps import LUMEN_PER_V_PHOTON, City, mixed_lamps
+from generator.light.emission import pattern_weights
+from generator.light.ground import Albedo, albedo_at
+from generator.light.lamps import City
 from generator.light.photometry import GRID_NM
 from generator.places.earth import EQUATORIAL_RADIUS_KM
+from generator.sky.city_light import upward_spectrum
 from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, total
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
@@ -166,9 +170,16 @@ def diffuse_transmission(depth: ArrayLike) -> Floats:
     return 1 / (1 + 0.75 * (1 - ASYMMETRY) * np.asarray(depth, float))
 
 
+@functools.lru_cache(maxsize=4)
+def mean_reflectance(pattern: CloudPattern) -> float:
+    """Part of diffuse light that a layer reflects, mean over its area."""
+    cells = np.arange(0, COARSE_CELLS, 4) * COARSE_CELL_KM
+    return float(np.mean(1 - diffuse_transmission(pattern.depth(*np.meshgrid(cells, cells, indexing="ij")))))
+
+
 @functools.lru_cache(maxsize=64)
 def light_from_city(
-    distance_km: float, azimuth_deg: float, radius_km: float, horizon_share: float, altitude_km: float
+    distance_km: float, azimuth_deg: float, radius_km: float, horizon_share: float | None, altitude_km: float
 ) -> Floats:
     """Upward irradiance of a :class:`City` at the layer over each direction of a coarse grid, (rows, columns) array.
 
@@ -185,8 +196,8 @@ def light_from_city(
     place = enu[..., :2] * (distance / np.maximum(horizontal, 1e-12))[..., None]
     turn = np.radians(azimuth_deg)
     middle = distance_km * np.array([np.sin(turn), np.cos(turn)])
-    lambert, horizon = disk_irradiance((place - middle).reshape(-1, 2), altitude_km, radius_km)
-    return 1e-6 * ((1 - horizon_share) * lambert + horizon_share * horizon).reshape(enu.shape[:2])
+    light = pattern_weights(horizon_share) @ disk_irradiance((place - middle).reshape(-1, 2), altitude_km, radius_km)
+    return 1e-6 * light.reshape(enu.shape[:2])
 
 
 def coarse_axes() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -202,6 +213,7 @@ def cloud_light(
     moon_irradiance: Floats,
     moon_sine: float,
     atmosphere: Atmosphere | None,
+    ground_albedo: Albedo = DEFAULT_ALBEDO,
 ) -> SkyTable:
     """Light that cloud adds to the sky: reflected light from the ground, and diffusely transmitted moonlight.
 
@@ -218,6 +230,8 @@ def cloud_light(
         Sine of its altitude.
     atmosphere : Atmosphere or None
         All of it is taken to lie below the cloud.
+    ground_albedo : float or points
+        City light goes to and fro between cloud and ground: as between two endless layers.
 
     Returns
     -------
@@ -229,13 +243,14 @@ def cloud_light(
     zenith_loss = np.ones_like(GRID_NM)
     if atmosphere is not None:
         zenith_loss = np.exp(-DIFFUSE_EXTINCTION_FACTOR * optical_depth(GRID_NM, atmosphere))
+    again = 1 / (1 - albedo_at(ground_albedo, GRID_NM) * mean_reflectance(clouds.pattern))
     from_below = [above_the_air(even, ground_spectrum * zenith_loss, atmosphere)]
     for city in cities:
         shape = light_from_city(
             city.distance_km, city.azimuth_deg, city.radius_km, city.horizon_share, clouds.altitude_km
         )
         fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
-        output = city.upward_mlm * 1e6 / LUMEN_PER_V_PHOTON * mixed_lamps(city.lamps)
+        output = upward_spectrum(city, ground_albedo) * again
         from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
     below = total(from_below)
     # What is not passed on is reflected: 1 less the transmission.

@@ -56,6 +56,14 @@ def sky_grid(rows: int = ROWS, columns: int = COLUMNS) -> SkyGrid:
     return SkyGrid(90 * np.linspace(0, 1, rows) ** ALTITUDE_POWER, np.arange(columns) * 360 / columns)
 
 
+@functools.cache
+def irradiance_weights() -> Floats:
+    """Weights of the grid's rows in the mean radiance of the hemisphere as a level surface sees it, (ny,) array."""
+    altitude = np.radians(sky_grid().altitude_deg)
+    weight = np.sin(altitude) * np.cos(altitude) * np.gradient(altitude)
+    return np.asarray(weight / weight.sum())
+
+
 def interpolate(maps: NDArray[np.float32], altitude_deg: ArrayLike, azimuth_deg: ArrayLike) -> Floats:
     """Bilinear interpolation of maps on :func:`sky_grid`'s layout, as the emitter does it.
 

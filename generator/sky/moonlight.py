@@ -12,13 +12,14 @@ from generator.light.atmosphere import (
     ozone_optical_depth,
     rayleigh_optical_depth,
 )
-from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir
+from generator.light.bake_grids import DEFAULT_ALBEDO, VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
 from generator.light.baked_maps import moon_ratio
+from generator.light.ground import Albedo, albedo_at, ground_glow, ground_light, spherical_albedo
 from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
 from generator.light.single_scattering import aerosol_phase, moon_single, rayleigh_phase
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky
-from generator.sky.directions import sky_grid
+from generator.sky.directions import irradiance_weights, sky_grid
 from generator.sky.zodiacal import upsampled
 
 Floats = NDArray[np.float64]
@@ -43,7 +44,9 @@ def node_weights() -> Floats:
     return np.array([np.interp(GRID_NM, NODES_NM, row) for row in np.eye(len(NODES_NM))])
 
 
-def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> SkyTable:
+def moonlight(
+    moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO
+) -> SkyTable:
     """Scattered moonlight at the ground; black when the Moon is below the horizon or there is no air.
 
     Parameters
@@ -53,6 +56,8 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
     v_mag : float
         Above the atmosphere.
     atmosphere : Atmosphere or None
+    albedo : float or points
+        Of the ground.
     """
     altitude = float(np.degrees(np.arcsin(moon_enu[2])))
     if atmosphere is None or altitude <= 0:
@@ -82,9 +87,37 @@ def moonlight(moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None) -> 
         phase = of_air * phases[0] + of_aerosol * phases[1]
         fine = upsampled(ratio[baked[node]], rows, columns, grid.shape)
         np.multiply(phase, fine * path[node][:, None].astype(np.float32), out=maps[node])
+    if albedo != DEFAULT_ALBEDO:
+        direct = np.sin(np.radians(altitude)) * np.exp(-moon * (at_node[0] + at_node[1]))
+        maps += from_ground(maps, direct, atmosphere, albedo)[:, :, None].astype(np.float32)
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh + aerosol
     irradiance = star_spectra([v_mag], [MOON_BV_MAG])[0]
     irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
     node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
     return SkyTable(maps, node_weights() * (depth / node_depth[:, None]) * irradiance)
+
+
+def from_ground(maps: NDArray[np.float32], direct: Floats, atmosphere: Atmosphere, albedo: Albedo) -> Floats:
+    """Change of moonlight when the ground's albedo differs from the bake's, by altitude, (nodes, ny) array.
+
+    Light that a Lambert ground reflects has no azimuth, so that it follows from the light on the ground and the glow of the
+    air above a glowing ground (Chandrasekhar 1950, section 72).
+
+    Parameters
+    ----------
+    maps : (nodes, ny, nx) array
+        Light of the sky over the bake's ground.
+    direct : (nodes,) array
+        Light that reaches the ground unscattered, in the maps' units times sr.
+    atmosphere : Atmosphere
+    albedo : float or points
+    """
+    baked = np.clip(np.arange(len(NODES_NM)) - 1, 0, len(WAVELENGTHS_NM) - 1)
+    returned, glow = spherical_albedo(atmosphere)[baked], ground_glow(atmosphere)[baked]
+    on_ground = direct + np.pi * maps.mean(axis=2) @ irradiance_weights()
+    black = on_ground * (1 - DEFAULT_ALBEDO * returned)
+    change = ground_light(albedo_at(albedo, NODES_NM), black, returned) - DEFAULT_ALBEDO * on_ground
+    views = np.log(VIEW_ALTITUDES_DEG)
+    at = np.log(np.maximum(sky_grid().altitude_deg, VIEW_ALTITUDES_DEG[0]))
+    return change[:, None] * np.array([np.interp(at, views, row) for row in glow])

@@ -14,6 +14,7 @@ from generator.frame.scene import frame_layers, render_expected
 from generator.light.bake_grids import BakedAir, CityGrid, MoonGrid
 from generator.light.baked_maps import CITY_FILE, MOON_FILE, city_map, city_multiple, moon_map
 from generator.light.disk_scattering import disk_nodes
+from generator.light.emission import pattern_weights
 from generator.light.photometry import radiance_from_surface_brightness
 from generator.light.single_scattering import column_from_ground, moon_single, moon_single_in_layers
 from generator.sky.city_light import bortle_city, city_radiance
@@ -180,7 +181,7 @@ def test_monte_carlo_error_is_below_a_fifth_of_the_shot_noise(bortle) -> None:
     distance, turned, weight = (np.concatenate(each) for each in zip(*nodes, strict=True))
     error = city_multiple(kernel, distance, turned) * weight
     error = error.reshape(*kernel.shape[:3], len(relative), -1).sum(axis=-1)
-    error = 1e-6 * ((1 - city.horizon_share) * error[0] + city.horizon_share * error[1])[at_530]
+    error = 1e-6 * np.tensordot(pattern_weights(city.horizon_share), error, axes=1)[at_530]
     # The lamps' output: skyglow at the zenith over the transfer there.
     transfer = city_radiance(city.distance_km, city.radius_km, city.horizon_share)
     scale = layers["skyglow"].zenith_v() / transfer[at_530, -1, 0]
