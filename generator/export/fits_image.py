@@ -108,7 +108,7 @@ def _table(record: dict[str, Any]) -> fits.BinTableHDU:
     across, down = (np.arange(-(-(camera[side] - 1) // step) + 1) * float(step) for side in ("width", "height"))
     v, u = (axis.ravel() for axis in np.meshgrid(down, across, indexing="ij"))
     icrs, altitude_deg = pixel_directions(record, u, v)
-    icrs[~(altitude_deg > 0)] = np.nan
+    icrs[~(altitude_deg > record["sky"].get("horizon_altitude_deg", 0.0))] = np.nan
     ra_deg, dec_deg = equatorial_deg(icrs).T
     columns = [
         fits.Column("u_px", "E", unit="pixel", array=u),

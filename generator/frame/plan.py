@@ -24,6 +24,7 @@ from generator.places.astrometry import (
 )
 from generator.places.catalogue import StarCatalogue, load_catalogue
 from generator.places.ephemeris import planets
+from generator.places.horizon import LEVEL, Horizon, horizon_of
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant, earth_orientation
 from generator.places.tycho2 import load_with_tycho2
 from generator.scenario.camera_spec import CameraSpec
@@ -81,6 +82,8 @@ class FramePlan:
         Factor on each star's light; 1 where scintillation is off.
     passage : Passage or None
         The frame's part of its sequence; None for a frame by itself.
+    horizon : Horizon
+        Where the ground ends the sky.
     """
 
     scenario: Scenario
@@ -103,6 +106,7 @@ class FramePlan:
     cloud_optical_depth: Floats
     scintillation: Floats
     passage: Passage | None = None
+    horizon: Horizon = LEVEL
 
     @property
     def dimmed_v_mag(self) -> Floats:
@@ -134,21 +138,21 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under)
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
-    stars = _stars_around(spec, motion, sky, site, utc_mid, orientation)
+    horizon = horizon_of(site, air, spec.site.horizon_ground_m)
+    stars = _stars_around(spec, motion, sky, site, utc_mid, orientation, horizon.altitude_deg)
     places = intermediate_places(stars, site, utc_mid, orientation)
     middle = observed_places(places, site, utc_mid, orientation, air)
-    up = np.flatnonzero(middle.enu[:, 2] > 0)
+    up = np.flatnonzero(middle.enu[:, 2] > horizon.sine)
     stars, places, middle = stars[up], places[up], middle[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
     path = [
         observed_places(places, site, utc_start.plus(float(after)), orientation, air)
         for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
     ]
+    air_path = airmass_to(horizon, middle.altitude_deg)
     scintillation = np.ones(len(stars))
     if spec.stars.scintillation:
-        sigma = scintillation_sigma(
-            spec.camera.aperture_mm, airmass(middle.altitude_deg), spec.time.exposure_s, spec.site.height_m
-        )
+        sigma = scintillation_sigma(spec.camera.aperture_mm, air_path, spec.time.exposure_s, spec.site.height_m)
         scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
     return FramePlan(
         scenario=scenario,
@@ -166,12 +170,25 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         directions=np.stack([places.enu for places in path], axis=1),
         motion=motion,
         objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
-        airmass=airmass(middle.altitude_deg) if spec.atmosphere.extinction else np.zeros(len(stars)),
+        airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
-        cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(middle.enu),
+        cloud_optical_depth=np.zeros(len(stars))
+        if sky.clouds is None
+        else sky.clouds.slant_depth(level_or_up(middle.enu)),
         scintillation=scintillation,
         passage=passage,
+        horizon=horizon,
     )
+
+
+def airmass_to(horizon: Horizon, altitude_deg: Floats) -> Floats:
+    """Relative airmass of apparent altitudes, of those between the horizon and the horizontal too."""
+    return airmass(np.where(horizon.dips, np.abs(altitude_deg), altitude_deg)) + horizon.further(altitude_deg)
+
+
+def level_or_up(enu: Floats) -> Floats:
+    """Directions (n, 3) from below the horizontal taken as horizontal: cloud lies above."""
+    return enu * np.array([1.0, 1.0, 0.0]) + np.maximum(enu * np.array([0.0, 0.0, 1.0]), 0)
 
 
 def _under_clouds(passage: Passage) -> UnderClouds:
@@ -180,7 +197,13 @@ def _under_clouds(passage: Passage) -> UnderClouds:
 
 
 def _stars_around(
-    spec: FrameSpec, motion: Motion, sky: SkyState, site: Site, instant: Instant, orientation: EarthOrientation
+    spec: FrameSpec,
+    motion: Motion,
+    sky: SkyState,
+    site: Site,
+    instant: Instant,
+    orientation: EarthOrientation,
+    horizon_deg: float,
 ) -> StarCatalogue:
     """Superset of the stars and planets above the horizon and in the frame at some time of the exposure."""
     catalogue = load_catalogue() if spec.stars.catalogue == "ybsc+hipparcos" else load_with_tycho2()
@@ -193,7 +216,7 @@ def _stars_around(
     chosen = []
     for part in parts:
         wanted = part.v_mag <= spec.stars.limiting_magnitude
-        wanted &= stars_within(part, sky.icrs_from_enu[:, 2], 90 + FIELD_MARGIN_DEG)
+        wanted &= stars_within(part, sky.icrs_from_enu[:, 2], 90 - horizon_deg + FIELD_MARGIN_DEG)
         wanted &= stars_within(part, sky.icrs_from_enu @ boresight, field_deg)
         chosen.append(part[wanted])
     return chosen[0].joined(chosen[1]) if len(chosen) > 1 else chosen[0]

@@ -82,7 +82,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
         "frame_id": plan.frame_id,
         "index": plan.index,
         "scenario": {"name": plan.scenario.name, "sha256": plan.scenario.sha256, "seed": plan.scenario.seed},
-        "site": spec.site.model_dump(),
+        "site": spec.site.model_dump() | {"ground_height_m": spec.site.horizon_ground_m},
         "time": {
             "utc_start": plan.utc_start.isoformat(),
             "utc_mid": plan.utc_mid.isoformat(),
@@ -121,6 +121,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
             "bortle": spec.sky.bortle,
             "zenith_mag_arcsec2": expected.zenith_mag_arcsec2,
             "components": list(spec.sky.active_components),
+            "horizon_altitude_deg": plan.horizon.altitude_deg,
             "sun_altitude_deg": plan.sky.sun_altitude_deg,
             "moon_altitude_deg": plan.sky.moon_altitude_deg,
             "moon_phase_angle_deg": plan.sky.moon.phase_angle_deg,

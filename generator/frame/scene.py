@@ -17,10 +17,10 @@ from generator.frame.flying_objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
 from generator.frame.landscape import LandscapeMaps, landscape_maps, own_light_maps
 from generator.frame.moon_disk import moon_points
-from generator.frame.plan import FramePlan, dimming_atmosphere
+from generator.frame.plan import FramePlan, airmass_to, dimming_atmosphere, level_or_up
 from generator.frame.scattered_light import Shining, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
-from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, airmass, optical_depth
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, optical_depth
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.light.star_colours import usual_vi
 from generator.light.stellar_spectra import colour_grid, colour_place
@@ -30,6 +30,7 @@ from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.model import FrameSpec
 from generator.sensor.colour import channel_weights, filter_tile, mosaic
 from generator.sky.assembly import sky_layers, whole_sky
+from generator.sky.below_horizontal import down_to_the_horizon
 from generator.sky.clouds import CloudVeil
 from generator.sky.component import SkyTable, black_sky, blas_threads, metameric
 from generator.sky.moonlight import MOON_BV_MAG
@@ -111,7 +112,9 @@ class ExpectedFrame:
 def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
     """Components of a frame's diffuse sky, by name."""
     with blas_threads().limit(limits=1, user_api="blas"):
-        return sky_layers(plan.spec.sky, dimming_atmosphere(plan.spec.atmosphere), plan.sky)
+        atmosphere = dimming_atmosphere(plan.spec.atmosphere)
+        layers = sky_layers(plan.spec.sky, atmosphere, plan.sky)
+        return down_to_the_horizon(layers, plan.horizon, atmosphere)
 
 
 @dataclass(frozen=True)
@@ -136,13 +139,14 @@ def point_lights(plan: FramePlan) -> PointLights:
     """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
     stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.stars.vi_mag, plan.airmass)
     state, spec = plan.sky, plan.spec
-    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= 0:
+    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= plan.horizon.altitude_deg:
         return stars
     enu, share = moon_points(
         state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
     )
-    cloud = np.zeros(len(enu)) if state.clouds is None else state.clouds.slant_depth(enu)
-    path = airmass(state.moon_altitude_deg) if spec.atmosphere.extinction else 0.0
+    cloud = np.zeros(len(enu)) if state.clouds is None else state.clouds.slant_depth(level_or_up(enu))
+    altitude = np.array(state.moon_altitude_deg)
+    path = float(airmass_to(plan.horizon, altitude)) if spec.atmosphere.extinction else 0.0
     return PointLights(
         np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
         np.concatenate([stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share) + MAG_PER_OPTICAL_DEPTH * cloud]),
@@ -179,6 +183,7 @@ def scene_dict(
         "sky": sky_dict(sky),
         "stars": {
             "type": "skybench_stars",
+            "horizon_sine": plan.horizon.sine,
             "directions": tensor(points.directions),
             "v_mag": tensor(points.v_mag),
             "airmass": tensor(points.airmass),
@@ -187,7 +192,7 @@ def scene_dict(
         },
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
-        **({"objects": objects_dict(plan.objects)} if len(plan.objects) else {}),
+        **({"objects": objects_dict(plan.objects, plan.horizon.sine)} if len(plan.objects) else {}),
     }
 
 
@@ -204,6 +209,8 @@ def colour_tensors(bv_mag: Floats, vi_mag: Floats) -> dict[str, Any]:
 def sky_dict(sky: SkyTable) -> dict[str, Any]:
     """The diffuse sky's part of a scene; its spectra are the same for all light (as in `metameric` and `compressed`)."""
     description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
+    if sky.low is not None:
+        description |= {"low_maps": tensor(sky.low.maps[None]), "lowest_deg": sky.low.lowest_deg}
     veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
     if veils:
         from generator.plugins.clouds import cloud_numbers
@@ -219,10 +226,11 @@ def sky_dict(sky: SkyTable) -> dict[str, Any]:
     return description
 
 
-def objects_dict(objects: FlyingObjects) -> dict[str, Any]:
+def objects_dict(objects: FlyingObjects, horizon_sine: float) -> dict[str, Any]:
     """Flying objects as an emitter like that of the stars; their magnitudes are those at the ground."""
     return {
         "type": "skybench_stars",
+        "horizon_sine": horizon_sine,
         "directions": tensor(objects.directions),
         "v_mag": tensor(objects.v_mag),
         "airmass": tensor(np.zeros(len(objects))),

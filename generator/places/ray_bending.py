@@ -71,6 +71,7 @@ class Layers:
         self.top_m = EARTH_RADIUS_M + TOP_M
         self.lapse_k_m = air.lapse_k_m
         gravity = 9.784 * (1 - 0.0026 * np.cos(np.radians(2 * air.latitude_deg)) - 2.8e-7 * air.height_m)
+        self.gravity_m_s2 = float(gravity)
         weight = gravity * DRY_AIR_KG_KMOL / GAS_CONSTANT
         self.gamma = weight / self.lapse_k_m
         temperature_k = air.temperature_c + 273.15

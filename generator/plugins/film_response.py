@@ -22,9 +22,10 @@ Floats = NDArray[np.float64]
 
 WAVELENGTH_GROUPS = 33
 """Wavelengths over four: one every 4.9 nm."""
-AIRMASS_NODES = 224
-LARGEST_AIRMASS = 40.0
-"""Above the 37.92 of the horizon."""
+AIRMASS_NODES, LARGEST_AIRMASS = 224, 40.0
+"""Above the 37.92 of the horizontal."""
+DIPPING_NODES, LARGEST_DIPPING_AIRMASS = 387, 1000.0
+"""The same for rays from below the horizontal; with more, no light is left."""
 AIRMASS_SCALE = 0.5
 """Nodes of the table of stars are evenly spaced in log(airmass + this)."""
 DARK = 1e-30
@@ -90,18 +91,20 @@ class FilmResponse:
             colour_table.shape[1],
             optical_depth.tobytes(),
             bands,
+            bool((airmass > LARGEST_AIRMASS).any()),
         )
-        nodes = table.airmass
-        place = np.log1p(airmass / AIRMASS_SCALE) * ((AIRMASS_NODES - 1) / np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE))
-        node = np.clip(place.astype(np.intp), 0, AIRMASS_NODES - 2)
+        nodes, count = table.airmass, len(table.airmass)
+        airmass = np.minimum(airmass, nodes[-1])
+        place = np.log1p(airmass / AIRMASS_SCALE) * ((count - 1) / np.log1p(nodes[-1] / AIRMASS_SCALE))
+        node = np.clip(place.astype(np.intp), 0, count - 2)
         along = ((airmass - nodes[node]) / (nodes[node + 1] - nodes[node])).astype(np.float32)
         rows, columns = colour_table.shape[:2]
         row = np.minimum(colour_row.astype(np.intp), rows - 2)
         column = np.minimum(colour_column.astype(np.intp), columns - 2)
         down, across = (colour_row - row).astype(np.float32), (colour_column - column).astype(np.float32)
         # Columns last: of the eight values that are blended, each four lie close together in memory.
-        lower = (row * AIRMASS_NODES + node) * columns + column
-        steps = (0, 1, columns * AIRMASS_NODES, columns * AIRMASS_NODES + 1)
+        lower = (row * count + node) * columns + column
+        steps = (0, 1, columns * count, columns * count + 1)
         shares = ((1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across)
         result = np.zeros((len(colour_row), self.channels * bands))
         for start in range(0, len(colour_row), STARS_AT_ONCE):
@@ -138,10 +141,10 @@ class _StarTable:
 
     Attributes
     ----------
-    airmass : (AIRMASS_NODES,) array
+    airmass : (nodes,) array
     columns : list of int
         Channel and band (channel x bands + band) in which the film has any response.
-    logarithms : list of (rows x AIRMASS_NODES x columns,) float32 arrays
+    logarithms : list of (rows x nodes x columns,) float32 arrays
         Of the electrons in each of these; their rounding changes the light by 2e-6.
     """
 
@@ -152,11 +155,18 @@ class _StarTable:
 
 @functools.lru_cache(maxsize=4)
 def _star_table(
-    wavelength_nm: bytes, electrons: bytes, colours: bytes, colour_columns: int, optical_depth: bytes, bands: int
+    wavelength_nm: bytes,
+    electrons: bytes,
+    colours: bytes,
+    colour_columns: int,
+    optical_depth: bytes,
+    bands: int,
+    dipping: bool,
 ) -> _StarTable:
     """The arrays of :meth:`FilmResponse.of_stars` as bytes: frames of one camera under one air share their table."""
     wavelengths = np.frombuffer(wavelength_nm)
-    nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(LARGEST_AIRMASS / AIRMASS_SCALE), AIRMASS_NODES))
+    count, largest = (DIPPING_NODES, LARGEST_DIPPING_AIRMASS) if dipping else (AIRMASS_NODES, LARGEST_AIRMASS)
+    nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(largest / AIRMASS_SCALE), count))
     shapes = _at_wavelengths(wavelengths, np.frombuffer(colours).reshape(-1, len(GRID_NM)))
     passed = np.exp(-nodes[:, None] * _at_wavelengths(wavelengths, np.frombuffer(optical_depth)[None])[0])
     band = np.minimum(((wavelengths - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)).astype(int), bands - 1)
@@ -168,7 +178,7 @@ def _star_table(
             if (response[chosen] > 0).any():
                 light = (shapes[:, chosen] * response[chosen]) @ passed[:, chosen].T
                 columns.append(channel * bands + number)
-                logarithm = np.log(np.maximum(light, DARK)).reshape(-1, colour_columns, AIRMASS_NODES)
+                logarithm = np.log(np.maximum(light, DARK)).reshape(-1, colour_columns, count)
                 logarithms.append(logarithm.transpose(0, 2, 1).astype(np.float32).ravel())
     return _StarTable(nodes, columns, logarithms)
 

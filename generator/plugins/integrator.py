@@ -152,7 +152,9 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
                     self.add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
         ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
-        cover = dr.select((ray.d.z >= 0) & (etendue > 0), 1 - free, 1) + dr.zeros(mi.Float, width * height)
+        cover = dr.select((ray.d.z >= environment.lowest_sine) & (etendue > 0), 1 - free, 1) + dr.zeros(
+            mi.Float, width * height
+        )
         return mi.TensorXf(interleaved(image), (height, width, planes)), mi.TensorXf(cover, (height, width))
 
     def _add_landscape(

@@ -9,12 +9,14 @@ parameter               type     meaning
 ``spectra``             tensor   (1, k, n): spectra on the generator's wavelength grid
 ``veiled_maps``         tensor   (1, veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
 ``veil_moon_sines``     tensor   (veils,): see :class:`generator.sky.clouds.CloudVeil`
+``low_maps``            tensor   (1, k, m, nx): maps below the horizontal, rows evenly from the horizon up to 0 (optional)
+``lowest_deg``          float    apparent altitude of the horizon of ``low_maps``
 ``cloud_coarse``        tensor   tile of the cloud's field; so ``cloud_fine``
 ``cloud_numbers``       tensor   of :func:`generator.plugins.clouds.cloud_numbers`
 ======================  =======  ==================================================================================
 
 Map times spectrum is radiance in photons s^-1 m^-2 nm^-1 sr^-1 at the ground. The scene's z axis is up; the sky is black
-below the horizon.
+below the horizon, which without ``low_maps`` is the horizontal.
 """
 
 from __future__ import annotations
@@ -50,6 +52,17 @@ class DiffuseSkyEmitter(mi.Emitter):
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
         self.count, self.rows, self.columns = maps.shape
         self.values = self._texture(maps)
+        self.lowest_sine = 0.0
+        if "low_maps" in props:
+            low = np.array(props["low_maps"], dtype=np.float32)
+            low = low.reshape(-1, *low.shape[-2:])
+            if len(low) != self.count or low.shape[2] != self.columns or low.shape[1] < 2:
+                raise ValueError(
+                    f"skybench_sky: low_maps must have shape ({self.count}, m, {self.columns}), not {low.shape}"
+                )
+            self.low_rows, self.low_values = low.shape[1], self._texture(low)
+            self.lowest_rad = math.radians(float(props["lowest_deg"]))
+            self.lowest_sine = math.sin(self.lowest_rad)
         self.veiled: list[tuple[Any, Any]] = []
         if "veiled_maps" in props:
             behind = np.array(props["veiled_maps"], dtype=np.float32).reshape(-1, *maps.shape)
@@ -98,7 +111,27 @@ class DiffuseSkyEmitter(mi.Emitter):
             for sine, values in self.veiled:
                 factor = veil(depth, sine)
                 result = [dr.fma(factor, look_up(values, k), value) for k, value in enumerate(result)]
+        if self.lowest_sine < 0:
+            below = self._low_coefficients(direction, column)
+            return [dr.select(up, value, low) for value, low in zip(result, below, strict=True)]
         return [dr.select(up, value, 0) for value in result]
+
+    def _low_coefficients(self, direction: Any, column: Any) -> list[Any]:
+        """The same between the horizon and the horizontal, at fractional columns; zero below the horizon."""
+        altitude = dr.asin(dr.clip(direction.z, -1, 0))
+        row = dr.clip(1 - altitude / self.lowest_rad, 0, 1) * (self.low_rows - 1)
+        r0 = dr.minimum(mi.UInt32(row), self.low_rows - 2)
+        c0 = dr.minimum(mi.UInt32(column), self.columns - 1)
+        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
+        first = (r0 * (self.columns + 1) + c0) * self.count
+        corners = [first + step * self.count for step in (0, 1, self.columns + 1, self.columns + 2)]
+        seen = direction.z >= self.lowest_sine
+
+        def look_up(k: int) -> Any:
+            a, b, c, d = (dr.gather(mi.Float, self.low_values, corner + k) for corner in corners)
+            return dr.select(seen, dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr), 0)
+
+        return [look_up(k) for k in range(self.count)]
 
     def radiance(self, direction: Any, wavelengths: Any) -> Any:
         """Radiance (Spectrum) that arrives from unit vectors `direction` (Vector3f, ENU)."""

@@ -65,7 +65,7 @@ def moment_light(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments,
 
     Lens, horizon, light curve and readout are in it; what stands in front of the sky is not.
     """
-    above = np.array(placed.direction[2]) >= 0
+    above = np.array(placed.direction[2]) >= emitter.lowest_sine
     weight = np.where(above | (not emitter.behind_foreground), relative_light(camera, placed), 0.0) / moments.per_star
     if emitter.light_curve is not None:
         parts = emitter.light_curve.shape[1]

@@ -61,6 +61,7 @@ class SiteSection(Section):
     latitude_deg: float
     longitude_deg: float
     height_m: float | None = None
+    ground_height_m: float | None = None
 
 
 class TimeSection(Section):
@@ -137,6 +138,7 @@ class SkySection(Section):
     """``sky``."""
 
     bortle: Count | None = None
+    horizon_altitude_deg: float | None = None
     zenith_mag_arcsec2: float | None = None
     sun_altitude_deg: float | None = None
     moon_altitude_deg: float | None = None

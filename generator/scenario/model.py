@@ -35,6 +35,8 @@ Utc = Annotated[str, AfterValidator(_check_utc)]
 
 
 LOWEST_SITE_M, HIGHEST_SITE_M = -500.0, 20000.0
+HIGHEST_GROUND_M = 9000.0
+"""Above, a camera is in the air."""
 
 
 class SiteSpec(Strict):
@@ -46,6 +48,22 @@ class SiteSpec(Strict):
     """Longitude, deg, east positive."""
     height_m: Annotated[float, Field(ge=LOWEST_SITE_M, le=HIGHEST_SITE_M)] = 0.0
     """Height above the ellipsoid, m."""
+    ground_height_m: Annotated[float, Field(ge=LOWEST_SITE_M, le=HIGHEST_SITE_M)] | None = None
+    """Height of the ground that makes the horizon, m, at most height_m; unless given, that of the site up to 9000 m, and sea
+    level for a camera above, where there is no ground."""
+
+    @model_validator(mode="after")
+    def _over_the_ground(self) -> SiteSpec:
+        if self.ground_height_m is not None and self.ground_height_m > self.height_m:
+            raise ValueError(f"ground_height_m: {self.ground_height_m:g} lies above height_m, {self.height_m:g}")
+        return self
+
+    @property
+    def horizon_ground_m(self) -> float:
+        """Height of the ground that makes the horizon, m."""
+        if self.ground_height_m is not None:
+            return self.ground_height_m
+        return self.height_m if self.height_m <= HIGHEST_GROUND_M else 0.0
 
 
 class TimeSpec(Strict):

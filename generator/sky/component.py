@@ -33,6 +33,38 @@ class Veil(Protocol):
         """Its values, (...) array for (..., 3) unit vectors above the horizon."""
 
 
+@dataclass(frozen=True, eq=False)
+class Dip:
+    """How a component continues below the horizontal.
+
+    Attributes
+    ----------
+    lowest_deg : float
+        Apparent altitude of the horizon.
+    factors : (m, n) array
+        Radiance at m evenly spaced altitudes from the horizon up to 0 over that at 0, at GRID_NM.
+    """
+
+    lowest_deg: float
+    factors: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LowSky:
+    """The sky below the horizontal, in the terms of a :class:`SkyTable`.
+
+    Attributes
+    ----------
+    lowest_deg : float
+        Apparent altitude of the horizon.
+    maps : (k, m, nx) float32 array
+        Rows at m evenly spaced altitudes from the horizon up to 0, columns as in the grid.
+    """
+
+    lowest_deg: float
+    maps: NDArray[np.float32]
+
+
 @dataclass(frozen=True)
 class SkyTable:
     """Radiance at the ground as a sum of (direction map) x (spectrum).
@@ -48,12 +80,18 @@ class SkyTable:
         profiles in altitude, which is much less to compute with than the maps.
     veiled : tuple of (Veil, SkyTable)
         Further light, each table to be multiplied with its veil direction by direction.
+    dip : Dip or None
+        How a component continues below the horizontal; None: it ends there.
+    low : LowSky or None
+        The light below the horizontal, that behind veils included, in the terms of `parts`.
     """
 
     parts: NDArray[np.float32]
     spectra: Floats
     pattern: NDArray[np.float32] | None = None
     veiled: tuple[tuple[Veil, SkyTable], ...] = ()
+    dip: Dip | None = None
+    low: LowSky | None = None
 
     @property
     def maps(self) -> NDArray[np.float32]:
@@ -174,7 +212,30 @@ def metameric(tables: Sequence[SkyTable], response: Floats) -> SkyTable:
         return SkyTable(maps, spectra)
 
     veiled = tuple((veil, signals(behind)) for veil, behind in by_veil(tables))
-    return dataclasses.replace(signals(tables), veiled=veiled)
+    return dataclasses.replace(signals(tables), veiled=veiled, low=_low_signals(tables, response))
+
+
+def with_dip(table: SkyTable, dip: Dip) -> SkyTable:
+    """A table, and what is veiled in it, that continues below the horizontal."""
+    veiled = tuple((veil, with_dip(behind, dip)) for veil, behind in table.veiled)
+    return dataclasses.replace(table, veiled=veiled, dip=dip)
+
+
+def _low_signals(tables: Sequence[SkyTable], response: Floats) -> LowSky | None:
+    """Signals of the channels below the horizontal; a veil is there as thick as at the horizontal."""
+    maps, lowest_deg = None, 0.0
+    level = unit_vectors(np.zeros(sky_grid().shape[1]), sky_grid().azimuth_deg)
+    for table in tables:
+        if table.dip is None:
+            continue
+        lowest_deg = table.dip.lowest_deg
+        light = np.zeros((len(response), len(table.dip.factors), sky_grid().shape[1]))
+        for veil, part in ((None, table), *table.veiled):
+            mix = np.einsum("cn,mn,kn->cmk", response, table.dip.factors, part.spectra, optimize=True)
+            seen = mix @ part.maps[:, 0].astype(np.float64)
+            light += seen if veil is None else seen * veil.at(level)
+        maps = light if maps is None else maps + light
+    return None if maps is None else LowSky(lowest_deg, maps.astype(np.float32))
 
 
 @functools.cache

@@ -51,6 +51,8 @@ class PathSpec(Strict):
         Annotated[tuple[WaypointSpec, ...], Field(min_length=2, max_length=10000), BeforeValidator(listed)] | None
     ) = None
     """Waypoints, with the same keys in each."""
+    ground_height_m: Annotated[float, Field(ge=-500, le=9000)] | None = None
+    """Height of the ground that makes the horizon, m, as in site.ground_height_m; at most the camera's at any time."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> PathSpec:

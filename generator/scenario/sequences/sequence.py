@@ -84,6 +84,11 @@ class SequenceSpec(SceneSpec):
                 f"path: covers t_s {knots_s[0]:g} to {knots_s[-1]:g}, but the sequence lasts from 0 to {self.length_s:g}"
             )
         height = trajectory_of(self).position(np.linspace(0, self.length_s, MOMENTS_CHECKED))[2]
+        ground_m = None if self.path is None else self.path.ground_height_m
+        if ground_m is not None and height.min() < ground_m:
+            raise ValueError(
+                f"path.ground_height_m: {ground_m:g} lies above the path, which goes down to {height.min():.0f}"
+            )
         if height.min() < LOWEST_M or height.max() > HIGHEST_M:
             raise ValueError(
                 f"path: reaches heights from {height.min():.0f} to {height.max():.0f} m between its waypoints, "
@@ -170,7 +175,7 @@ def frame_of(spec: SequenceSpec, step: int) -> FrameSpec:
     if spec.path is not None:
         passage = passage_of(spec, 0, step)
         where = (float(value[0]) for value in passage.trajectory.position(np.array([passage.middle_s])))
-        site = SiteSpec(**dict(zip(POSITION, where, strict=True)))
+        site = SiteSpec(**dict(zip(POSITION, where, strict=True)), ground_height_m=spec.path.ground_height_m)
         values["attitude"] = pointing_of(passage.R_cam(np.array([spec.shutter_s / 2])).as_matrix()[0])
     assert site is not None  # one of the two gives it
     return FrameSpec(site=site, time=TimeSpec(utc_start=utc_start, exposure_s=spec.time.exposure_s), **values)
