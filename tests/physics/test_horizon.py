@@ -58,7 +58,14 @@ def test_a_ray_that_grazes_the_sea_passes_the_air_of_the_horizontal_twice(height
 
 LOW = {
     "attitude": {"azimuth_deg": 250, "altitude_deg": 0},
-    "camera": {"width": 120, "height": 160, "hfov_deg": 9, "aperture_mm": 20},
+    "camera": {
+        "width": 120,
+        "height": 160,
+        "hfov_deg": 9,
+        "aperture_mm": 20,
+        "bloom": {"share": 0},
+        "veiling_glare": 0,
+    },
     "sky": {"components": ["airglow", "zodiacal", "milky_way", "starlight"]},
     "time__exposure_s": 5,
 }
