@@ -75,9 +75,10 @@ class SkyTable:
         Maps without their common pattern, on :func:`generator.sky.directions.sky_grid`.
     spectra : (k, n) array
         At GRID_NM; map times spectrum is in photons s^-1 m^-2 nm^-1 sr^-1.
-    pattern : (ny, nx) or (ny, 1) float32 array or None
+    pattern : (ny, nx) or (ny, 1) or (p, ny, nx) float32 array or None
         What all maps are to be multiplied with; None: 1. A component seen through the air is a pattern times a few
-        profiles in altitude, which is much less to compute with than the maps.
+        profiles in altitude, which is much less to compute with than the maps. With p patterns, the first p-th of the maps
+        is to be multiplied with the first, and so on.
     veiled : tuple of (Veil, SkyTable)
         Further light, each table to be multiplied with its veil direction by direction.
     dip : Dip or None
@@ -96,8 +97,16 @@ class SkyTable:
     @property
     def maps(self) -> NDArray[np.float32]:
         """The direction maps without the veiled light, (k, ny, nx) array."""
-        whole = self.parts if self.pattern is None else self.parts * self.pattern
+        whole = self.parts if self.pattern is None else self.parts * self._pattern_by_part
         return np.broadcast_to(whole, (len(whole), *sky_grid().shape))
+
+    @property
+    def _pattern_by_part(self) -> NDArray[np.float32]:
+        """The pattern, one for each map if there are several; only where there is one."""
+        assert self.pattern is not None
+        if self.pattern.ndim == 2:
+            return self.pattern
+        return np.repeat(self.pattern, len(self.parts) // len(self.pattern), axis=0)
 
     def scaled(self, factor: float) -> SkyTable:
         """The same times a number."""
@@ -124,9 +133,15 @@ class SkyTable:
         mix = (weights @ self.spectra.T).astype(np.float32)
         # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
         with blas_threads().limit(limits=1, user_api="blas"):
-            result = np.tensordot(mix, self.parts, axes=1)
-        if self.pattern is not None:
-            result = result * self.pattern
+            if self.pattern is None or self.pattern.ndim == 2:
+                result = np.tensordot(mix, self.parts, axes=1)
+                result = result if self.pattern is None else result * self.pattern
+            else:
+                each = len(self.parts) // len(self.pattern)
+                result = sum(
+                    np.tensordot(mix[:, start : start + each], self.parts[start : start + each], axes=1) * pattern
+                    for start, pattern in zip(range(0, len(self.parts), each), self.pattern, strict=True)
+                )
         return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
     def signal(self, weights: Floats, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
@@ -149,7 +164,7 @@ class SkyTable:
 
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
-        zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self.pattern[-1, 0])
+        zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self._pattern_by_part[..., -1, 0])
         overhead = np.array([[0.0, 0.0, 1.0]])
         veiled = sum(float(veil.at(overhead)[0]) * table.zenith_v() for veil, table in self.veiled)
         return float(v_band() @ self.spectra.T @ zenith) + veiled
@@ -170,7 +185,7 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
     """Sum of components, uncompressed."""
     if not tables:
         return black_sky()
-    parts = [t.parts if t.pattern is None else t.parts * t.pattern for t in tables]
+    parts = [t.parts if t.pattern is None else t.maps for t in tables]
     width = max(part.shape[2] for part in parts)
     wide = [np.broadcast_to(part, (*part.shape[:2], width)) for part in parts]
     veiled = tuple((veil, total(behind)) for veil, behind in by_veil(tables))

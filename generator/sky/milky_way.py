@@ -33,8 +33,17 @@ _LEAST_S10_V = [20.0, 30.0, 29.0, 23.0, 20.0, 20.0]
 deg, where it is black on the fainter longitudes only, what a tenth of them fall below: 0.65 of the median, as at 0 and 5."""
 GALACTIC_POLE: Floats = np.array([-0.8676661490, -0.1980763734, 0.4559837762])
 """ICRS unit vector of the north galactic pole. Source: ESA 1997, SP-1200, volume 1, eq. 1.5.11."""
-BV_MAG = 0.75
-"""Colour of integrated starlight. Source: Mattila 1980, A&AS 39, 53 (Pioneer 10 and galactic models: 0.7 to 0.8)."""
+GALACTIC_CENTRE: Floats = np.array([-0.0548755604, -0.8734370902, -0.4838350155])
+"""ICRS unit vector of galactic longitude and latitude 0. Source: the same, eq. 1.5.11."""
+BV_MAG, VI_MAG = 0.75, 1.02
+"""Colours of integrated starlight away from the galactic centre. Source: B-V of Mattila 1980, A&AS 39, 53 (Pioneer 10 and
+galactic models: 0.7 to 0.8); V-I of the sum of the catalogue's stars from V 7 to 8.5 at galactic latitudes beyond 50 deg,
+whose B-V is 0.73. A single star of that B-V has 0.84: the red giants of a mixture shine in the infrared."""
+CENTRE_BV_MAG, CENTRE_VI_MAG = 1.10, 1.40
+"""The same towards the galactic centre. Source: Elsasser & Haug 1960, Z. Astrophys. 50, 121: colour indices along the
+galactic equator from 0.4 to 1.1 mag, redder towards the centre, 1.15 where it is brightest; V-I as of that mixture reddened
+to this B-V (E(V-I) = 1.25 E(B-V), Cardelli et al. 1989). Its share falls as the sixth power of the cosine of the angle to the
+centre, to a half at 27 deg: an assumption."""
 
 FAINT_LIMIT_V_MAG = 11.0
 """The calibration's medians over a degree leave out stars brighter than about this."""
@@ -86,7 +95,8 @@ def s10(icrs: Floats | NDArray[np.float32]) -> NDArray[np.float32]:
     column = np.arctan2(x, y) * np.float32(nx / (2 * np.pi)) + np.float32((nx + 1) / 2)
     row = np.clip(np.arccos(np.clip(z, -1, 1)) * np.float32(ny / np.pi) - np.float32(0.5), 0, ny - 1.001)
     r0, c0 = row.astype(np.int32), column.astype(np.int32)
-    wr, wc = row - r0, column - c0
+    # Single precision less whole numbers would be double.
+    wr, wc = row - r0.astype(np.float32), column - c0.astype(np.float32)
     first = r0 * np.int32(nx + 2) + c0
     upper, lower = (
         near + wc * (table.take(first + np.int32(step + 1), mode="clip") - near)
@@ -151,8 +161,19 @@ def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | Non
         :func:`gap_factor` of the catalogue in use.
     atmosphere : Atmosphere or None
     """
-    one_s10 = star_spectra([S10_MAG_ARCSEC2], [BV_MAG])[0] * ARCSEC2_PER_SR
+    away, centre = (
+        star_spectra([S10_MAG_ARCSEC2] * 2, [BV_MAG, CENTRE_BV_MAG], [VI_MAG, CENTRE_VI_MAG]) * ARCSEC2_PER_SR
+    )
     # Components first, so that each is contiguous.
     towards = icrs_from_enu.astype(np.float32) @ _grid_directions()
-    direction_map = s10(np.moveaxis(towards.reshape(3, *sky_grid().shape), 0, -1))
-    return above_the_air(np.float32(factor) * direction_map, one_s10, atmosphere)
+    direction_map = np.float32(factor) * s10(np.moveaxis(towards.reshape(3, *sky_grid().shape), 0, -1))
+    cosine = sum(np.float32(along) * component for along, component in zip(GALACTIC_CENTRE, towards, strict=True))
+    cosine = np.maximum(cosine, np.float32(0))
+    squared = cosine * cosine
+    share = squared * squared * squared
+    plain, redder = (above_the_air(direction_map, spectrum, atmosphere) for spectrum in (away, centre - away))
+    return SkyTable(
+        np.concatenate([plain.parts, redder.parts]),
+        np.concatenate([plain.spectra, redder.spectra]),
+        np.stack([direction_map, direction_map * share.reshape(sky_grid().shape)]),
+    )

@@ -12,7 +12,7 @@ from generator.light.photometry import ARCSEC2_PER_SR, GRID_NM
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
-from generator.sky.milky_way import BV_MAG, S10_MAG_ARCSEC2
+from generator.sky.milky_way import BV_MAG, S10_MAG_ARCSEC2, VI_MAG
 
 AEROSOL_FROM_ABOVE = 0.8
 """Part of the light an aerosol scatters downwards that came from above (Henyey-Greenstein, g = 0.7)."""
@@ -43,7 +43,7 @@ def scattered_starlight(sky_mean_s10: float, atmosphere: Atmosphere | None) -> S
     rayleigh = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa)
     aerosol = aerosol_optical_depth(GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
     share = (0.5 * rayleigh + AEROSOL_FROM_ABOVE * air.aerosol_albedo * aerosol) / np.maximum(depth, 1e-12)
-    spectrum = sky_mean_s10 * star_spectra([S10_MAG_ARCSEC2], [BV_MAG])[0] * ARCSEC2_PER_SR
+    spectrum = sky_mean_s10 * star_spectra([S10_MAG_ARCSEC2], [BV_MAG], [VI_MAG])[0] * ARCSEC2_PER_SR
     path = airmass(sky_grid().altitude_deg)
     table = -np.expm1(-path[:, None] * depth) * share * spectrum
     a, b = low_rank(table, RANK)
