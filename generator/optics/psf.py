@@ -4,11 +4,13 @@ Parts of a point spread function convolve, so their transfer functions multiply:
 
 - Gaussian: exp(-2 pi^2 sigma^2 f^2);
 - defocus disk of diameter d: 2 J1(pi d f) / (pi d f);
-- diffraction: the transform of |transform of the pupil|^2, the pupil a unit disk with a phase of Noll's Zernike polynomials
-  (Noll 1976, JOSA 66, 207): Airy's pattern without aberrations (Goodman, Introduction to Fourier Optics, sections 4.4, 6.4);
+- a Gaussian with a width along and one across the field's radius, by the angle off axis: exp(-2 pi^2 (sr^2 fr^2 + st^2 ft^2));
+- diffraction: that of a pupil with aberrations over the field (:mod:`generator.optics.pupil`);
 - Moffat's profile (Moffat 1969, A&A 3, 455), transformed numerically;
 - a user's stack, transformed numerically;
-- the pixel itself: sinc(f_u) sinc(f_v).
+- the pixel itself: sinc(w f_u) sinc(h f_v), w and h the sides of its sensitive area (1 unless given), times the Gaussian of
+  the charge's diffusion. It is normalised to a mean of 1 over all places of a star within a pixel (the quantum efficiency
+  holds the insensitive part already), so that electrons depend on where in a pixel a star falls when w or h is below 1.
 
 Light beyond the support is not drawn and not renormalised away: the table's sum is the energy encircled by the support.
 """
@@ -23,7 +25,9 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from generator.light.photometry import GRID_START_NM, GRID_STOP_NM
-from generator.scenario.camera_spec import CameraSpec, DiffractionSpec, MoffatSpec, PsfSpec, PsfStackSpec
+from generator.optics.pupil import REFERENCE_NM, pupil_transfer
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.psf_spec import FieldGaussianSpec, MoffatSpec, PixelSpec, PsfSpec, PsfStackSpec
 from generator.scenario.psf_stack import read_stack
 
 Floats = NDArray[np.float64]
@@ -32,12 +36,10 @@ FINE_PER_PX = 8
 """Samples of a stamp per pixel."""
 FIELD_NODES = 5
 """Nodes of the field grid along each axis, where the point spread function varies, that are computed."""
-NODE_REFINEMENT = 9 / 5
-"""Nodes of the table over those: the others are blended linearly."""
+FINE_FIELD_NODES = 9
+"""The same where it depends on the field by Gaussians alone: then one band is enough, and the table stays small."""
 BAND_COUNT = 4
 """Wavelength bands, where it depends on wavelength."""
-REFERENCE_NM = 550.0
-"""Wavelength without lateral chromatic shift, and of the waves of aberrations."""
 CHROMATIC_SPAN_NM = 200.0
 """From 450 to 650 nm, between which the lateral chromatic shift is stated."""
 MARGIN_PX = 4
@@ -136,7 +138,8 @@ def psf_table(camera: CameraSpec) -> PsfTable:
     bands = BAND_COUNT if psf.diffraction is not None or psf.lateral_chromatic_px else 1
     edges = np.linspace(GRID_START_NM, GRID_STOP_NM, bands + 1)
     middles = (edges[1:] + edges[:-1]) / 2
-    nodes = FIELD_NODES if psf.varies else 1
+    by_gaussians = psf.field_gaussian is not None and bands == 1 and psf.stack is None
+    nodes = (FINE_FIELD_NODES if by_gaussians else FIELD_NODES) if psf.varies else 1
     projection, corner = camera.projection, camera.corner_px
     u = np.linspace(-0.5, camera.width - 0.5, nodes) if nodes > 1 else np.array([projection.cx_px])
     v = np.linspace(-0.5, camera.height - 0.5, nodes) if nodes > 1 else np.array([projection.cy_px])
@@ -146,12 +149,26 @@ def psf_table(camera: CameraSpec) -> PsfTable:
         for row in range(nodes):
             for column in range(nodes):
                 field = complex(u[column] - projection.cx_px, v[row] - projection.cy_px) / corner
-                stamps[band, row, column] = pixel_psf(psf, wavelength, field, camera.pixel_pitch_um)
+                off_axis_deg = 0.0
+                if psf.field_gaussian is not None:
+                    off_axis_deg = projection.axis_angle_deg(corner * abs(field) / projection.f_px)
+                stamps[band, row, column] = pixel_psf(psf, wavelength, field, camera.pixel_pitch_um, off_axis_deg)
     if nodes > 1:
         # Stars take the nearest node, so there are enough for the steps between them to be small.
-        stamps = ndimage.zoom(stamps, (1, NODE_REFINEMENT, NODE_REFINEMENT, 1, 1), order=1, grid_mode=False)
+        stamps = _between_nodes(_between_nodes(stamps, 1), 2)
     shift = psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM
     return PsfTable(stamps, shift)
+
+
+def _between_nodes(stamps: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    """Insert the mean of every two neighbours along an axis."""
+    lower, upper = (np.take(stamps, range(first, first + stamps.shape[axis] - 1), axis) for first in (0, 1))
+    shape = list(stamps.shape)
+    shape[axis] = 2 * shape[axis] - 1
+    result = np.empty(shape, np.float32)
+    known, between = [slice(None)] * axis + [slice(0, None, 2)], [slice(None)] * axis + [slice(1, None, 2)]
+    result[tuple(known)], result[tuple(between)] = stamps, 0.5 * (lower + upper)
+    return result
 
 
 @functools.lru_cache(maxsize=64)
@@ -170,7 +187,9 @@ def equivalent_sigma_px(camera: CameraSpec) -> float:
     return float(np.sqrt(max(area / (4 * np.pi) - 1 / 12, 0.04)))
 
 
-def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um: float | None) -> Floats:
+def pixel_psf(
+    psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um: float | None, off_axis_deg: float = 0.0
+) -> Floats:
     """Pixel-integrated point spread function.
 
     Parameters
@@ -181,6 +200,8 @@ def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um
         Field position: distance and direction (u + iv) from the principal point over the corner's distance.
     pixel_pitch_um : float or None
         Needed for diffraction.
+    off_axis_deg : float
+        Angle from the axis, for a Gaussian that depends on it.
 
     Returns
     -------
@@ -191,14 +212,16 @@ def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um
     frequency: Floats = np.fft.fftfreq(size_px * FINE_PER_PX, 1 / FINE_PER_PX).astype(np.float64)
     fu, fv = np.meshgrid(frequency, frequency)
     f = np.hypot(fu, fv)
-    transfer = np.sinc(fu) * np.sinc(fv) * np.exp(-2 * (np.pi * psf.gaussian_sigma_px * f) ** 2) + 0j
+    transfer = _pixel_transfer(psf.pixel, fu, fv) * np.exp(-2 * (np.pi * psf.gaussian_sigma_px * f) ** 2) + 0j
+    if psf.field_gaussian is not None:
+        transfer *= _field_gaussian_transfer(psf.field_gaussian, off_axis_deg, field, fu, fv)
     if psf.defocus_disk_px:
         argument = np.pi * psf.defocus_disk_px * f
         transfer *= np.where(argument > 1e-9, 2 * special.j1(argument) / np.maximum(argument, 1e-9), 1)
     if psf.moffat is not None:
         transfer *= _moffat_transfer(psf.moffat, f)
     if psf.diffraction is not None and pixel_pitch_um is not None:
-        transfer *= _pupil_transfer(psf.diffraction, wavelength_nm, field, pixel_pitch_um, frequency)
+        transfer *= pupil_transfer(psf.diffraction, wavelength_nm, field, pixel_pitch_um, frequency)
     if psf.stack is not None:
         transfer *= _stack_transfer(psf.stack, field, frequency)
     image = np.fft.fftshift(np.fft.ifft2(transfer).real) * FINE_PER_PX**2
@@ -206,6 +229,24 @@ def pixel_psf(psf: PsfSpec, wavelength_nm: float, field: complex, pixel_pitch_um
     half = psf.support_px * FINE_PER_PX + FINE_PER_PX // 2
     # Ringing of the band limit may leave values just below zero; a pixel receives no negative light.
     return np.maximum(image[middle - half : middle + half + 1, middle - half : middle + half + 1], 0)
+
+
+def _pixel_transfer(pixel: PixelSpec | None, fu: Floats, fv: Floats) -> Floats:
+    """Transfer function of a pixel's response."""
+    if pixel is None:
+        return np.sinc(fu) * np.sinc(fv)
+    blur = np.exp(-2 * (np.pi * pixel.diffusion_sigma_px) ** 2 * (fu**2 + fv**2))
+    return np.sinc(pixel.sensitive_width * fu) * np.sinc(pixel.sensitive_height * fv) * blur
+
+
+def _field_gaussian_transfer(
+    gaussian: FieldGaussianSpec, off_axis_deg: float, field: complex, fu: Floats, fv: Floats
+) -> Floats:
+    """Transfer function of a Gaussian with its own widths along and across the direction of the field's radius."""
+    radial, tangential = gaussian.sigmas_px(off_axis_deg)
+    outward = field / abs(field) if abs(field) > 1e-9 else 1.0 + 0j
+    along, across = fu * outward.real + fv * outward.imag, fv * outward.real - fu * outward.imag
+    return np.exp(-2 * np.pi**2 * ((radial * along) ** 2 + (tangential * across) ** 2))
 
 
 def _moffat_transfer(moffat: MoffatSpec, f: Floats) -> Floats:
@@ -218,47 +259,6 @@ def _moffat_transfer(moffat: MoffatSpec, f: Floats) -> Floats:
     order = moffat.beta - 1
     value = 2 / special.gamma(order) * (x / 2) ** order * special.kv(order, x)
     return np.where(f > 1e-6, value, 1.0)
-
-
-def _pupil_transfer(
-    diffraction: DiffractionSpec, wavelength_nm: float, field: complex, pixel_pitch_um: float, frequency: Floats
-) -> NDArray[np.complex128]:
-    """Transfer function of a circular pupil with aberrations.
-
-    Without aberrations in closed form; with them the pupil is sampled so finely that its transform covers the grid.
-    """
-    cutoff = 1000 * pixel_pitch_um / (wavelength_nm * diffraction.f_number)
-    radius, angle = abs(field), np.angle(field)
-    waves = REFERENCE_NM / wavelength_nm
-    defocus = diffraction.defocus_waves * waves
-    coma = diffraction.coma_waves * waves * radius
-    astigmatism = diffraction.astigmatism_waves * waves * radius**2
-    fu, fv = np.meshgrid(frequency, frequency)
-    if not (defocus or coma or astigmatism):
-        s = np.minimum(np.hypot(fu, fv) / cutoff, 1)
-        return (2 / np.pi) * (np.arccos(s) - s * np.sqrt(1 - s * s)) + 0j
-    # Autocorrelation of the pupil, by transforms over a grid whose step is a fixed part of the pupil's radius.
-    samples = 192
-    step = 4.0 / samples
-    axis = (np.arange(samples) - samples // 2) * step
-    x, y = np.meshgrid(axis, axis)
-    rho, theta = np.hypot(x, y), np.arctan2(y, x) - angle
-    phase = defocus * np.sqrt(3) * (2 * rho**2 - 1)
-    phase = phase + coma * np.sqrt(8) * (3 * rho**3 - 2 * rho) * np.cos(theta)
-    phase = phase + astigmatism * np.sqrt(6) * rho**2 * np.cos(2 * theta)
-    inside = np.clip(0.5 + (1 - rho) / step, 0, 1)
-    pupil = inside * np.exp(2j * np.pi * phase)
-    padded = np.zeros((2 * samples, 2 * samples), complex)
-    padded[:samples, :samples] = pupil
-    correlation = np.fft.fftshift(np.fft.ifft2(np.abs(np.fft.fft2(padded)) ** 2))
-    correlation = correlation / correlation[samples, samples].real
-    # A shift of two pupil radii is the cut-off frequency.
-    passed = np.hypot(fu, fv) < cutoff
-    places = [samples + 2 * f[passed] / cutoff / step for f in (fv, fu)]
-    transfer = np.zeros(fu.shape, complex)
-    transfer.real[passed] = ndimage.map_coordinates(correlation.real, places, order=3)
-    transfer.imag[passed] = ndimage.map_coordinates(correlation.imag, places, order=3)
-    return transfer
 
 
 def _stack_transfer(stack: PsfStackSpec, field: complex, frequency: Floats) -> NDArray[np.complex128]:

@@ -8,81 +8,12 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from generator.scenario.projection import MODELS, Projection, ProjectionError
-from generator.scenario.psf_stack import read_stack
-from generator.scenario.strict import File, Fraction, Numbers, Strict, listed
+from generator.scenario.psf_spec import PsfSpec
+from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
-Waves = Annotated[float, Field(ge=-5, le=5)]
 LEAST_DIRECT_SHARE = 0.4
 """Least part of the light that bloom, veiling glare and ghosts must leave."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
-
-
-class MoffatSpec(Strict):
-    """Moffat's profile (1 + (r/a)^2)^-beta."""
-
-    fwhm_px: Annotated[float, Field(ge=0.5, le=50)]
-    """Full width at half maximum, px."""
-    beta: Annotated[float, Field(gt=1.1, le=20)]
-    """Exponent; small values give wide wings."""
-
-
-class DiffractionSpec(Strict):
-    """A circular pupil with aberrations that grow from the axis; Airy's pattern without them.
-
-    Wavefront in waves at 550 nm over the unit pupil (Noll's normalised Zernike polynomials, rms): defocus Z4 everywhere,
-    coma Z7/Z8 along the field's radius growing with it, astigmatism Z5/Z6 growing with its square; stated for the corner.
-    """
-
-    f_number: Annotated[float, Field(ge=0.7, le=64)]
-    """Focal ratio."""
-    defocus_waves: Waves = 0.0
-    coma_waves: Waves = 0.0
-    astigmatism_waves: Waves = 0.0
-
-    @property
-    def varies(self) -> bool:
-        """Whether it differs over the field."""
-        return bool(self.coma_waves or self.astigmatism_waves)
-
-
-class PsfStackSpec(Strict):
-    """Measured or computed point spread functions at equally spaced distances from the principal point."""
-
-    file: File
-    """FITS cube (n, rows, columns), or EXR whose channels in alphabetical order are the n functions."""
-    oversampling: Annotated[int, Field(ge=1, le=32)]
-    """Samples of the stack per pixel."""
-
-    @model_validator(mode="after")
-    def _readable(self) -> PsfStackSpec:
-        read_stack(self.file, self.oversampling)
-        return self
-
-
-class PsfSpec(Strict):
-    """Point spread function: the convolution of the given parts."""
-
-    gaussian_sigma_px: Annotated[float, Field(ge=0.0, le=20)] = 0.0
-    moffat: MoffatSpec | None = None
-    diffraction: DiffractionSpec | None = None
-    defocus_disk_px: Annotated[float, Field(ge=0, le=50)] = 0.0
-    """Diameter of the geometric blur disk, px."""
-    stack: PsfStackSpec | None = None
-    lateral_chromatic_px: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """How much further from the principal point 650 nm falls than 450 nm, at the frame's corner, px; linear in both."""
-    support_px: Annotated[int, Field(ge=2, le=60)] = 12
-    """Half width (along u and v) of the square around a star within which its light is drawn, px."""
-
-    @model_validator(mode="after")
-    def _something(self) -> PsfSpec:
-        if not (self.gaussian_sigma_px or self.moffat or self.diffraction or self.defocus_disk_px or self.stack):
-            raise ValueError("give at least one of gaussian_sigma_px, moffat, diffraction, defocus_disk_px, stack")
-        return self
-
-    @property
-    def varies(self) -> bool:
-        """Whether it differs over the field."""
-        return self.stack is not None or (self.diffraction is not None and self.diffraction.varies)
 
 
 class BloomSpec(Strict):

@@ -11,8 +11,9 @@ from generator.errors import ScenarioError
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
-from generator.scenario.camera_spec import CameraSpec, DiffractionSpec, MoffatSpec, PsfSpec
+from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import parse_scenario
+from generator.scenario.psf_spec import DiffractionSpec, MoffatSpec, PsfSpec
 
 PITCH_UM = 2.9
 F_NUMBER = 2.8
