@@ -4,7 +4,7 @@ Parts of a point spread function convolve, so their transfer functions multiply:
 
 - Gaussian: exp(-2 pi^2 sigma^2 f^2);
 - defocus disk of diameter d: 2 J1(pi d f) / (pi d f);
-- a Gaussian with a width along and one across the field's radius, by the angle off axis: exp(-2 pi^2 (sr^2 fr^2 + st^2 ft^2));
+- a Gaussian with widths along and across the field's radius, by the angle off axis: exp(-2 pi^2 (sr^2 fr^2 + st^2 ft^2));
 - diffraction: that of a pupil with aberrations over the field (:mod:`generator.optics.pupil`);
 - Moffat's profile (Moffat 1969, A&A 3, 455), transformed numerically;
 - a user's stack, transformed numerically;
@@ -27,8 +27,8 @@ from scipy import ndimage, special
 from generator.light.photometry import GRID_START_NM, GRID_STOP_NM
 from generator.optics.pupil import REFERENCE_NM, pupil_transfer
 from generator.scenario.camera_spec import CameraSpec
-from generator.scenario.psf_spec import FieldGaussianSpec, MoffatSpec, PixelSpec, PsfSpec, PsfStackSpec
-from generator.scenario.psf_stack import read_stack
+from generator.scenario.lens.psf_spec import FieldGaussianSpec, MoffatSpec, PixelSpec, PsfSpec, PsfStackSpec
+from generator.scenario.lens.psf_stack import read_stack
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from generator.scenario.psf_spec import DiffractionSpec
+from generator.scenario.lens.psf_spec import DiffractionSpec
 
 Floats = NDArray[np.float64]
 

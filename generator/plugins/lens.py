@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import drjit as dr
 import numpy as np
 
-from generator.scenario.image_plane import displacement, displacement_slopes, through, tilt_matrix
+from generator.scenario.lens.image_plane import displacement, displacement_slopes, through, tilt_matrix
 from generator.scenario.projection import PINHOLE_LIKE, Projection
 
 MINIMUM_COSINE = 1e-3
@@ -241,7 +241,7 @@ class OffAxis:
     p : two floats, or none
     s : four floats, or none
     tilt : two 3 x 3 matrices of floats, or None
-        :func:`generator.scenario.image_plane.tilt_matrix` and its inverse.
+        :func:`generator.scenario.lens.image_plane.tilt_matrix` and its inverse.
     """
 
     def __init__(

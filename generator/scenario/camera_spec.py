@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
+from generator.scenario.lens.psf_spec import PsfSpec
 from generator.scenario.projection import MODELS, Projection, ProjectionError
-from generator.scenario.psf_spec import PsfSpec
 from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
 LEAST_DIRECT_SHARE = 0.4

@@ -3,7 +3,7 @@
 Models: OpenCV's pinhole with rational and tangential distortion (Brown 1966, Photogrammetric Engineering 32, 444), Kannala &
 Brandt 2006 (IEEE TPAMI 28, 1335) as cv2.fisheye, and the ideal fisheye projections r = f g(theta) with g = theta,
 2 sin(theta/2), 2 tan(theta/2), sin(theta) (Schneider, Schwalbe & Maas 2009, ISPRS J. 64, 259). Decentring, thin prism and
-tilt of the sensor are those of :mod:`generator.scenario.image_plane`, for every model. The mapping itself is
+tilt of the sensor are those of :mod:`generator.scenario.lens.image_plane`, for every model. The mapping itself is
 :mod:`generator.plugins.lens`.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.scenario.image_plane import displacement, displacement_slopes, through, tilt_matrix
+from generator.scenario.lens.image_plane import displacement, displacement_slopes, through, tilt_matrix
 
 MODELS = (
     "pinhole",

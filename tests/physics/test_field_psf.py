@@ -13,7 +13,7 @@ from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
 from generator.optics.pupil import noll_degrees, wavefront_terms, zernike
-from generator.scenario.psf_spec import DiffractionSpec, FieldGaussianSpec, PixelSpec, PsfSpec, ZernikeSpec
+from generator.scenario.lens.psf_spec import DiffractionSpec, FieldGaussianSpec, PixelSpec, PsfSpec, ZernikeSpec
 
 PITCH_UM, F_NUMBER = 2.9, 8.0
 LAM_OVER_DIAM_PX = 0.55 * F_NUMBER / PITCH_UM

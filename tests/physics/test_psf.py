@@ -13,7 +13,7 @@ from generator.frame.scene import render_expected
 from generator.optics.psf import FINE_PER_PX, pixel_psf, psf_table
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import parse_scenario
-from generator.scenario.psf_spec import DiffractionSpec, MoffatSpec, PsfSpec
+from generator.scenario.lens.psf_spec import DiffractionSpec, MoffatSpec, PsfSpec
 
 PITCH_UM = 2.9
 F_NUMBER = 2.8

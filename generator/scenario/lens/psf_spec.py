@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from generator.scenario.psf_stack import read_stack
+from generator.scenario.lens.psf_stack import read_stack
 from generator.scenario.strict import File, Strict, listed
 
 Waves = Annotated[float, Field(ge=-5, le=5)]

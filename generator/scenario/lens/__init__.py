@@ -1,0 +1,1 @@
+"""Numbers and keys of a lens beside its projection."""
