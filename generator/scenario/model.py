@@ -247,6 +247,8 @@ class SkySpec(Strict):
     """Components that contribute light; all of them by default, if a brightness or cities are given."""
     solar_flux_sfu: Annotated[float, Field(ge=50, le=400)] = 70.0
     """Radio flux of the Sun at 10.7 cm, solar flux units, which scales airglow: 70 at solar minimum, 200 at maximum."""
+    airglow_factor: Annotated[float, Field(ge=0, le=10)] = 1.0
+    """Airglow of the night over its mean at this solar flux; nights scatter: {normal: [1.0, 0.3], limits: [0.4, 2.0]}."""
     ground_albedo: GroundAlbedo = DEFAULT_ALBEDO
     """Part of the light that the ground reflects: a number, points [nm, 0-1], or land (0.15), snow, water, desert."""
     clouds: CloudSpec | None = None

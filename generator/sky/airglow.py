@@ -40,6 +40,12 @@ UPPER_LINES = [(630.0, 165.0), (636.4, 44.0)]
 """Lines (nm, rayleigh) at the zenith and 130 sfu: [O I] green and red, sodium. Source: Noll et al. 2012."""
 
 
+NIGHTLY_SIGMA = 0.3
+"""Standard deviation of the airglow of a night over its mean at one solar flux. The dark sky of Paranal scatters by 0.15 to
+0.2 mag about its dependence on solar flux (Patat 2008, A&A 481, 575), ESO's model leaves 0.19 mag in V (Noll et al. 2012, A&A
+543, A92); airglow is two thirds of it. Four nights of an all-sky camera: 0.6, 0.7, 1.2, 0.9."""
+
+
 def van_rhijn(zenith_angle_deg: ArrayLike, layer_km: float = LOWER_LAYER_KM) -> Floats:
     """Brightening of a thin glowing layer away from the zenith. Source: van Rhijn 1921, Publ. Astr. Lab. Groningen 31."""
     sine = (
@@ -85,9 +91,16 @@ def solar_activity_scale(solar_flux_sfu: float) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def airglow(solar_flux_sfu: float, atmosphere: Atmosphere | None) -> SkyTable:
-    """Airglow at the ground."""
+def _airglow(solar_flux_sfu: float, atmosphere: Atmosphere | None) -> SkyTable:
     scale = solar_activity_scale(solar_flux_sfu)
     zenith_angle = 90 - sky_grid().altitude_deg[:, None]
     layers = ((lower_spectrum(), LOWER_LAYER_KM), (upper_spectrum(), UPPER_LAYER_KM))
     return total([above_the_air(scale * van_rhijn(zenith_angle, km), spectrum, atmosphere) for spectrum, km in layers])
+
+
+def airglow(solar_flux_sfu: float, atmosphere: Atmosphere | None, factor: float = 1.0) -> SkyTable:
+    """Airglow at the ground, `factor` times its mean at this solar flux.
+
+    Nights of one solar flux scatter by NIGHTLY_SIGMA; hydroxyl and oxygen vary partly together, here wholly.
+    """
+    return _airglow(solar_flux_sfu, atmosphere).scaled(factor)

@@ -41,7 +41,7 @@ def star_light() -> tuple[float, float]:
 
 
 NATURAL: dict[Component, Callable[[SkySpec, Atmosphere | None, SkyState], SkyTable]] = {
-    "airglow": lambda spec, air, state: airglow(spec.solar_flux_sfu, air),
+    "airglow": lambda spec, air, state: airglow(spec.solar_flux_sfu, air, spec.airglow_factor),
     "zodiacal": lambda spec, air, state: zodiacal(state.icrs_from_enu, state.sun_icrs, air),
     "milky_way": lambda spec, air, state: mw.milky_way(state.icrs_from_enu, star_light()[0], air),
     "starlight": lambda spec, air, state: scattered_starlight(star_light()[1], air),
