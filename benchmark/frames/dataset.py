@@ -1,5 +1,6 @@
 """Reading a rendered dataset folder (docs/dataset_format.md): frames for the solver, truth for the judge."""
 
+import dataclasses
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -238,6 +239,21 @@ def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
     )
 
 
+def told_observation(path: Path, record: Mapping[str, Any]) -> Observation:
+    """What a solver is told of a frame: the truth, but for camera and attitude where lens and mount have drifted from these."""
+    seen = true_observation(path, record)
+    if "told" not in record:
+        return seen
+    told = value(path, record, "told")
+    return dataclasses.replace(
+        seen,
+        camera=_camera(path, told),
+        R_cam=_attitude(path, told),
+        tilt_sigma_deg=number(path, told, "attitude.tilt_sigma_deg", 0.0, 180.0),
+        heading_sigma_deg=number(path, told, "attitude.heading_sigma_deg", 0.0, 180.0),
+    )
+
+
 def _scenario(path: Path, record: Mapping[str, Any]) -> tuple[str, str]:
     return text(path, record, "scenario.name"), text(path, record, "scenario.sha256")
 
@@ -287,14 +303,14 @@ def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars
             f"{path}: stars.n_in_field is {n_in_field}, stars.parquet has {len(stars.star_id)} rows of this frame; "
             f"{RENDER_AGAIN}"
         )
-    observation = true_observation(path, record)
+    observation, truth_seen = told_observation(path, record), true_observation(path, record)
     return Frame(
         frame_id=frame_id,
         index=integer(path, record, "index"),
         image_path=path.with_suffix(".png"),
         observation=observation,
         conditions=read_conditions(
-            path, record, observation.camera, observation.R_cam, n_in_field, stars.cloud_optical_depth
+            path, record, truth_seen.camera, truth_seen.R_cam, n_in_field, stars.cloud_optical_depth
         ),
         truth=stars,
     )

@@ -252,6 +252,6 @@ def misinformed(seen: Observation, told: Told, level: int, seed: int, index: int
         seen,
         camera=camera,
         R_cam=R_cam,
-        tilt_sigma_deg=tilt,
-        heading_sigma_deg=math.inf if unknown else heading,
+        tilt_sigma_deg=math.hypot(tilt, seen.tilt_sigma_deg),
+        heading_sigma_deg=math.inf if unknown else math.hypot(heading, seen.heading_sigma_deg),
     )

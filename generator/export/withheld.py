@@ -29,7 +29,8 @@ def export_withheld(dataset: Dataset, out: Path, options: ExportOptions, progres
     for frame in dataset:
         record = frame.record
         name = withheld_name(dataset.manifest.scenario_sha256, frame.index)
-        public = {key: record[key] for key in PUBLIC_KEYS} | {"frame_id": name}
+        # Where lens and mount drift, camera and attitude of the record are truth.
+        public = {key: record[key] for key in PUBLIC_KEYS} | record.get("told", {}) | {"frame_id": name}
         public["time"] = {key: record["time"][key] for key in PUBLIC_TIME_KEYS}
         public["atmosphere"] = {key: record["atmosphere"][key] for key in PUBLIC_AIR_KEYS}
         # Encoded anew, so that nothing rides along in the file.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from generator.frame.flying_objects import FlyingObjects, plan_objects
 from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
+from generator.optics.drift import Drift, drift_at
 from generator.optics.motion import Motion, plan_motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
 from generator.places.astrometry import (
@@ -84,6 +85,11 @@ class FramePlan:
         The frame's part of its sequence; None for a frame by itself.
     horizon : Horizon
         Where the ground ends the sky.
+    drift : Drift or None
+        Of lens and mount; None where the scenario has none. `spec.camera` and `motion` are the true ones.
+    told_camera : CameraSpec or None
+    told_motion : Motion or None
+        What a solver is told instead, where there is drift.
     """
 
     scenario: Scenario
@@ -107,6 +113,9 @@ class FramePlan:
     scintillation: Floats
     passage: Passage | None = None
     horizon: Horizon = LEVEL
+    drift: Drift | None = None
+    told_camera: CameraSpec | None = None
+    told_motion: Motion | None = None
 
     @property
     def dimmed_v_mag(self) -> Floats:
@@ -138,6 +147,11 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under)
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
+    drift, told_camera, told_motion = None, None, None
+    if spec.drift is not None:
+        drift = drift_at(spec.drift, scenario.seed, utc_mid.mjd, spec.atmosphere.temperature_c)
+        told_camera, told_motion = spec.camera, motion
+        spec, motion = spec.model_copy(update={"camera": drift.camera(told_camera)}), drift.motion(told_motion)
     horizon = horizon_of(site, air, spec.site.horizon_ground_m)
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation, horizon.altitude_deg)
     places = intermediate_places(stars, site, utc_mid, orientation)
@@ -180,6 +194,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         scintillation=scintillation,
         passage=passage,
         horizon=horizon,
+        drift=drift,
+        told_camera=told_camera,
+        told_motion=told_motion,
     )
 
 

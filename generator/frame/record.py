@@ -93,6 +93,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
         },
         "camera": camera_object(camera),
         "attitude": attitude_object(plan.motion),
+        **drift_objects(plan),
         **({} if plan.passage is None else {"sequence": sequence_object(plan.passage)}),
         "optics": {
             "aperture_mm": camera.aperture_mm,
@@ -162,6 +163,27 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
         **({"s": list(projection.full_s)} if any(projection.s) else {}),
         **({"tilt_rad": list(projection.full_tilt_rad)} if any(projection.tilt_rad) else {}),
     }
+
+
+def drift_objects(plan: FramePlan) -> dict[str, Any]:
+    """How far lens and mount have drifted, and what a solver is told instead; nothing where there is no drift."""
+    spec, drift, camera, motion = plan.spec.drift, plan.drift, plan.told_camera, plan.told_motion
+    if spec is None or drift is None or camera is None or motion is None:
+        return {}
+    return {
+        "drift": {
+            "focal_ppm": drift.focal_ppm,
+            "principal_point_px": list(drift.principal_point_px),
+            "mount_deg": list(drift.mount_deg),
+        },
+        "told": {
+            "camera": camera_object(camera),
+            "attitude": attitude_object(motion) | {
+                "tilt_sigma_deg": spec.mount_deg,
+                "heading_sigma_deg": spec.mount_deg,
+            },
+        },
+    }  # fmt: skip
 
 
 def pointing_object(R_cam: NDArray[np.float64]) -> dict[str, float]:

@@ -292,7 +292,7 @@ def integrator_dict(plan: FramePlan) -> dict[str, Any]:
     }
     if spec.camera.psf is None:
         return description | {"psf_sigma_px": spec.camera.psf_sigma_px}
-    return description | _psf_tensors(spec.camera)
+    return description | _psf_tensors(spec.camera.resting)
 
 
 @functools.lru_cache(maxsize=1)

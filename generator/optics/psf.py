@@ -129,9 +129,13 @@ class PsfTable:
         return np.array([*(largest[distance >= half].max() for half in halves), 0.0])
 
 
-@functools.lru_cache(maxsize=2)
 def psf_table(camera: CameraSpec) -> PsfTable:
-    """Tabulate a camera's point spread function (its `psf` section, which must be given)."""
+    """A camera's point spread function (its `psf` section, which must be given); of a drifting one that at rest."""
+    return _tabulated(camera.resting)
+
+
+@functools.lru_cache(maxsize=2)
+def _tabulated(camera: CameraSpec) -> PsfTable:
     psf = camera.psf
     if psf is None:
         raise ValueError("the camera has no psf section")
@@ -171,15 +175,17 @@ def _between_nodes(stamps: NDArray[np.float32], axis: int) -> NDArray[np.float32
     return result
 
 
-@functools.lru_cache(maxsize=64)
 def equivalent_sigma_px(camera: CameraSpec) -> float:
     """Standard deviation, px, of the Gaussian with the same noise-equivalent area as the point spread function, on axis.
 
     The noise-equivalent area 1 / sum(p^2) of a Gaussian is 4 pi (sigma^2 + 1/12), the pixel included (King 1983, PASP 95,
     163).
     """
-    if camera.psf is None:
-        return camera.psf_sigma_px
+    return camera.psf_sigma_px if camera.psf is None else _equivalent_sigma_px(camera.resting)
+
+
+@functools.lru_cache(maxsize=64)
+def _equivalent_sigma_px(camera: CameraSpec) -> float:
     table = psf_table(camera)
     nodes = table.stamps.shape[1]
     stamp = table.stamps[len(table.stamps) // 2, nodes // 2, nodes // 2].astype(np.float64)

@@ -100,6 +100,15 @@ class AttitudeSection(Section):
     roll_deg: float | None = None
     sample_time_s: list[float] | None = None
     sample_matrices: list[Matrix] | None = Field(default=None, alias="sample_R_cam")
+    tilt_sigma_deg: float | None = None
+    heading_sigma_deg: float | None = None
+
+
+class ToldSection(Section):
+    """``told``."""
+
+    camera: CameraSection
+    attitude: AttitudeSection
 
 
 class SequenceSection(Section):
@@ -163,6 +172,7 @@ class FrameRecord(Section):
     time: TimeSection
     camera: CameraSection
     attitude: AttitudeSection
+    told: ToldSection | None = None
     sequence: SequenceSection | None = None
     optics: OpticsSection | None = None
     sensor: SensorSection | None = None

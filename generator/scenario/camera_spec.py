@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from generator.scenario.lens.psf_spec import PsfSpec
 from generator.scenario.projection import MODELS, Projection, ProjectionError
@@ -119,6 +119,19 @@ class CameraSpec(Strict):
         default=(), exclude_if=lambda ghosts: not ghosts
     )
     """Reflections in the lens."""
+
+    _resting: CameraSpec | None = PrivateAttr(default=None)
+
+    @property
+    def resting(self) -> CameraSpec:
+        """The camera without drift: its point spread function serves all frames, however little the lens moves."""
+        return self._resting or self
+
+    def resting_as(self, resting: CameraSpec) -> CameraSpec:
+        """Return this camera as one that has drifted from another."""
+        moved = self.model_copy()
+        moved._resting = resting
+        return moved
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraSpec:

@@ -21,6 +21,7 @@ from generator.scenario.camera_presets import with_preset
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.foreground_spec import ForegroundSpec
 from generator.scenario.gyro_log import check_motion
+from generator.scenario.lens.drift_spec import DriftSpec
 from generator.scenario.motion_spec import MotionSpec
 from generator.scenario.sensor_spec import SensorSpec
 from generator.scenario.strict import MOST_CURVE_POINTS, Fraction, Strict, increasing, listed
@@ -301,6 +302,9 @@ class SceneSpec(Strict):
     attitude: Attitude = NAMED_ATTITUDES["zenith-north-up"]
     """``zenith-north-up``, or azimuth, altitude and roll."""
     camera: CameraSpec
+    # Excluded from the scenario's hash unless given, as if the key did not exist.
+    drift: DriftSpec | None = Field(default=None, exclude_if=lambda drift: drift is None)
+    """How lens and mount wander from camera and attitude, which solvers are told."""
     sensor: SensorSpec = SensorSpec()
     motion: MotionSpec = MotionSpec()
     foreground: ForegroundSpec = ForegroundSpec()
