@@ -240,7 +240,7 @@ def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
 
 
 def told_observation(path: Path, record: Mapping[str, Any]) -> Observation:
-    """What a solver is told of a frame: the truth, but for camera and attitude where lens and mount have drifted from these."""
+    """What a solver is told of a frame: the truth, but for a camera and an attitude that have drifted from what is told."""
     seen = true_observation(path, record)
     if "told" not in record:
         return seen
