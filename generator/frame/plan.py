@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from generator.frame.flying_objects import FlyingObjects, plan_objects
 from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
+from generator.light.molecular_bands import precipitable_water_cm
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
 from generator.optics.drift import Drift, drift_at
 from generator.optics.motion import Motion, plan_motion
@@ -260,4 +261,9 @@ def dimming_atmosphere(spec: LocalAtmosphereSpec) -> Atmosphere | None:
     """The atmosphere that dims the light, or None where extinction is off."""
     if not spec.extinction:
         return None
-    return Atmosphere(spec.pressure_hpa, spec.aerosol_tau_550, spec.angstrom_exponent, spec.ozone_du)
+    water_cm = (
+        precipitable_water_cm(spec.temperature_c, spec.relative_humidity)
+        if spec.precipitable_water_mm is None
+        else spec.precipitable_water_mm / 10
+    )
+    return Atmosphere(spec.pressure_hpa, spec.aerosol_tau_550, spec.angstrom_exponent, spec.ozone_du, water_cm)

@@ -20,7 +20,8 @@ from generator.frame.moon_disk import moon_points
 from generator.frame.plan import FramePlan, airmass_to, dimming_atmosphere, level_or_up
 from generator.frame.scattered_light import Shining, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
-from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, optical_depth
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH
+from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.light.star_colours import usual_vi
 from generator.light.stellar_spectra import colour_grid, colour_place
@@ -176,7 +177,9 @@ def scene_dict(
     atmosphere = dimming_atmosphere(spec.atmosphere)
     sky = whole_sky(frame_layers(plan)) if sky is None else sky
     points = point_lights(plan)
-    depth = np.zeros_like(GRID_NM) if atmosphere is None else optical_depth(GRID_NM, atmosphere)
+    depth = np.zeros((1, len(GRID_NM)))
+    if atmosphere is not None:
+        depth = star_depths(atmosphere, plan.horizon.dips)
     return {
         "type": "scene",
         "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
@@ -188,7 +191,7 @@ def scene_dict(
             "v_mag": tensor(points.v_mag),
             "airmass": tensor(points.airmass),
             **colour_tensors(points.bv_mag, points.vi_mag),
-            "optical_depth": tensor(depth[None]),
+            "optical_depth": tensor(depth),
         },
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),

@@ -42,12 +42,15 @@ class Atmosphere:
         Aerosol optical depth goes as wavelength to minus this.
     ozone_du : float
         Column of ozone, Dobson units (300 DU = 0.3 atm cm).
+    water_cm : float
+        Precipitable water, cm.
     """
 
     pressure_hpa: float
     aerosol_tau_550: float
     angstrom_exponent: float
     ozone_du: float
+    water_cm: float = 0.0
 
 
 def standard_pressure_hpa(height_m: ArrayLike) -> Floats:
@@ -101,8 +104,8 @@ def optical_depth(wavelength_nm: ArrayLike, atmosphere: Atmosphere) -> Floats:
     Returns
     -------
     (n,) array
-        Optical depth; times 1.0857 it is magnitudes per airmass. The bands of water vapour and molecular oxygen beyond
-        680 nm are not included.
+        Optical depth; times 1.0857 it is magnitudes per airmass. The bands of water vapour and oxygen, whose
+        depth is not in proportion to the path, are in :mod:`generator.light.molecular_bands`.
     """
     return (
         rayleigh_optical_depth(wavelength_nm, atmosphere.pressure_hpa)

@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.light.airmass_nodes import LEVEL_NODES, airmass_nodes, node_place
 from generator.light.photometry import GRID_NM, GRID_START_NM
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 
@@ -22,12 +23,6 @@ Floats = NDArray[np.float64]
 
 WAVELENGTH_GROUPS = 33
 """Wavelengths over four: one every 4.9 nm."""
-AIRMASS_NODES, LARGEST_AIRMASS = 224, 40.0
-"""Above the 37.92 of the horizontal."""
-DIPPING_NODES, LARGEST_DIPPING_AIRMASS = 387, 1000.0
-"""The same for rays from below the horizontal; with more, no light is left."""
-AIRMASS_SCALE = 0.5
-"""Nodes of the table of stars are evenly spaced in log(airmass + this)."""
 DARK = 1e-30
 STARS_AT_ONCE = 16384
 """Few enough for the intermediate arrays to fit into the processor's cache."""
@@ -74,8 +69,8 @@ class FilmResponse:
         Parameters
         ----------
         colour_table : (rows, columns, len(GRID_NM)) array
-        optical_depth : (len(GRID_NM),) array
-            Vertical.
+        optical_depth : (len(GRID_NM),) or (nodes, len(GRID_NM)) array
+            Per airmass: of any path, or of those of :func:`generator.light.airmass_nodes.airmass_nodes`.
         colour_row, colour_column, airmass : (n,) arrays
             Fractional row and column, and relative airmass.
         bands : int
@@ -91,12 +86,10 @@ class FilmResponse:
             colour_table.shape[1],
             optical_depth.tobytes(),
             bands,
-            bool((airmass > LARGEST_AIRMASS).any()),
         )
         nodes, count = table.airmass, len(table.airmass)
         airmass = np.minimum(airmass, nodes[-1])
-        place = np.log1p(airmass / AIRMASS_SCALE) * ((count - 1) / np.log1p(nodes[-1] / AIRMASS_SCALE))
-        node = np.clip(place.astype(np.intp), 0, count - 2)
+        node = np.clip(node_place(airmass, count).astype(np.intp), 0, count - 2)
         along = ((airmass - nodes[node]) / (nodes[node + 1] - nodes[node])).astype(np.float32)
         rows, columns = colour_table.shape[:2]
         row = np.minimum(colour_row.astype(np.intp), rows - 2)
@@ -161,14 +154,14 @@ def _star_table(
     colour_columns: int,
     optical_depth: bytes,
     bands: int,
-    dipping: bool,
 ) -> _StarTable:
     """The arrays of :meth:`FilmResponse.of_stars` as bytes: frames of one camera under one air share their table."""
     wavelengths = np.frombuffer(wavelength_nm)
-    count, largest = (DIPPING_NODES, LARGEST_DIPPING_AIRMASS) if dipping else (AIRMASS_NODES, LARGEST_AIRMASS)
-    nodes = AIRMASS_SCALE * np.expm1(np.linspace(0, np.log1p(largest / AIRMASS_SCALE), count))
+    depth = np.frombuffer(optical_depth).reshape(-1, len(GRID_NM))
+    nodes = airmass_nodes(len(depth) if len(depth) > 1 else LEVEL_NODES)
+    count = len(nodes)
     shapes = _at_wavelengths(wavelengths, np.frombuffer(colours).reshape(-1, len(GRID_NM)))
-    passed = np.exp(-nodes[:, None] * _at_wavelengths(wavelengths, np.frombuffer(optical_depth)[None])[0])
+    passed = np.exp(-nodes[:, None] * _at_wavelengths(wavelengths, depth))
     band = np.minimum(((wavelengths - GRID_START_NM) * (bands / SPECTRAL_RANGE_NM)).astype(int), bands - 1)
     columns, logarithms = [], []
     for channel, response in enumerate(np.frombuffer(electrons).reshape(-1, len(wavelengths))):

@@ -234,7 +234,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         if (emitter.id(), bands) not in self._electrons:
             shape = self.response(camera).of_stars(
                 emitter.colour_table.host(),
-                emitter.optical_depth.host()[0],
+                emitter.optical_depth.host(),
                 np.array(emitter.colour_row, dtype=np.float64),
                 np.array(emitter.colour_column, dtype=np.float64),
                 np.array(emitter.airmass, dtype=np.float64),

@@ -9,7 +9,7 @@ parameter          type     meaning
 ``colour_column``  tensor   (n,): fractional column of ``colour_table`` (from B-V)
 ``airmass``        tensor   (n,): relative airmass
 ``colour_table``   tensor   (m, c, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
-``optical_depth``  tensor   (1, k): vertical optical depth of the atmosphere
+``optical_depth``  tensor   (m, k): of the atmosphere per airmass; m = 1, or those of :mod:`generator.light.airmass_nodes`
 ``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
 ``horizon_sine``   float    sine of the horizon's apparent altitude, below which nothing shines (default 0)
 ``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
@@ -21,12 +21,14 @@ The same emitter lights geometry through Mitsuba's direction sampling, with the 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from generator.light.airmass_nodes import AIRMASS_SCALE, largest_airmass
 from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import ColourTable, SpectralTable, stratified_wavelengths
 
@@ -81,8 +83,17 @@ class StarEmitter(mi.Emitter):
         return (
             dr.gather(mi.Float, self.brightness, star)
             * shape
-            * dr.exp(-self.optical_depth.spectrum(wavelengths) * path)
+            * dr.exp(-self._depth_per_airmass(path, wavelengths) * path)
         )
+
+    def _depth_per_airmass(self, path: Any, wavelengths: Any) -> Any:
+        """Optical depth (Spectrum) per airmass of paths (Float)."""
+        if self.optical_depth.rows == 1:
+            return self.optical_depth.spectrum(wavelengths)
+        last = self.optical_depth.rows - 1
+        scale = last / math.log1p(largest_airmass(last + 1) / AIRMASS_SCALE)
+        place = dr.log(path * (1 / AIRMASS_SCALE) + 1) * scale
+        return self.optical_depth.eval(dr.clip(place, 0, last), wavelengths)
 
     def set_scene(self, scene: Any) -> None:
         """Mitsuba's interface: stars are infinitely far away, whatever the scene's size."""

@@ -106,6 +106,8 @@ class AtmosphereSpec(Strict):
     """Of the aerosol."""
     ozone_du: Annotated[float, Field(ge=0, le=1000)] = 300.0
     """Column of ozone, Dobson units."""
+    precipitable_water_mm: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Water vapour above the site, mm of liquid, for its absorption bands; unless given, by temperature and humidity."""
     refraction: bool = True
     """Whether refraction displaces the light."""
     extinction: bool = True

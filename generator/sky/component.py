@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
+from generator.light.molecular_bands import band_depth
 from generator.light.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
 
@@ -22,7 +23,7 @@ DIFFUSE_EXTINCTION_FACTOR = 0.75
 """Effective optical depth of diffuse light over that of a star: light scattered out of one line of sight is partly made up
 for by light scattered in. Source: Kwon et al. 2004, New Astronomy 10, 91; published values run from 0.5 to 0.9."""
 
-EXTINCTION_RANK = 6
+EXTINCTION_RANK = 8
 COMPRESSION_ERROR = 3e-5
 
 
@@ -309,7 +310,9 @@ def extinction_factors(atmosphere: Atmosphere | None, factor: float) -> tuple[Fl
     if atmosphere is None:
         return np.ones((1, len(sky_grid().altitude_deg))), np.ones((1, len(GRID_NM)))
     path = airmass(sky_grid().altitude_deg)
-    transmission = np.exp(-factor * path[:, None] * optical_depth(GRID_NM, atmosphere))
+    # What bands absorb no light that is scattered in makes up for.
+    bands = band_depth(GRID_NM, atmosphere, path)
+    transmission = np.exp(-factor * path[:, None] * optical_depth(GRID_NM, atmosphere) - bands)
     return low_rank(transmission, EXTINCTION_RANK)
 
 

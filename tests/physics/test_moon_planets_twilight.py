@@ -115,14 +115,15 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     assert (disk > 0.5 * disk[disk > 0.1 * disk.max()].mean()).sum() == pytest.approx(np.pi * radius**2, rel=0.06)
     from generator.frame.plan import dimming_atmosphere
     from generator.frame.scene import quantum_efficiency
-    from generator.light.atmosphere import airmass, optical_depth
+    from generator.light.atmosphere import airmass
+    from generator.light.molecular_bands import slant_depth
     from generator.light.stellar_spectra import star_spectra
 
     plan = plan_frame(scenario, 0)
     spectrum = star_spectra([plan.sky.moon_v_mag], [0.92])[0]
-    depth = optical_depth(GRID_NM, dimming_atmosphere(plan.spec.atmosphere)) * float(
-        airmass(plan.sky.moon_altitude_deg)
-    )
+    atmosphere = dimming_atmosphere(plan.spec.atmosphere)
+    assert atmosphere is not None
+    depth = slant_depth(GRID_NM, atmosphere, [float(airmass(plan.sky.moon_altitude_deg))])[0]
     electrons = np.trapezoid(spectrum * np.exp(-depth) * quantum_efficiency(plan.spec), GRID_NM)
     assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.01)
 
