@@ -107,7 +107,8 @@ def test_moon_is_in_the_image_with_its_light() -> None:
         "azimuth_deg": float(np.degrees(np.arctan2(east, north))),
         "altitude_deg": float(np.degrees(np.arcsin(up))),
     }
-    camera = {"width": 200, "height": 200, "hfov_deg": 4.0, "aperture_mm": 4}
+    clean = {"bloom": {"share": 0}, "veiling_glare": 0}
+    camera = {"width": 200, "height": 200, "hfov_deg": 4.0, "aperture_mm": 4} | clean
     scenario = small_scenario(**base, sky=sky, camera=camera, attitude=attitude, stars={"limiting_magnitude": 3.0})
     frame = render_expected(plan_frame(scenario, 0), layers=True)
     disk = frame.layers["stars"]
