@@ -58,7 +58,7 @@ class FlyingObjects:
 def plan_objects(
     spec: ForegroundSpec, start: Instant, shutter_s: float, site: Site, orientation: EarthOrientation, air: Air
 ) -> FlyingObjects:
-    """Objects of a frame whose shutter opens at `start`, when `orientation` holds, for `shutter_s`.
+    """Objects of a frame whose shutter opens at `start` for `shutter_s`.
 
     Raises
     ------
@@ -127,14 +127,11 @@ def _orbit_directions(
         orbit = Satrec.twoline2rv(satellite.line1, satellite.line2)
     except ValueError as error:
         raise ScenarioError(f"foreground.satellites.{number}: not a two-line element set ({error})") from error
-    # UT1 runs on where UTC has a leap second; the elements' time is UTC as it was at the start.
-    ut1, ut1_rest = erfa.utcut1(start.utc1, start.utc2, orientation.ut1_utc_s)
-    moment = ut1_rest + time_s / SECONDS_PER_DAY
-    utc = moment - orientation.ut1_utc_s / SECONDS_PER_DAY
-    codes, position_km, _ = orbit.sgp4_array(np.full(len(utc), float(ut1)), utc)
+    day = time_s / SECONDS_PER_DAY
+    codes, position_km, _ = orbit.sgp4_array(np.full(len(day), start.utc1), start.utc2 + day)
     if codes.any() or not np.isfinite(position_km).all():
         raise ScenarioError(f"foreground.satellites.{number}: SGP4 cannot propagate the elements to this time")
-    sidereal = erfa.gmst82(ut1, moment)
+    sidereal = erfa.gmst82(start.utc1, start.utc2 + day + orientation.ut1_utc_s / SECONDS_PER_DAY)
     east, north = np.cos(sidereal), np.sin(sidereal)
     x, y, z = position_km.T
     fixed = np.stack([east * x + north * y, -north * x + east * y, z], axis=1)

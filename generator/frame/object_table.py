@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from generator.frame.landscape import frame_lamps, lamp_v_mag
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
 from generator.frame.star_truth import StarTruth
@@ -67,13 +68,16 @@ def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
 def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     """Rows of flying objects and the Moon."""
     objects, moon = plan.objects, expected.moon
-    number = np.concatenate([objects.number, np.full(len(moon.electrons), MOON_OBJECT)])
-    kind = [*objects.kind, *["moon"] * len(moon.electrons)]
-    v_mag = np.concatenate([objects.v_mag, np.full(len(moon.electrons), plan.sky.moon_v_mag)])
-    bv_mag = np.concatenate([objects.bv_mag, np.full(len(moon.electrons), MOON_BV_MAG)])
+    lamps = frame_lamps(plan)
+    after = len(objects) + np.arange(len(lamps), dtype=np.int32)
+    number = np.concatenate([objects.number, after, np.full(len(moon.electrons), MOON_OBJECT)])
+    kind = [*objects.kind, *["lamp"] * len(lamps), *["moon"] * len(moon.electrons)]
+    lamp_mag = lamp_v_mag(plan, lamps) if lamps else np.zeros(0)
+    v_mag = np.concatenate([objects.v_mag, lamp_mag, np.full(len(moon.electrons), plan.sky.moon_v_mag)])
+    bv_mag = np.concatenate([objects.bv_mag, np.full(len(lamps), np.nan), np.full(len(moon.electrons), MOON_BV_MAG)])
     truth = StarTruth(
         *(
-            np.concatenate([getattr(expected.objects, field.name), getattr(moon, field.name)])
+            np.concatenate([getattr(part, field.name) for part in (expected.objects, expected.lamps, moon)])
             for field in fields(StarTruth)
         )
     )

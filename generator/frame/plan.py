@@ -160,12 +160,10 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     up = np.flatnonzero(middle.enu[:, 2] > horizon.sine)
     stars, places, middle = stars[up], places[up], middle[up]
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
-    moments = [
-        utc_start.plus(float(after))
+    path = [
+        observed_places(places, site, utc_start.plus(float(after)), orientation, air)
         for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
     ]
-    # Each moment has its own UT1-UTC, which jumps within an exposure across a leap second.
-    path = [observed_places(places, site, moment, earth_orientation(moment), air) for moment in moments]
     air_path = airmass_to(horizon, middle.altitude_deg)
     scintillation = np.ones(len(stars))
     if spec.stars.scintillation:
@@ -186,7 +184,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
         motion=motion,
-        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, earth_orientation(utc_start), air),
+        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
         airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
         cloud_optical_depth=np.zeros(len(stars))

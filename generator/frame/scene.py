@@ -15,7 +15,14 @@ from scipy.spatial.transform import Rotation
 from generator import plugins
 from generator.frame.flying_objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
-from generator.frame.landscape import LandscapeMaps, landscape_maps, own_light_maps
+from generator.frame.landscape import (
+    LAMP_FACTOR,
+    LandscapeMaps,
+    frame_lamps,
+    lamps_dict,
+    landscape_maps,
+    own_light_maps,
+)
 from generator.frame.moon_disk import moon_points
 from generator.frame.plan import FramePlan, airmass_to, dimming_atmosphere, level_or_up
 from generator.frame.scattered_light import Shining, scattered
@@ -80,6 +87,8 @@ class ExpectedFrame:
         Part of the star's light that it hides.
     objects : StarTruth
         The same of the plan's flying objects.
+    lamps : StarTruth
+        The same of the lamps in view.
     moon : StarTruth
         The same of the Moon's disk as one source (n = 1); n = 0 where no Moon is drawn.
     zenith_mag_arcsec2 : float or None
@@ -104,6 +113,7 @@ class ExpectedFrame:
     occluded: NDArray[np.bool_]
     hidden_fraction: Floats
     objects: StarTruth
+    lamps: StarTruth
     moon: StarTruth
     zenith_mag_arcsec2: float | None
     layers: dict[str, NDArray[np.float32]]
@@ -180,6 +190,7 @@ def scene_dict(
     depth = np.zeros((1, len(GRID_NM)))
     if atmosphere is not None:
         depth = star_depths(atmosphere, plan.horizon.dips)
+    lamps = frame_lamps(plan)
     return {
         "type": "scene",
         "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
@@ -196,6 +207,7 @@ def scene_dict(
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects, plan.horizon.sine)} if len(plan.objects) else {}),
+        **({"lamps": lamps_dict(plan, lamps)} if lamps else {}),
     }
 
 
@@ -367,7 +379,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
             if direct < 1:
                 light = direct * light + astray(alone, light, None, [])
             parts[name] = mosaic(light, sensor)
-    truths = dict.fromkeys(("stars", "objects"), StarTruth.empty())
+    truths = dict.fromkeys(("stars", "objects", "lamps"), StarTruth.empty())
     shining: list[Shining] = []
     points: Singles | None = None
     dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
@@ -375,9 +387,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
-        light = np.array(integrator.stars(scene, camera, emitter, tracks, pattern))
+        brighter = LAMP_FACTOR if emitter.id() == "lamps" else 1.0
+        light = np.array(integrator.stars(scene, camera, emitter, tracks, pattern)) * np.float32(brighter)
         points = light if points is None else points + light
-        by_band = integrator.electrons_by_band(camera, emitter, integrator.bands)
+        by_band = brighter * integrator.electrons_by_band(camera, emitter, integrator.bands)
         shining.append(Shining(emitter, tracks, by_band.sum(axis=2)))
         if layers:
             if direct < 1:
@@ -410,6 +423,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         hidden_fraction=truth.hidden_fraction,
         cover=cover if plan.spec.foreground.hides_sky else None,
         objects=truths["objects"],
+        lamps=truths["lamps"],
         moon=truths["stars"].together_from(len(plan.stars)),
         zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,
         layers=parts,

@@ -79,14 +79,14 @@ def hemisphere_mean(
 
 def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:
     """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
-    if not emitter.behind_foreground or (not scene.shapes() and integrator.landscape is None):
+    if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):
         return np.ones(emitter.count)
     direction = mi.Vector3f(np.ascontiguousarray(_middle_directions(emitter).T, dtype=np.float32))
     free = np.ones(emitter.count)
     if scene.shapes():
         free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))
-    if integrator.landscape is not None:
-        free = free * (1 - np.array(integrator.landscape.at(*integrator.landscape.place(direction), 1)[0]))
+    if integrator.surroundings is not None:
+        free = free * (1 - np.array(integrator.surroundings.at(*integrator.surroundings.place(direction), 1)[0]))
     return free
 
 
@@ -108,7 +108,7 @@ def _seen(
     terms = [mi.Float(channel) for channel in integrator.response(camera).of(environment.spectra.host())]
     image = [dr.zeros(mi.Float, count) for _ in range(channels)]
     free = dr.select(scene.ray_test(ray), mi.Float(0), mi.Float(1)) if scene.shapes() else mi.Float(1)
-    landscape = integrator.landscape
+    landscape = integrator.surroundings
     if landscape is not None:
         alpha, *lights = landscape.at(*landscape.place(ray.d), landscape.planes)
         image = [light * (etendue * free) for light in lights]

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
+from generator.light.bake_grids import BakedAir
+from generator.light.lamps import LUMEN_PER_V_PHOTON, lamp_spectra
+from generator.light.photometry import BESSELL_V, GRID_NM
+
 Floats = NDArray[np.float64]
+
+
+RED_NM, RED_WIDTH_NM = 630.0, 8.0
+"""Middle and standard deviation of a red light-emitting diode's spectrum (AlGaInP: 18 to 20 nm at half height)."""
+KINDS = ("HPS", "LED", "LED3000", "MH", "mercury", "red")
+VISUAL_NM = 550.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +37,7 @@ class Lamp:
         Luminous intensity towards the ground, which lights the landscape; that of a source that shines below the
         horizontal alone.
     kind : str
-        Name of :func:`generator.light.lamps.lamp_spectra`.
+        Of :func:`spectrum`.
     """
 
     azimuth_deg: float
@@ -46,3 +58,30 @@ class Lamp:
         azimuth, altitude = np.radians([self.azimuth_deg, self.altitude_deg])
         direction = [np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)]
         return self.distance_m * np.array(direction)
+
+
+@functools.cache
+def spectrum(kind: str) -> Floats:
+    """Photon spectrum of a kind of lamp at GRID_NM with a V-band mean of 1, (n,) array."""
+    if kind != "red":
+        return lamp_spectra()[kind]
+    photons = np.exp(-0.5 * ((GRID_NM - RED_NM) / RED_WIDTH_NM) ** 2)
+    return np.asarray(photons / BESSELL_V.mean(GRID_NM, photons))
+
+
+def spectra() -> Floats:
+    """Photon spectra of all KINDS as those of a star of V = 0, photons s^-1 m^-2 nm^-1, (kinds, n) array."""
+    return BESSELL_V.zero_point * np.array([spectrum(kind) for kind in KINDS])
+
+
+def apparent_v_mag(lamps: tuple[Lamp, ...], air: Atmosphere | None) -> Floats:
+    """V at the camera, by illuminance, through the air between (its extinction at the ground, at 550 nm), (n,) array."""
+    lux = np.array([lamp.illuminance_lx for lamp in lamps])
+    kilometres = np.array([lamp.distance_m for lamp in lamps]) / 1000
+    magnitude = -2.5 * np.log10(lux / (LUMEN_PER_V_PHOTON * BESSELL_V.zero_point))
+    if air is None:
+        return np.asarray(magnitude)
+    nm, layers = np.array([VISUAL_NM]), BakedAir()
+    gas = rayleigh_optical_depth(nm, air.pressure_hpa) / layers.rayleigh_height_km
+    aerosol = aerosol_optical_depth(nm, air.aerosol_tau_550, air.angstrom_exponent) / layers.aerosol_height_km
+    return np.asarray(magnitude + MAG_PER_OPTICAL_DEPTH * float((gas + aerosol)[0]) * kilometres)

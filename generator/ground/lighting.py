@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.ground.lamp import Lamp
 from generator.ground.panorama import Layers, Panorama, column_azimuths, on_sphere, opacity, row_altitudes
 from generator.ground.reflectance import primaries
 
@@ -27,6 +28,8 @@ WALLS = 72
 ROWS = 72
 """Of the grid of directions from which light comes: cells of 2.5 deg."""
 
+LAMP_ROWS = 128
+LEAST_LAMP_DISTANCE_M = 0.3
 MOST_RETURNED = 1 - 1e-6
 """Share of the light that a white surface reflects: a closed white room would otherwise have no end of it."""
 
@@ -167,10 +170,54 @@ def reflected_signal(layers: Layers, lit: Floats, weights: Floats) -> NDArray[np
     terms = np.einsum("sn,bn,cn->csb", lit / np.pi, primaries(), weights, optimize=True)
     wall, weight = walls_around(layers.azimuth_deg)
     upright = terms[:, wall] * (1 - weight)[None, :, None] + terms[:, (wall + 1) % WALLS] * weight[None, :, None]
-    above = int(np.searchsorted(-layers.altitude_deg, 0.0))
+    below = slice(int(np.searchsorted(-layers.altitude_deg, 0.0)), None)
+    level = np.broadcast_to(layers.level, layers.alpha.shape)[below]
     result = np.empty((len(weights), *layers.alpha.shape), np.float32)
     for channel in range(len(weights)):
-        coefficients = upright[channel].astype(np.float32)
-        result[channel, :above] = np.einsum("yxb,xb->yx", layers.reflectance[:above], coefficients)
-        result[channel, above:] = layers.reflectance[above:] @ terms[channel, -1].astype(np.float32)
+        result[channel] = np.einsum("yxb,xb->yx", layers.reflectance, upright[channel].astype(np.float32))
+        ground = layers.reflectance[below] @ terms[channel, -1].astype(np.float32)
+        np.copyto(result[channel, below], ground, where=level)
     return result
+
+
+def lamp_illuminance(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float, float]) -> NDArray[np.float32]:
+    """Illuminance of a landscape's surfaces by lamps near them, lx, (ny, nx) array.
+
+    Each lamp shines evenly below the horizontal with its `downward_cd`; nothing casts shadows.
+
+    Parameters
+    ----------
+    layers : Layers
+    lamps : tuple of Lamp
+    plain : (eye height, distance)
+        Of the ground below the camera and of what stands above the horizon, m, where the layers have no distances.
+    """
+    total = np.zeros(layers.alpha.shape, np.float32)
+    azimuth = np.radians(layers.azimuth_deg).astype(np.float32)
+    east, north = np.sin(azimuth), np.cos(azimuth)
+    for first in range(0, len(total), LAMP_ROWS):
+        rows = slice(first, first + LAMP_ROWS)
+        altitude = np.radians(layers.altitude_deg[rows]).astype(np.float32)[:, None]
+        distance = _distances(layers, rows, plain)
+        level = distance * np.cos(altitude)
+        place = (level * east, level * north, distance * np.sin(altitude))
+        upright = ~layers.level[rows]
+        for lamp in lamps:
+            to_east, to_north, to_up = (float(end) - start for end, start in zip(lamp.place_m, place, strict=True))
+            square = to_east**2 + to_north**2 + to_up**2
+            facing = np.where(upright, -(to_east * east + to_north * north), to_up)
+            lit = np.where(to_up > 0, np.maximum(facing, 0), 0)
+            # A surface cannot be nearer to a lamp than the lamp is large.
+            total[rows] += lamp.downward_cd * lit / np.maximum(square, LEAST_LAMP_DISTANCE_M**2) ** 1.5
+    return total
+
+
+def _distances(layers: Layers, rows: slice, plain: tuple[float, float]) -> NDArray[np.float32]:
+    if layers.distance_m is not None:
+        return layers.distance_m[rows]
+    eye_height, distance = plain
+    altitude = np.radians(layers.altitude_deg[rows])
+    ground = eye_height / np.sin(np.maximum(-altitude, 1e-6))
+    wall = distance / np.cos(np.clip(altitude, 0, 1.5))
+    away = np.where(altitude < 0, np.minimum(ground, distance / np.cos(altitude)), wall)
+    return np.broadcast_to(away.astype(np.float32)[:, None], (len(away), layers.alpha.shape[1]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,10 @@ Bytes = NDArray[np.uint8]
 
 MOST_TEXELS = 2**25
 """Of any panorama: 8192 x 4096, 134 MB with its colours."""
+EYE_HEIGHT_M = 1.6
+"""Of the camera over the ground of a panorama whose distances are known."""
+NEARLY = 0.98
+POLE_DEG = 89.0
 ROWS_AT_ONCE = 256
 """Of a large panorama, in double the memory of as many rows in single precision."""
 
@@ -61,6 +66,14 @@ class Panorama:
 
 
 @dataclass(frozen=True, eq=False)
+class Window:
+    """Part of a grid of directions: rows, and columns, which may pass north."""
+
+    rows: slice
+    columns: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
 class Layers:
     """A panorama in linear values at another resolution, each texel the mean over its area.
 
@@ -72,6 +85,8 @@ class Layers:
     distance_m : (ny, nx) float32 array or None
         The texel's middle's.
     top_deg, bottom_deg : float
+    first_column, whole_columns : int
+        Of a window: its first column among those around the circle; `whole_columns` is 0 where it has all of them.
     """
 
     alpha: NDArray[np.float32]
@@ -80,6 +95,16 @@ class Layers:
     distance_m: NDArray[np.float32] | None
     top_deg: float
     bottom_deg: float
+    first_column: int = 0
+    whole_columns: int = 0
+
+    @functools.cached_property
+    def level(self) -> NDArray[np.bool_]:
+        """Whether a texel is level ground, (ny, nx) or (ny, 1) array: below the horizon, and as far as ground is there."""
+        down = np.sin(np.radians(-self.altitude_deg))[:, None]
+        if self.distance_m is None:
+            return down > 0
+        return (down > 0) & (self.distance_m * down > NEARLY * EYE_HEIGHT_M)
 
     @property
     def altitude_deg(self) -> Floats:
@@ -89,7 +114,42 @@ class Layers:
     @property
     def azimuth_deg(self) -> Floats:
         """Of the columns' middles, (nx,) array."""
-        return column_azimuths(self.alpha.shape[1])
+        count = self.alpha.shape[1]
+        whole = self.whole_columns or count
+        return ((self.first_column + np.arange(count) + 0.5) * 360 / whole) % 360
+
+    def window(self, part: Window) -> Layers:
+        """The rows and columns of a window."""
+
+        def cut(values: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+            return None if values is None else values[part.rows][:, part.columns]
+
+        step = (self.bottom_deg - self.top_deg) / len(self.alpha)
+        alpha, reflectance = cut(self.alpha), cut(self.reflectance)
+        assert alpha is not None
+        assert reflectance is not None
+        top = self.top_deg + part.rows.start * step
+        whole = 0 if len(part.columns) == self.alpha.shape[1] else self.alpha.shape[1]
+        first = int(part.columns[0]) if whole else 0
+        return Layers(
+            alpha, reflectance, cut(self.glow), cut(self.distance_m), top, top + len(alpha) * step, first, whole
+        )
+
+    def around(self, altitude_deg: float, azimuth_deg: float, radius_deg: float) -> Window:
+        """The window that holds all directions within an angle of a direction."""
+        ny, nx = self.alpha.shape
+        step = (self.top_deg - self.bottom_deg) / ny
+        high, low = altitude_deg + radius_deg, altitude_deg - radius_deg
+        first = int(np.clip((self.top_deg - high) / step - 2, 0, ny - 1))
+        stop = int(np.clip((self.top_deg - low) / step + 3, first + 1, ny))
+        columns = np.arange(nx)
+        if high < POLE_DEG and low > -POLE_DEG:
+            half = np.degrees(np.arcsin(np.sin(np.radians(radius_deg)) / np.cos(np.radians(altitude_deg))))
+            reach = int(np.ceil(half / 360 * nx)) + 3
+            if 2 * reach + 1 < nx:
+                middle = int(azimuth_deg % 360 / 360 * nx)
+                columns = (middle + np.arange(-reach, reach + 1)) % nx
+        return Window(slice(first, stop), columns)
 
 
 def row_altitudes(rows: int, top_deg: float = 90.0, bottom_deg: float = -90.0) -> Floats:

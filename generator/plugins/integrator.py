@@ -20,7 +20,9 @@ parameter                type     meaning
 ``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
 ``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
 ``landscape_maps``       tensor   (1 + channels, ny, nx): see :class:`generator.plugins.landscape.LandscapeTexture` (optional)
-``landscape_top_deg``    float    altitude of their upper edge; so ``landscape_bottom_deg``
+``landscape_top_deg``    float    altitude of their upper edge; so ``landscape_bottom_deg``, and where they are a part of
+                                  the circle ``landscape_first_column`` and ``landscape_whole_columns``
+``surroundings_maps``    tensor   the same of the whole circle, coarser, for light from outside the frame (with its edges)
 =======================  =======  ================================================================================
 """
 
@@ -77,7 +79,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         self.coverage_moments = int(props.get("coverage_moments", 1))
         self.sky_moments = int(props.get("sky_moments", 1))
         self.lit_samples = int(props.get("lit_samples", 0))
-        self.landscape = texture(props)
+        self.landscape = texture(props, "landscape")
+        self.surroundings = texture(props, "surroundings")
         self.radius_px = math.ceil(PSF_RADIUS_SIGMAS * self.psf_sigma_px + 0.5)
         if self.stamps is None:
             self.stamp_light = gaussian_light(self.psf_sigma_px, self.radius_px)

@@ -24,15 +24,31 @@ class LandscapeTexture:
     maps : (1 + channels, ny, nx) array
         As :class:`generator.ground.panorama.Panorama` has them: row 0 below `top_deg`, column 0 east of north.
     top_deg, bottom_deg : float
+    first_column, whole_columns : int
+        Where the maps are a part of the circle: their first column among so many; 0 for the whole circle.
     """
 
-    def __init__(self, maps: NDArray[np.float64], top_deg: float, bottom_deg: float) -> None:
+    def __init__(
+        self,
+        maps: NDArray[np.float64],
+        top_deg: float,
+        bottom_deg: float,
+        first_column: int = 0,
+        whole_columns: int = 0,
+    ) -> None:
         self.planes, self.rows, self.columns = maps.shape
+        self.whole = whole_columns or self.columns
+        # Columns that the maps lack are equally far from both of their edges.
+        self.margin = 0.5 * (self.whole - self.columns)
+        self.first = first_column - self.margin
         self.top, self.span = math.radians(top_deg), math.radians(top_deg - bottom_deg)
         above = maps[:, :1] if top_deg >= 90 else np.zeros_like(maps[:, :1])
         below = maps[:, -1:] if bottom_deg <= -90 else np.zeros_like(maps[:, -1:])
         padded = np.concatenate([above, maps, below], axis=1)
-        wrapped = np.concatenate([padded[:, :, -1:], padded, padded[:, :, :1]], axis=2)
+        left, right = (
+            (padded[:, :, -1:], padded[:, :, :1]) if not whole_columns else (padded[:, :, :1], padded[:, :, -1:])
+        )
+        wrapped = np.concatenate([left, padded, right], axis=2)
         self.values = mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1), dtype=np.float32).ravel())
 
     def place(self, direction: Any) -> tuple[Any, Any]:
@@ -40,14 +56,19 @@ class LandscapeTexture:
         altitude = dr.asin(dr.clip(direction.z, -1, 1))
         turn = dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
         row = (self.top - altitude) * (self.rows / self.span) - 0.5
-        return row, (turn - dr.floor(turn)) * self.columns - 0.5
+        return row, self._within(turn * self.whole - self.first - 0.5 - self.margin)
+
+    def _within(self, column: Any) -> Any:
+        """A column of the circle, moved to the turn in which the maps are."""
+        lowest = -self.margin - 0.5
+        return column - self.whole * dr.floor((column - lowest) / self.whole)
 
     def at(self, row: Any, column: Any, planes: int) -> list[Any]:
         """The first `planes` maps at rows and columns (Floats, columns from -0.5 to `columns` - 0.5), bilinear."""
         row = dr.clip(row + 1, 0, self.rows + 1)
-        column = column + 1
+        column = dr.clip(column + 1, 0, self.columns + 1)
         r0 = dr.minimum(mi.UInt32(row), self.rows)
-        c0 = dr.minimum(mi.UInt32(dr.maximum(column, 0)), self.columns)
+        c0 = dr.minimum(mi.UInt32(column), self.columns)
         wr, wc = row - mi.Float(r0), column - mi.Float(c0)
         first = (r0 * (self.columns + 2) + c0) * self.planes
         below = first + (self.columns + 2) * self.planes
@@ -63,19 +84,19 @@ class LandscapeTexture:
         row, column = self.place(direction)
         level = dr.maximum(dr.sqrt(dr.square(direction.x) + dr.square(direction.y)), 1e-3)
         down = width_rad * self.rows / self.span
-        across = dr.minimum(width_rad * self.columns / (2 * math.pi) / level, 0.5 * self.columns)
+        across = dr.minimum(width_rad * self.whole / (2 * math.pi) / level, 0.5 * self.whole)
         total = mi.Float(0)
         for vertical in PIXEL_SAMPLES:
             for horizontal in PIXEL_SAMPLES:
-                turned = column + horizontal * across
-                turned = turned - self.columns * dr.floor((turned + 0.5) / self.columns)
+                turned = self._within(column + horizontal * across)
                 total += self.at(row + vertical * down, turned, 1)[0]
         return total / len(PIXEL_SAMPLES) ** 2
 
 
-def texture(props: Any) -> LandscapeTexture | None:
-    """The landscape of an integrator's properties; None without one."""
-    if "landscape_maps" not in props:
+def texture(props: Any, name: str) -> LandscapeTexture | None:
+    """A landscape of an integrator's properties, whose names begin with `name`; None without one."""
+    if f"{name}_maps" not in props:
         return None
-    maps = array(props["landscape_maps"], 3)
-    return LandscapeTexture(maps, float(props["landscape_top_deg"]), float(props["landscape_bottom_deg"]))
+    maps = array(props[f"{name}_maps"], 3)
+    part = (int(props.get(f"{name}_first_column", 0)), int(props.get(f"{name}_whole_columns", 0)))
+    return LandscapeTexture(maps, float(props[f"{name}_top_deg"]), float(props[f"{name}_bottom_deg"]), *part)

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, mod
 from sgp4.api import SGP4_ERRORS, Satrec
 from sgp4.io import verify_checksum
 
+from generator.scenario.ground.lamp_spec import LampSpec
 from generator.scenario.ground.landscape_spec import LandscapeSpec
 from generator.scenario.horizon_profile import read_profile
 from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
@@ -139,6 +140,7 @@ class ForegroundSpec(Strict):
     landscape: LandscapeSpec | None = None
     horizon: HorizonSpec | None = None
     shapes: Annotated[tuple[ShapeSpec, ...], Field(max_length=100), BeforeValidator(listed)] = ()
+    lamps: Annotated[tuple[LampSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
     lit_directions: Annotated[int, Field(ge=0, le=1024)] = 16
     """Directions of the sky from which geometry is lit, a power of two; 0 leaves black silhouettes."""
     trails: Annotated[tuple[TrailSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()

@@ -19,7 +19,15 @@ from generator.ground.reflectance import primaries
 from generator.light.photometry import GRID_NM
 from generator.scenario.file import parse_scenario
 
-FISHEYE = {"width": 400, "height": 400, "model": "equidistant", "f_px": 120.0, "aperture_mm": 4.0}
+FISHEYE = {
+    "width": 400,
+    "height": 400,
+    "model": "equidistant",
+    "f_px": 120.0,
+    "aperture_mm": 4.0,
+    "bloom": {"share": 0},
+    "veiling_glare": 0,
+}
 
 
 def write_picture(folder, rgba, name="ground.png") -> None:
@@ -172,7 +180,7 @@ def test_white_ground_of_a_frame_has_its_sky_s_irradiance(tmp_path) -> None:
     rgba = np.full((90, 360, 4), 255, np.uint8)
     write_picture(tmp_path, rgba)
     down = {"azimuth_deg": 0.0, "altitude_deg": -90.0}
-    camera = {"width": 32, "height": 32, "f_px": 200.0, "aperture_mm": 4.0}
+    camera = {"width": 32, "height": 32, "f_px": 200.0, "aperture_mm": 4.0, "bloom": {"share": 0}, "veiling_glare": 0}
     _, floor = rendered(
         tmp_path,
         {"file": "ground.png", "top_deg": 0.0},
@@ -217,7 +225,7 @@ def test_stars_are_hidden_as_far_as_the_picture_covers_them(tmp_path) -> None:
 
 def test_an_edge_within_a_pixel_covers_its_exact_part(tmp_path) -> None:
     """Level edge at many places within a pixel: cover of the pixel it crosses is the part below, within 0.06."""
-    camera = {"width": 24, "height": 120, "f_px": 400.0, "aperture_mm": 4.0}
+    camera = {"width": 24, "height": 120, "f_px": 400.0, "aperture_mm": 4.0, "bloom": {"share": 0}, "veiling_glare": 0}
     north = {"azimuth_deg": 0.0, "altitude_deg": 0.0}
     # Rows of a fine picture are 0.01 deg; a pixel is 0.143 deg.
     for shift in range(0, 14, 3):
@@ -268,7 +276,7 @@ def test_a_glowing_window_has_its_luminance(tmp_path) -> None:
     rgba = np.full((90, 180, 4), 255, np.uint8)
     write_picture(tmp_path, rgba)
     write_picture(tmp_path, rgba[..., :3], "glow.png")
-    camera = {"width": 16, "height": 16, "f_px": 300.0, "aperture_mm": 5.0}
+    camera = {"width": 16, "height": 16, "f_px": 300.0, "aperture_mm": 5.0, "bloom": {"share": 0}, "veiling_glare": 0}
     _, frame = rendered(
         tmp_path, {"file": "ground.png", "glow_file": "glow.png", "reflectance": 0.0}, camera=camera,
         sensor={"quantum_efficiency": V_BAND_QE}, stars={"limiting_magnitude": -2.0},

@@ -231,24 +231,3 @@ def test_intermediate_places_serve_the_whole_exposure() -> None:
     reused = observed_places(intermediate_places(catalogue, site, instant, orientation), site, later, orientation, air)
     afresh = apparent_places(catalogue, site, later, orientation, air)
     assert np.degrees(np.linalg.norm(reused.enu - afresh.enu, axis=1)).max() * 3600 < 0.1
-
-
-def test_an_exposure_across_a_leap_second() -> None:
-    """The Earth turns 15.041 arcsec a second through 2016-12-31T23:59:60Z as in the hour before."""
-
-    def turned_deg(utc):
-        plan = plan_frame(scenario_at(52.0, 4.36, utc, time__exposure_s=20.0, atmosphere={"refraction": False}), 0)
-        hour_angle = [np.arctan2(*(_polar(places.enu, 52.0)[:, :2].T)) for places in (plan.start, plan.end)]
-        return np.degrees(np.angle(np.exp(1j * (hour_angle[1] - hour_angle[0])))), plan
-
-    across, plan = turned_deg("2016-12-31T23:59:50Z")
-    whole, _ = turned_deg("2016-12-31T22:59:50Z")
-    assert plan.utc_mid.isoformat() == "2016-12-31T23:59:60.000000Z"
-    assert np.abs(np.abs(across) - 20 * 15.041067 / 3600).max() * 3600 < 0.1
-    assert abs(np.median(np.abs(across)) - np.median(np.abs(whole))) * 3600 < 1e-3
-
-
-def _polar(enu, latitude_deg):
-    """East, south along the equator, and pole, of ENU vectors."""
-    sine, cosine = np.sin(np.radians(latitude_deg)), np.cos(np.radians(latitude_deg))
-    return np.stack([enu[:, 0], enu[:, 1] * -sine + enu[:, 2] * cosine, enu[:, 1] * cosine + enu[:, 2] * sine], axis=1)

@@ -18,7 +18,15 @@ from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.scenario.file import parse_scenario
 
-CAMERA = {"width": 400, "height": 400, "model": "equidistant", "f_px": 120.0, "aperture_mm": 4.0}
+CAMERA = {
+    "width": 400,
+    "height": 400,
+    "model": "equidistant",
+    "f_px": 120.0,
+    "aperture_mm": 4.0,
+    "bloom": {"share": 0},
+    "veiling_glare": 0,
+}
 
 
 def png(rgba) -> bytes:

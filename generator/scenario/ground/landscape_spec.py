@@ -1,4 +1,4 @@
-"""A landscape around the camera: a picture, or a package of Stellarium."""
+"""A landscape around the camera: a picture, a package of Stellarium, or a skyline from random numbers."""
 
 from __future__ import annotations
 
@@ -7,25 +7,32 @@ import functools
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from generator.ground.panorama import Bytes, Panorama
 from generator.ground.picture import equirectangular, fisheye, read_picture
+from generator.ground.skylines.draw import skyline_panorama
 from generator.ground.stellarium.landscape import read_landscape
-from generator.scenario.strict import File, Fraction, InputFile, Strict
+from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
+from generator.seeds import random_stream
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
+Skyline = Literal["hills", "forest", "roofs", "masts", "street"]
 OF_PICTURES = {"projection", "azimuth_deg", "top_deg", "bottom_deg", "fov_deg", "mirrored", "glow_file"}
 """Keys that a package has of its own."""
 
 
 class LandscapeSpec(Strict):
-    """What stands around the camera, as a picture whose transparent parts show the sky; lit by the night of the scenario."""
+    """What stands around the camera: a picture whose transparent parts show the sky, or drawn; lit by the night."""
 
-    file: File
+    file: File | None = None
     """Picture with transparency (PNG, TIFF, WebP), or a landscape package of Stellarium (.zip)."""
+    skyline: Annotated[tuple[Skyline, ...], BeforeValidator(listed), Field(max_length=8)] = ()
+    """Without a file: what is drawn from random numbers, from far to near, of hills, forest, roofs, masts and street."""
+    variant: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
+    """Number of the skyline among those of the scenario's seed."""
     projection: Literal["equirectangular", "fisheye"] = "equirectangular"
     """Of the picture: once around in equal steps, or a disk with the zenith in its middle."""
     azimuth_deg: Angle = 0.0
@@ -51,29 +58,34 @@ class LandscapeSpec(Strict):
 
     @model_validator(mode="after")
     def _readable(self) -> LandscapeSpec:
+        if (self.file is None) == (not self.skyline):
+            raise ValueError("give either file or skyline")
         extra = sorted(self.model_fields_set & OF_PICTURES)
-        if self.is_package and extra:
-            raise ValueError(f"{extra[0]} belongs to a picture; a package says it itself: leave it out")
+        if extra and (self.file is None or self.is_package):
+            raise ValueError(f"{extra[0]} belongs to a picture: leave it out")
         if self.bottom_deg >= self.top_deg:
             raise ValueError(f"bottom_deg ({self.bottom_deg:g}) must be below top_deg ({self.top_deg:g})")
-        landscape_panorama(self)
+        if self.file is not None:
+            landscape_panorama(self, 0)
         return self
 
     @property
     def is_package(self) -> bool:
         """Whether the file is a landscape package of Stellarium."""
-        return self.file.path.lower().endswith(".zip")
+        return self.file is not None and self.file.path.lower().endswith(".zip")
 
 
 @functools.lru_cache(maxsize=2)
-def landscape_panorama(spec: LandscapeSpec) -> Panorama:
-    """The panorama of a landscape.
+def landscape_panorama(spec: LandscapeSpec, seed: int) -> Panorama:
+    """The panorama of a landscape; of a skyline, by the scenario's seed (stream ``landscape``).
 
     Raises
     ------
     PictureError, PackageError
         A file that cannot be used.
     """
+    if spec.file is None:
+        return skyline_panorama(spec.skyline, random_stream(seed, "landscape", spec.variant), spec.glow_cd_m2)
     if spec.is_package:
         panorama = read_landscape(Path(spec.file.location), spec.file.path)
         return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
