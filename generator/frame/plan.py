@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.flying_objects import FlyingObjects, plan_objects
-from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmass
+from generator.light.atmosphere import Atmosphere, airmass
 from generator.light.molecular_bands import precipitable_water_cm
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
 from generator.optics.drift import Drift, drift_at
@@ -34,7 +34,7 @@ from generator.scenario.file import Scenario
 from generator.scenario.model import FrameSpec, LocalAtmosphereSpec
 from generator.scenario.sequences.sequence import Passage
 from generator.seeds import random_stream
-from generator.sky.state import SkyState, UnderClouds, sky_state
+from generator.sky.state import SkyState, ThroughClouds, UnderClouds, sky_state
 
 Floats = NDArray[np.float64]
 
@@ -45,6 +45,8 @@ SKY_RATE_DEG_S = 15.05 / 3600
 """Rotation of the sky, rounded up."""
 FIELD_MARGIN_DEG = 2.5
 """Exceeds the displacement of a star by refraction, aberration, and proper motion over a century."""
+LEAST_TRANSMISSION = 1e-30
+"""Of cloud: 75 magnitudes."""
 LARGEST_CHROMATIC_SHARE = 2.5
 """Longest shift of a wavelength band over the point spread function's lateral chromatic shift."""
 
@@ -79,7 +81,9 @@ class FramePlan:
     sky : SkyState
         At mid-exposure.
     cloud_optical_depth : (n,) array
-        Along the line of sight to each star; 0 without cloud.
+        Along the line of sight to each star at mid-exposure; 0 without cloud.
+    cloud_transmission : (n,) array
+        Part of each star's light that passes the cloud into its image; 1 without cloud.
     scintillation : (n,) array
         Factor on each star's light; 1 where scintillation is off.
     passage : Passage or None
@@ -111,6 +115,7 @@ class FramePlan:
     airmass: Floats
     sky: SkyState
     cloud_optical_depth: Floats
+    cloud_transmission: Floats
     scintillation: Floats
     passage: Passage | None = None
     horizon: Horizon = LEVEL
@@ -121,7 +126,8 @@ class FramePlan:
     @property
     def dimmed_v_mag(self) -> Floats:
         """V of the stars with cloud and scintillation, without extinction by clear air, (n,) array."""
-        return self.stars.v_mag + MAG_PER_OPTICAL_DEPTH * self.cloud_optical_depth - 2.5 * np.log10(self.scintillation)
+        passed = np.maximum(self.cloud_transmission * self.scintillation, LEAST_TRANSMISSION)
+        return self.stars.v_mag - 2.5 * np.log10(passed)
 
     @property
     def frame_id(self) -> str:
@@ -145,7 +151,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     air = refracting_air(spec.atmosphere)
     passage = scenario.passage(index)
     under = None if passage is None else _under_clouds(passage)
-    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under)
+    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under, _through(spec))
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
     drift, told_camera, told_motion = None, None, None
@@ -169,6 +175,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     if spec.stars.scintillation:
         sigma = scintillation_sigma(spec.camera.aperture_mm, air_path, spec.time.exposure_s, spec.site.height_m)
         scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
+    above = level_or_up(middle.enu)
     return FramePlan(
         scenario=scenario,
         index=index,
@@ -187,9 +194,8 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
         airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
-        cloud_optical_depth=np.zeros(len(stars))
-        if sky.clouds is None
-        else sky.clouds.slant_depth(level_or_up(middle.enu)),
+        cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(above),
+        cloud_transmission=np.ones(len(stars)) if sky.clouds is None else sky.clouds.point_transmission(above),
         scintillation=scintillation,
         passage=passage,
         horizon=horizon,
@@ -211,7 +217,13 @@ def level_or_up(enu: Floats) -> Floats:
 
 def _under_clouds(passage: Passage) -> UnderClouds:
     """The wind's time runs on over midnight within a sequence."""
-    return UnderClouds(passage.first.mjd % 1.0 + passage.middle_s / SECONDS_PER_DAY, passage.moved_km)
+    first = passage.first.mjd
+    return UnderClouds(first % 1.0 + passage.middle_s / SECONDS_PER_DAY, passage.moved_km, int(first // 1))
+
+
+def _through(spec: FrameSpec) -> ThroughClouds:
+    """A star's image reaches two standard deviations of the point spread from its middle (86 % of a Gaussian's light)."""
+    return ThroughClouds(spec.shutter_s, 2 * equivalent_sigma_px(spec.camera) / spec.camera.projection.f_px)
 
 
 def _stars_around(

@@ -59,6 +59,7 @@ STAR_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("occluded", pa.bool_(), ""),
     ("hidden_fraction", pa.float32(), "1"),
     ("cloud_optical_depth", pa.float32(), "1"),
+    ("cloud_transmission", pa.float32(), "1"),
     ("scintillation", pa.float32(), "1"),
 )
 STAR_SCHEMA = pa.schema(
@@ -288,6 +289,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         "occluded": expected.occluded[rows],
         "hidden_fraction": expected.hidden_fraction[rows],
         "cloud_optical_depth": plan.cloud_optical_depth[rows],
+        "cloud_transmission": plan.cloud_transmission[rows],
         "scintillation": plan.scintillation[rows],
     }
     arrays = [_column(columns[field.name], field.type) for field in STAR_SCHEMA]

@@ -24,10 +24,9 @@ from generator.frame.landscape import (
     own_light_maps,
 )
 from generator.frame.moon_disk import moon_points
-from generator.frame.plan import FramePlan, airmass_to, dimming_atmosphere, level_or_up
+from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, airmass_to, dimming_atmosphere, level_or_up
 from generator.frame.scattered_light import Shining, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
-from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH
 from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.light.star_colours import usual_vi
@@ -155,12 +154,14 @@ def point_lights(plan: FramePlan) -> PointLights:
     enu, share = moon_points(
         state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
     )
-    cloud = np.zeros(len(enu)) if state.clouds is None else state.clouds.slant_depth(level_or_up(enu))
+    passed = np.ones(len(enu)) if state.clouds is None else state.clouds.point_transmission(level_or_up(enu))
     altitude = np.array(state.moon_altitude_deg)
     path = float(airmass_to(plan.horizon, altitude)) if spec.atmosphere.extinction else 0.0
     return PointLights(
         np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
-        np.concatenate([stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share) + MAG_PER_OPTICAL_DEPTH * cloud]),
+        np.concatenate(
+            [stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share * np.maximum(passed, LEAST_TRANSMISSION))]
+        ),
         np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
         np.concatenate([stars.vi_mag, np.full(len(enu), usual_vi(MOON_BV_MAG))]),
         np.concatenate([stars.airmass, np.full(len(enu), path)]),

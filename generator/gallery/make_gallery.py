@@ -55,9 +55,27 @@ def make_gallery(folder: Path) -> list[Path]:
         white = clear[f"{name.split(',')[0]}, clear"].white_cd_m2
         views.append((name, all_sky(plan_of(sky, AUTUMN_NIGHT), white_cd_m2=white)))
     pictures.append(sheet(views, 2, folder / "clouds.jpg", "The same thin cloud over a city and over a desert"))
+    pictures.append(sheet(cloud_views(), 3, folder / "cloud_kinds.jpg", "Kinds of cloud over lamps and under the Moon"))
     pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
     pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
     return pictures
+
+
+def cloud_views() -> list[tuple[str, View]]:
+    """Kinds of cloud: lit by a suburb from below, in front of a dark sky, and lit by the Moon from above."""
+    new_moon, high_moon = "2020-01-24T19:30:00Z", "2020-02-06T20:30:00Z"
+    skies = [
+        ("Suburb, cirrus", 6, "kind: cirrus, wind_azimuth_deg: 60", new_moon),
+        ("Suburb, altocumulus", 6, "kind: altocumulus, wind_azimuth_deg: 60", new_moon),
+        ("Suburb, stratocumulus", 6, "kind: stratocumulus, coverage: 0.6, wind_azimuth_deg: 60", new_moon),
+        ("Dark place, cumulus", 2, "kind: cumulus", new_moon),
+        ("Dark place, cirrus and Moon", 2, "kind: cirrus, wind_azimuth_deg: 60", high_moon),
+        ("Dark place, stratocumulus and Moon", 2, "kind: stratocumulus, coverage: 0.6", high_moon),
+    ]
+    return [
+        (name, all_sky(plan_of(f"{{bortle: {bortle}, clouds: {{{cloud}}}}}", utc)))
+        for name, bortle, cloud, utc in skies
+    ]
 
 
 def twilight_views() -> list[tuple[str, View]]:

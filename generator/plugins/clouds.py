@@ -20,11 +20,11 @@ from generator.sky.clouds import (
 
 
 def cloud_numbers(clouds: CloudField) -> list[float]:
-    """Altitude, threshold, scale, and how far north and east the wind has carried each tile, within its period."""
+    """Altitude, threshold, scale, share for points; for each moment the way of each tile, north and east, in its period."""
     pattern = clouds.pattern
     periods = [COARSE_CELL_KM * len(pattern.coarse), FINE_CELL_KM * len(pattern.fine)]
-    carried = [way % period for period in periods for way in (clouds.north_km, clouds.east_km)]
-    return [clouds.altitude_km, pattern.threshold, pattern.scale, *carried]
+    carried = [way % period for at in clouds.moments for period in periods for way in (at.north_km, at.east_km)]
+    return [clouds.altitude_km, pattern.threshold, pattern.scale, clouds.point_share, *carried]
 
 
 class CloudTexture:
@@ -42,9 +42,9 @@ class CloudTexture:
         values = mi.Float(mi.TensorXf(numbers).array)
         self.numbers = [dr.gather(mi.Float, values, mi.UInt32(k)) for k in range(dr.width(values))]
 
-    def slant_depth(self, direction: Any) -> Any:
-        """Optical depth along unit vectors (Vector3f, ENU) above the horizon."""
-        altitude, threshold, scale, *carried = self.numbers
+    def slant_depths(self, direction: Any) -> list[Any]:
+        """Optical depth along unit vectors (Vector3f, ENU) above the horizon, at each moment of the exposure."""
+        altitude, threshold, scale, _, *carried = self.numbers
         ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + altitude)
         rest = altitude / (EQUATORIAL_RADIUS_KM + altitude)
         horizontal = dr.maximum(dr.sqrt(direction.x * direction.x + direction.y * direction.y), 1e-6)
@@ -52,10 +52,21 @@ class CloudTexture:
         turned = horizontal * rest * (1 + ratio) / (cosine + ratio * direction.z)
         away = EQUATORIAL_RADIUS_KM * dr.asin(dr.minimum(turned, 1)) / horizontal
         north, east = direction.y * away, direction.x * away
-        field = -threshold
-        for (tile, cells), cell_km, k in zip(self.tiles, (COARSE_CELL_KM, FINE_CELL_KM), (0, 2), strict=True):
-            field += periodic(tile, cells, (north - carried[k]) / cell_km, (east - carried[k + 1]) / cell_km)
-        return scale * dr.maximum(field, 0) / cosine
+        depths = []
+        for first in range(0, len(carried), 4):
+            field = -threshold
+            for (tile, cells), cell_km, k in zip(self.tiles, (COARSE_CELL_KM, FINE_CELL_KM), (0, 2), strict=True):
+                way_north, way_east = carried[first + k], carried[first + k + 1]
+                field += periodic(tile, cells, (north - way_north) / cell_km, (east - way_east) / cell_km)
+            depths.append(scale * dr.maximum(field, 0) / cosine)
+        return depths
+
+    def veil(self, depths: list[Any], moon_sine: Any) -> Any:
+        """The factor of :class:`generator.sky.clouds.CloudVeil`, mean over the moments."""
+        total = mi.Float(0)
+        for depth in depths:
+            total += veil(depth, moon_sine, self.numbers[3])
+        return total / len(depths)
 
 
 def periodic(tile: Any, cells: int, row: Any, column: Any) -> Any:
@@ -69,11 +80,11 @@ def periodic(tile: Any, cells: int, row: Any, column: Any) -> Any:
     return dr.lerp(near, far, wr)
 
 
-def veil(depth: Any, moon_sine: Any) -> Any:
+def veil(depth: Any, moon_sine: Any, point_share: Any) -> Any:
     """The factor of :class:`generator.sky.clouds.CloudVeil` for an optical depth along the line of sight."""
     path = depth / dr.select(moon_sine > 0, dr.maximum(moon_sine, LEAST_MOON_SINE), 1)
     passed = dr.rcp(1 + 0.75 * (1 - ASYMMETRY) * path)
-    return dr.select(moon_sine > 0, dr.maximum(passed - dr.exp(-path), 0), passed)
+    return dr.select(moon_sine > 0, dr.maximum(passed - dr.exp(-point_share * path), 0), passed)
 
 
 def moon_sines(values: ArrayLike) -> list[Any]:

@@ -29,7 +29,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.plugins.clouds import CloudTexture, moon_sines, veil
+from generator.plugins.clouds import CloudTexture, moon_sines
 from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
@@ -107,9 +107,9 @@ class DiffuseSkyEmitter(mi.Emitter):
 
         result = [look_up(self.values, k) for k in range(self.count)]
         if self.veiled:
-            depth = self.clouds.slant_depth(direction)
+            depths = self.clouds.slant_depths(direction)
             for sine, values in self.veiled:
-                factor = veil(depth, sine)
+                factor = self.clouds.veil(depths, sine)
                 result = [dr.fma(factor, look_up(values, k), value) for k, value in enumerate(result)]
         if self.lowest_sine < 0:
             below = self._low_coefficients(direction, column)

@@ -24,7 +24,8 @@ from generator.scenario.gyro_log import check_motion
 from generator.scenario.lens.drift_spec import DriftSpec
 from generator.scenario.motion_spec import MotionSpec
 from generator.scenario.sensor_spec import SensorSpec
-from generator.scenario.strict import MOST_CURVE_POINTS, Fraction, Strict, increasing, listed
+from generator.scenario.sky.cloud_spec import CloudSpec, GroundAlbedo
+from generator.scenario.strict import Fraction, Strict
 
 
 def _check_utc(text: str) -> str:
@@ -192,49 +193,6 @@ class CitySpec(Strict):
         """The city in the form that the sky model uses."""
         lamps = tuple(self.lamps.items())
         return City(self.distance_km, self.azimuth_deg, self.radius_km, self.upward_mlm, self.horizon_share, lamps)
-
-
-class CloudSpec(Strict):
-    """A layer of thin cloud."""
-
-    altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
-    """Altitude above the site, km."""
-    mean_optical_depth: Annotated[float, Field(ge=0, le=50)] = 0.5
-    """Mean vertical optical depth of the layer."""
-    coverage: Annotated[float, Field(gt=0, le=1)] = 0.7
-    """Part of the layer that is cloud, 0-1."""
-    spectral_slope: Annotated[float, Field(ge=-5, le=-1)] = -8 / 3
-    """Exponent of the two-dimensional power spectrum of the Gaussian field behind the cloud."""
-    outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
-    """Outer scale, above which the power spectrum is flat, km."""
-    wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
-    """Speed of the layer, m/s."""
-    wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0
-    """Azimuth towards which the layer moves, deg."""
-
-
-GROUND_ALBEDO = {"land": DEFAULT_ALBEDO, "snow": 0.8, "water": 0.06, "desert": 0.3}
-"""Grey albedos by name. Source: Oke 1987, "Boundary Layer Climates", table 1.1: fresh snow 0.80 to 0.95, deserts 0.20 to
-0.45, crops and grass 0.16 to 0.26, asphalt 0.05 to 0.20, water under a high Sun 0.03 to 0.10."""
-
-
-def _named_ground(value: object) -> object:
-    if isinstance(value, str):
-        if value not in GROUND_ALBEDO:
-            raise ValueError(f"found {value!r}, expected one of {sorted(GROUND_ALBEDO)}, a number, or points [nm, 0-1]")
-        return GROUND_ALBEDO[value]
-    return listed(value)
-
-
-GroundAlbedo = Annotated[
-    Fraction
-    | Annotated[
-        tuple[tuple[Annotated[float, Field(ge=100, le=3000)], Fraction], ...],
-        Field(min_length=2, max_length=MOST_CURVE_POINTS),
-        AfterValidator(increasing),
-    ],
-    BeforeValidator(_named_ground),
-]
 
 
 class SkySpec(Strict):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -33,6 +34,51 @@ LEAST_MOON_SINE = 0.1
 """Below, the Moon's path through the layer is no longer that through a plane."""
 ASYMMETRY = 0.85
 """Of cloud droplets and ice, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
+
+
+SWEPT_STEP_KM = 0.1
+"""Of the wind's way during an exposure, per moment at which the cloud is evaluated: ten pixels of a wide camera at 2 km."""
+MOST_MOMENTS = 6
+"""Bounds the time of a frame with fast cloud."""
+CELL_WIDTH = 0.3
+"""Width of the band of waves of cells over its wave number."""
+CELL_SHARE = 0.6
+"""Part of the field's variance in that band."""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """How a kind of cloud differs from the same power in all directions.
+
+    Attributes
+    ----------
+    stretch : float
+        Length of waves along the wind over that across.
+    wind_azimuth_deg : float
+        Towards which it blows.
+    cell_km : float
+        Distance of cells; 0: none.
+    """
+
+    stretch: float = 1.0
+    wind_azimuth_deg: float = 0.0
+    cell_km: float = 0.0
+
+    def power(self, kx: Floats, ky: Floats, slope: float, outer_scale_km: float) -> Floats:
+        """Power by the wave numbers towards east and north, per km; (n, m) array for (1, m) and (n, 1)."""
+        turn = np.radians(self.wind_azimuth_deg)
+        along = (kx * np.sin(turn) + ky * np.cos(turn)) * np.sqrt(self.stretch)
+        across = (kx * np.cos(turn) - ky * np.sin(turn)) / np.sqrt(self.stretch)
+        k = np.hypot(along, across)
+        power = (k**2 + outer_scale_km**-2) ** (slope / 2)
+        if self.cell_km == 0:
+            return np.asarray(power)
+        peak = 1 / self.cell_km
+        cells = np.exp(-0.5 * ((k - peak) / (CELL_WIDTH * peak)) ** 2)
+        # Variances over the plane: of the cells a ring's, of the rest that of the power law.
+        ring = 2 * np.pi * peak * CELL_WIDTH * peak * np.sqrt(2 * np.pi)
+        rest = 2 * np.pi / (-slope - 2) * outer_scale_km ** (-slope - 2)
+        return np.asarray(power + cells * rest / ring * CELL_SHARE / (1 - CELL_SHARE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +116,40 @@ class CloudField:
     pattern : CloudPattern
         Its origin is over the site when `east_km` = `north_km` = 0.
     east_km, north_km : float
-        How far the wind has carried the field.
+        How far the wind has carried the field at mid-exposure.
+    swept_km : (east, north)
+        How far the wind carries it while the shutter is open.
+    point_share : float
+        Part of the optical depth that takes light out of a star's image.
     """
 
     altitude_km: float
     pattern: CloudPattern
     east_km: float
     north_km: float
+    swept_km: tuple[float, float] = (0.0, 0.0)
+    point_share: float = 1.0
+
+    @property
+    def moments(self) -> tuple[CloudField, ...]:
+        """The field at times evenly spaced over the exposure, each at rest; once for every SWEPT_STEP_KM of wind."""
+        east, north = self.swept_km
+        count = int(np.clip(np.ceil(np.hypot(east, north) / SWEPT_STEP_KM), 1, MOST_MOMENTS))
+        after = (np.arange(count) + 0.5) / count - 0.5
+        return tuple(
+            dataclasses.replace(
+                self, east_km=self.east_km + east * part, north_km=self.north_km + north * part, swept_km=(0.0, 0.0)
+            )
+            for part in after.tolist()
+        )
+
+    def point_transmission(self, enu: Floats) -> Floats:
+        """Part of the light of points that arrives in their images, mean over the exposure, (...) array for (..., 3)."""
+        passed = [np.exp(-self.point_share * still.slant_depth(enu)) for still in self.moments]
+        return np.asarray(np.mean(passed, axis=0))
 
     def slant_depth(self, enu: Floats) -> Floats:
-        """Optical depth along lines of sight, (...) array for (..., 3) unit vectors above the horizon."""
+        """Optical depth along lines of sight at mid-exposure, (...) array for (..., 3) unit vectors above the horizon."""
         ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + self.altitude_km)
         horizontal = np.maximum(np.hypot(enu[..., 0], enu[..., 1]), 1e-12)
         cosine = np.sqrt(1 - (horizontal * ratio) ** 2)
@@ -106,12 +176,15 @@ class CloudVeil:
     moon_sine: float = 0.0
 
     def at(self, enu: Floats) -> Floats:
-        """Transmission of diffuse light, or diffusely transmitted part of the Moon's, (...) array."""
-        depth = self.clouds.slant_depth(enu)
+        """Transmission of diffuse light, or diffusely transmitted part of the Moon's, (...) array; mean over the exposure."""
+        return np.asarray(np.mean([self._at(still.slant_depth(enu)) for still in self.clouds.moments], axis=0))
+
+    def _at(self, depth: Floats) -> Floats:
+        """The same for optical depths along the lines of sight."""
         if self.moon_sine == 0:
             return diffuse_transmission(depth)
         path = depth / max(self.moon_sine, LEAST_MOON_SINE)
-        return np.maximum(diffuse_transmission(path) - np.exp(-path), 0)
+        return np.maximum(diffuse_transmission(path) - np.exp(-self.clouds.point_share * path), 0)
 
 
 def gaussian_tile(
@@ -121,15 +194,19 @@ def gaussian_tile(
     outer_scale_km: float,
     band_per_km: tuple[float, float],
     random: np.random.Generator,
+    texture: Texture = Texture(),
 ) -> tuple[NDArray[np.float32], float]:
     """A periodic Gaussian field of the waves of a band, and its expected variance.
 
-    Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile.
+    Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile. A texture
+    stretches it and adds the waves of cells.
     """
     white = np.fft.rfft2(random.standard_normal((cells, cells)))
-    ky, kx = np.fft.fftfreq(cells, cell_km)[:, None], np.fft.fftfreq(cells, cell_km)[None, :]
+    waves: Floats = np.fft.fftfreq(cells, cell_km).astype(np.float64)
+    ky, kx = waves[:, None], waves[None, :]
     k = np.hypot(kx, ky)
-    power = (k**2 + outer_scale_km**-2) ** (slope / 2) * ((k >= band_per_km[0]) & (k < band_per_km[1])) / cell_km**2
+    power = texture.power(kx, ky, slope, outer_scale_km)
+    power = power * ((k >= band_per_km[0]) & (k < band_per_km[1])) / cell_km**2
     power[0, 0] = 0
     field = np.fft.irfft2(white * np.sqrt(power[:, : cells // 2 + 1]), s=(cells, cells))
     return field.astype(np.float32), float(power.mean())
@@ -141,6 +218,7 @@ def cloud_pattern(
     spectral_slope: float,
     outer_scale_km: float,
     random: np.random.Generator,
+    texture: Texture = Texture(),
 ) -> CloudPattern:
     """Draw a layer of cloud.
 
@@ -150,8 +228,10 @@ def cloud_pattern(
     is finer than a wide camera's pixel.
     """
     band = (0.0, SPLIT_PER_KM), (SPLIT_PER_KM, 0.5 / FINE_CELL_KM)
-    coarse, _ = gaussian_tile(COARSE_CELLS, COARSE_CELL_KM, spectral_slope, outer_scale_km, band[0], random)
-    fine, fine_variance = gaussian_tile(FINE_CELLS, FINE_CELL_KM, spectral_slope, outer_scale_km, band[1], random)
+    coarse, _ = gaussian_tile(COARSE_CELLS, COARSE_CELL_KM, spectral_slope, outer_scale_km, band[0], random, texture)
+    fine, fine_variance = gaussian_tile(
+        FINE_CELLS, FINE_CELL_KM, spectral_slope, outer_scale_km, band[1], random, texture
+    )
     fine_sigma = float(np.sqrt(fine_variance))
     sigma = float(np.hypot(coarse.std(), fine_sigma))
     lowest = float(coarse.min()) - 3 * fine_sigma

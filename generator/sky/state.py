@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.light.cloud_kinds import CLOUD_KINDS, point_share, usual_particle_um
 from generator.places.astrometry import Air, Site
 from generator.places.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant
-from generator.scenario.model import CloudSpec
+from generator.scenario.sky.cloud_spec import CloudSpec
 from generator.seeds import random_stream
-from generator.sky.clouds import CloudField, CloudPattern, cloud_pattern
+from generator.sky.clouds import CloudField, CloudPattern, Texture, cloud_pattern
 from generator.sky.moonlight import moon_v_mag
 
 Floats = NDArray[np.float64]
@@ -64,10 +65,33 @@ class UnderClouds:
         How long the wind has carried the cloud, days.
     moved_km : (east, north)
         How far the camera has moved.
+    night : int
+        Modified Julian day on which the wind started: cloud of a kind is another one each day.
     """
 
     wind_days: float
     moved_km: tuple[float, float] = (0.0, 0.0)
+    night: int = 0
+
+    @classmethod
+    def since_midnight(cls, instant: Instant) -> UnderClouds:
+        """The wind has blown since midnight."""
+        return cls(instant.mjd % 1.0, night=int(instant.mjd // 1))
+
+
+@dataclass(frozen=True)
+class ThroughClouds:
+    """How a camera looks through the cloud.
+
+    Attributes
+    ----------
+    shutter_s : float
+    capture_rad : float
+        Angle around a star within which its image is.
+    """
+
+    shutter_s: float
+    capture_rad: float
 
 
 def sky_state(
@@ -78,6 +102,7 @@ def sky_state(
     clouds: CloudSpec | None,
     seed: int,
     under: UnderClouds | None = None,
+    shutter: ThroughClouds | None = None,
 ) -> SkyState:
     """State of the sky at an instant; `under`: in a sequence, for others the wind blows since midnight."""
     sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
@@ -88,25 +113,49 @@ def sky_state(
         moon_enu=apparent_enu(moon, site, instant, orientation, air),
         moon=moon,
         moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),
-        clouds=None if clouds is None else drifted_clouds(clouds, under or UnderClouds(instant.mjd % 1.0), seed),
+        clouds=drifted_clouds(clouds, under or UnderClouds.since_midnight(instant), seed, shutter) if clouds else None,
     )
 
 
 @functools.lru_cache(maxsize=4)
-def _pattern(spec: CloudSpec, seed: int) -> CloudPattern:
+def _pattern(spec: CloudSpec, seed: int, night: int) -> CloudPattern:
+    kind = None if spec.kind is None else CLOUD_KINDS[spec.kind]
+    texture = Texture()
+    if kind is not None:
+        texture = Texture(kind.stretch, spec.wind_azimuth_deg, kind.cell_km)
     return cloud_pattern(
-        spec.mean_optical_depth,
+        mean_depth(spec, seed, night),
         spec.coverage,
         spec.spectral_slope,
         spec.outer_scale_km,
-        random_stream(seed, "clouds", 0),
+        random_stream(seed, "clouds", night),
+        texture,
     )
 
 
-def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int) -> CloudField:
-    """The scenario's cloud where the wind has carried it; all frames of a scenario share one field (stream ``clouds``)."""
+def mean_depth(spec: CloudSpec, seed: int, night: int) -> float:
+    """Mean optical depth of a layer with clear parts: given, or that of its kind on one night (stream ``cloud depth``)."""
+    if spec.mean_optical_depth is not None:
+        return spec.mean_optical_depth
+    if spec.optical_depth is not None:
+        return spec.coverage * spec.optical_depth
+    assert spec.kind is not None
+    return spec.coverage * CLOUD_KINDS[spec.kind].drawn_depth(random_stream(seed, "cloud depth", night))
+
+
+def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: ThroughClouds | None = None) -> CloudField:
+    """The scenario's cloud where the wind has carried it.
+
+    All frames of a scenario share one field (stream ``clouds``); cloud of a kind is another one each day of UTC.
+    """
     carried_km = spec.wind_m_s * under.wind_days * SECONDS_PER_DAY / 1000
     turn = np.radians(spec.wind_azimuth_deg)
-    pattern = _pattern(spec, seed)
-    east_km, north_km = carried_km * float(np.sin(turn)), carried_km * float(np.cos(turn))
-    return CloudField(spec.altitude_km, pattern, east_km - under.moved_km[0], north_km - under.moved_km[1])
+    towards = np.array([np.sin(turn), np.cos(turn)])
+    pattern = _pattern(spec, seed, 0 if spec.kind is None else under.night)
+    east_km, north_km = (carried_km * towards - under.moved_km).tolist()
+    if through is None:
+        return CloudField(spec.altitude_km, pattern, east_km, north_km)
+    east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
+    particle_um = usual_particle_um(spec.altitude_km) if spec.particle_um is None else spec.particle_um
+    share = point_share(particle_um, through.capture_rad)
+    return CloudField(spec.altitude_km, pattern, east_km, north_km, (east, north), share)

@@ -62,7 +62,14 @@ def test_stars_are_dimmed_by_the_depth_in_their_truth_row() -> None:
     behind, free = render_expected(plan), render_expected(plan_frame(clear, 0))
     assert plan.cloud_optical_depth.max() > 0.5
     ratio = behind.star_electrons / free.star_electrons
-    np.testing.assert_allclose(ratio, np.exp(-plan.cloud_optical_depth), rtol=2e-4)
+    np.testing.assert_allclose(ratio, plan.cloud_transmission, rtol=2e-4)
+    assert (plan.cloud_transmission > np.exp(-plan.cloud_optical_depth) - 1e-12).all()
+
+
+def test_without_particles_a_cloud_takes_all_it_extinguishes() -> None:
+    cloud = CLOUD | {"particle_um": 0.0}
+    plan = plan_frame(small_scenario(sky={"bortle": 4, "clouds": cloud}, stars={"limiting_magnitude": 4.0}), 0)
+    np.testing.assert_allclose(plan.cloud_transmission, np.exp(-plan.cloud_optical_depth), rtol=1e-12)
 
 
 def test_cloud_brightens_a_city_and_darkens_the_wild() -> None:
@@ -94,7 +101,8 @@ def test_emitter_s_cloud_is_the_stars_cloud() -> None:
     enu = unit_vectors(random.uniform(10, 90, 20_000), random.uniform(0, 360, 20_000))
     tiles = [mi.TensorXf(tile) for tile in (clouds.pattern.coarse, clouds.pattern.fine)]
     texture = CloudTexture(*tiles, mi.TensorXf(np.array(cloud_numbers(clouds), np.float32)))
-    ours = np.array(texture.slant_depth(mi.Vector3f(*enu.T.astype(np.float32))))
+    (depth,) = texture.slant_depths(mi.Vector3f(*enu.T.astype(np.float32)))
+    ours = np.array(depth)
     wanted = clouds.slant_depth(enu)
     error = np.abs(ours - wanted) / wanted.mean()
     assert error.mean() < 2e-4
