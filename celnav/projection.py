@@ -25,10 +25,9 @@ _CONVERGED = 1e-14
 _SEARCH_STEPS = 4000
 
 
-def off_axis_shift(x: F8, y: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
-    """Shift by decentring p1, p2 and thin prism s1..s4 at normalised coordinates; missing coefficients are 0."""
+def _off_axis_shift(x: F8, y: F8, r2: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
+    """Shift by decentring p1, p2 and thin prism s1..s4 at normalised coordinates, r2 = x^2 + y^2; missing terms are 0."""
     p1, p2 = (*p, *([0.0] * (2 - len(p))))
-    r2 = x * x + y * y
     dx, dy = 2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     if s:
         s1, s2, s3, s4 = (*s, *([0.0] * (4 - len(s))))
@@ -41,13 +40,13 @@ def distort(x: F8, y: F8, k: tuple[float, ...], p: tuple[float, ...], s: tuple[f
     k1, k2, k3, k4, k5, k6 = (*k, *([0.0] * (6 - len(k))))
     r2 = x * x + y * y
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    dx, dy = off_axis_shift(x, y, p, s)
+    dx, dy = _off_axis_shift(x, y, r2, p, s)
     return x * radial + dx, y * radial + dy
 
 
 def decentre(x: F8, y: F8, p: tuple[float, ...], s: tuple[float, ...]) -> tuple[F8, F8]:
     """Apply decentring and thin prism to the coordinates that a fisheye's law gives."""
-    dx, dy = off_axis_shift(x, y, p, s)
+    dx, dy = _off_axis_shift(x, y, x * x + y * y, p, s)
     return x + dx, y + dy
 
 
