@@ -1,13 +1,20 @@
-"""The Moon's disk as points of light, so that a resolved Moon is drawn like the stars and its light is conserved."""
+"""The points of light of a frame.
+
+The Moon's disk is made of points, so that a resolved Moon is drawn like the stars and its light is conserved.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, airmass_to, level_or_up
+from generator.light.star_colours import usual_vi
 from generator.places.ephemeris import MOON_RADIUS_KM
+from generator.sky.moonlight import MOON_BV_MAG
 
 Floats = NDArray[np.float64]
 
@@ -57,3 +64,44 @@ def moon_points(
     across_it = np.cross(moon_enu, towards_sun)
     points = moon_enu + math.tan(radius) * (x[lit, None] * towards_sun + y[lit, None] * across_it)
     return points / np.linalg.norm(points, axis=-1, keepdims=True), np.full(int(lit.sum()), 1 / lit.sum())
+
+
+@dataclass(frozen=True)
+class PointLights:
+    """All points of light of a frame: its stars and planets, then the points of the Moon's disk.
+
+    Attributes
+    ----------
+    directions : (n, k, 3) array
+        Apparent unit vectors, evenly spaced over the shutter's time.
+    v_mag, bv_mag, vi_mag, airmass : (n,) arrays
+    """
+
+    directions: Floats
+    v_mag: Floats
+    bv_mag: Floats
+    vi_mag: Floats
+    airmass: Floats
+
+
+def point_lights(plan: FramePlan) -> PointLights:
+    """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
+    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.stars.vi_mag, plan.airmass)
+    state, spec = plan.sky, plan.spec
+    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= plan.horizon.altitude_deg:
+        return stars
+    enu, share = moon_points(
+        state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
+    )
+    passed = np.ones(len(enu)) if state.clouds is None else state.clouds.point_transmission(level_or_up(enu))
+    altitude = np.array(state.moon_altitude_deg)
+    path = float(airmass_to(plan.horizon, altitude)) if spec.atmosphere.extinction else 0.0
+    return PointLights(
+        np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
+        np.concatenate(
+            [stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share * np.maximum(passed, LEAST_TRANSMISSION))]
+        ),
+        np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
+        np.concatenate([stars.vi_mag, np.full(len(enu), usual_vi(MOON_BV_MAG))]),
+        np.concatenate([stars.airmass, np.full(len(enu), path)]),
+    )

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.frame.plan import FramePlan
+from generator.optics.dust import dust_shadows
 from generator.optics.light_cells import cells_outside
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
 from generator.scenario.model import FrameSpec
+from generator.seeds import random_stream
 from generator.sensor.colour import filter_array, mosaic
 
 Floats = NDArray[np.float64]
@@ -36,7 +39,7 @@ class Shining:
 
 
 def scattered(
-    spec: FrameSpec, scene: Any, camera: Any, sky: Singles, points: Singles | None, shining: Sequence[Shining]
+    spec: FrameSpec, scene: Any, camera: Any, sky: Singles, image: Singles, shining: Sequence[Shining]
 ) -> Singles:
     """Electrons of light astray in each pixel, (height, width, channels) array.
 
@@ -49,34 +52,42 @@ def scattered(
     sky : (height, width, channels) array
         Electrons from the diffuse sky and the foreground; of a colour sensor either all channels or, as one, that of each
         pixel. Only the latter counts.
-    points : array of the same shape, or None
-        Those from points of light; used of a monochrome sensor.
+    image : array of the same shape
+        Those and the electrons from points of light; used of a monochrome sensor.
     shining : sequence of Shining
         The points, also those around the frame.
     """
-    from generator.frame.surround import hemisphere_mean, sky_beside, unhidden
+    from generator.frame.surround import hemisphere_light, sky_beside, unhidden
 
     integrator = scene.integrator()
     colour = spec.sensor.colour is not None
     grid = cell_grid(spec.camera, colour)
     _, u, v = cells_outside(grid)
     lights = [(one.emitter, _mean_over_time(one)) for one in shining]
-    surround = Surround(sky_beside(scene, integrator, camera, u, v), hemisphere_mean(scene, integrator, camera, lights))
+    surround = Surround(
+        sky_beside(scene, integrator, camera, u, v), *hemisphere_light(scene, integrator, camera, lights)
+    )
     smooth = _all_channels(sky, spec)
     free = [unhidden(scene, integrator, one.emitter) for one in shining]
 
     def sources(beyond: tuple[int, int] | None) -> list[PointSources]:
         return [_sources(one, part, beyond) for one, part in zip(shining, free, strict=True)]
 
-    if colour or points is None:
-        # A mosaic samples stars too coarsely for sums over cells.
-        light, others = smooth, sources(None)
-    else:
-        light, others = smooth + points, sources((spec.camera.width, spec.camera.height))
-    astray = stray_light(light, others, surround, grid, spec.camera)
-    if spec.camera.ghosts:
+    # A mosaic samples stars too coarsely for sums over cells.
+    others = sources(None if colour else (spec.camera.width, spec.camera.height))
+    astray = stray_light(smooth if colour else image, others, surround, grid, spec.camera)
+    if spec.camera.all_ghosts:
         astray += ghosts(smooth, sources(None), surround, grid, spec.camera)
     return astray
+
+
+def dust_of(plan: FramePlan) -> Singles:
+    """Part of the light that dust leaves, (height, width, 1) array; (1, 1, 1) of a camera without dust."""
+    camera = plan.spec.camera
+    if camera.dust is None:
+        return np.ones((1, 1, 1), np.float32)
+    random = random_stream(plan.scenario.seed, "unit.dust", 0)
+    return dust_shadows(camera.dust, camera.width, camera.height, random)[:, :, None]
 
 
 def _mean_over_time(one: Shining) -> Floats:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from generator import plugins
 from generator.frame.flying_objects import FlyingObjects
@@ -23,14 +22,15 @@ from generator.frame.landscape import (
     landscape_maps,
     own_light_maps,
 )
-from generator.frame.moon_disk import moon_points
-from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, airmass_to, dimming_atmosphere, level_or_up
-from generator.frame.scattered_light import Shining, scattered
+from generator.frame.moon_disk import point_lights
+from generator.frame.plan import FramePlan, dimming_atmosphere
+from generator.frame.scattered_light import Shining, dust_of, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
 from generator.light.star_colours import usual_vi
 from generator.light.stellar_spectra import colour_grid, colour_place
+from generator.optics.motion import turned_rad
 from generator.optics.psf import psf_table
 from generator.plugins.scene_tensors import tensor
 from generator.scenario.camera_spec import CameraSpec
@@ -40,7 +40,6 @@ from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.below_horizontal import down_to_the_horizon
 from generator.sky.clouds import CloudVeil
 from generator.sky.component import SkyTable, black_sky, blas_threads, metameric
-from generator.sky.moonlight import MOON_BV_MAG
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -125,47 +124,6 @@ def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
         atmosphere = dimming_atmosphere(plan.spec.atmosphere)
         layers = sky_layers(plan.spec.sky, atmosphere, plan.sky)
         return down_to_the_horizon(layers, plan.horizon, atmosphere)
-
-
-@dataclass(frozen=True)
-class PointLights:
-    """All points of light of a frame: its stars and planets, then the points of the Moon's disk.
-
-    Attributes
-    ----------
-    directions : (n, k, 3) array
-        Apparent unit vectors, evenly spaced over the shutter's time.
-    v_mag, bv_mag, vi_mag, airmass : (n,) arrays
-    """
-
-    directions: Floats
-    v_mag: Floats
-    bv_mag: Floats
-    vi_mag: Floats
-    airmass: Floats
-
-
-def point_lights(plan: FramePlan) -> PointLights:
-    """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
-    stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.stars.vi_mag, plan.airmass)
-    state, spec = plan.sky, plan.spec
-    if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= plan.horizon.altitude_deg:
-        return stars
-    enu, share = moon_points(
-        state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
-    )
-    passed = np.ones(len(enu)) if state.clouds is None else state.clouds.point_transmission(level_or_up(enu))
-    altitude = np.array(state.moon_altitude_deg)
-    path = float(airmass_to(plan.horizon, altitude)) if spec.atmosphere.extinction else 0.0
-    return PointLights(
-        np.concatenate([stars.directions, np.repeat(enu[:, None], plan.directions.shape[1], axis=1)]),
-        np.concatenate(
-            [stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share * np.maximum(passed, LEAST_TRANSMISSION))]
-        ),
-        np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
-        np.concatenate([stars.vi_mag, np.full(len(enu), usual_vi(MOON_BV_MAG))]),
-        np.concatenate([stars.airmass, np.full(len(enu), path)]),
-    )
 
 
 def scene_dict(
@@ -299,7 +257,7 @@ def camera_dict(plan: FramePlan) -> dict[str, Any]:
 def integrator_dict(plan: FramePlan) -> dict[str, Any]:
     """The integrator's part of a scene."""
     spec = plan.spec
-    swept_px = _swept_px(plan)
+    swept_px = turned_rad(plan.motion.R_cam) * spec.camera.f_px * spec.time.exposure_s / spec.shutter_s
     description: dict[str, Any] = {
         "type": "skybench_integrator",
         "sky_moments": int(np.clip(math.ceil(swept_px / SKY_STEP_PX), 1, MOST_SKY_MOMENTS)),
@@ -321,15 +279,6 @@ def _psf_tensors(camera: CameraSpec) -> dict[str, Any]:
         "psf_inside": tensor(table.inside),
         "psf_beyond": tensor(table.beyond),
     }
-
-
-def _swept_px(plan: FramePlan) -> float:
-    """Approximate motion of the image during one row's exposure, px."""
-    if len(plan.motion.R_cam) == 1:
-        return 0.0
-    turns = Rotation.from_matrix(plan.motion.R_cam)
-    total_rad = float((turns[1:] * turns[:-1].inv()).magnitude().sum())
-    return total_rad * plan.spec.camera.f_px * plan.spec.time.exposure_s / plan.spec.shutter_s
 
 
 def quantum_efficiency(spec: FrameSpec, curve: Sequence[Sequence[float]] | None = None) -> Floats:
@@ -354,14 +303,15 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     landscape = landscape_maps(plan, list(tables.values()), response)
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera, landscape))
     integrator = scene.integrator()
-    sensor, direct = plan.spec.sensor, np.float32(plan.spec.camera.direct_share)
+    sensor, direct, strays = plan.spec.sensor, np.float32(plan.spec.camera.direct_share), plan.spec.camera.strays
     apart = sensor.colour is not None and not channels
     names = [] if apart else list(sensor.channels)
     pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
     zenith = sum(table.zenith_v() for table in tables.values())
+    dust = dust_of(plan)
 
-    def astray(scene: Any, sky: Singles, points: Singles | None, shining: list[Shining]) -> Singles:
-        light = scattered(plan.spec, scene, camera, sky, points, shining)
+    def astray(scene: Any, sky: Singles, image: Singles, shining: list[Shining]) -> Singles:
+        light = scattered(plan.spec, scene, camera, sky, image, shining)
         return mosaic(light, sensor)[:, :, None] if apart else light
 
     sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
@@ -377,9 +327,9 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         for name, (part, lit) in separate.items():
             alone = mi.load_dict(scene_dict(plan, part, camera, lit))
             light = np.array(alone.integrator().diffuse(alone, camera, pattern))
-            if direct < 1:
-                light = direct * light + astray(alone, light, None, [])
-            parts[name] = mosaic(light, sensor)
+            if strays:
+                light = direct * light + astray(alone, light, light, [])
+            parts[name] = mosaic(light * dust, sensor)
     truths = dict.fromkeys(("stars", "objects", "lamps"), StarTruth.empty())
     shining: list[Shining] = []
     points: Singles | None = None
@@ -394,18 +344,21 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         by_band = brighter * integrator.electrons_by_band(camera, emitter, integrator.bands)
         shining.append(Shining(emitter, tracks, by_band.sum(axis=2)))
         if layers:
-            if direct < 1:
+            if strays:
                 light = direct * light + astray(dark, np.zeros_like(light), light, shining[-1:])
-            parts[emitter.id()] = mosaic(light, sensor)
+            parts[emitter.id()] = mosaic(light * dust, sensor)
         truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), by_band))
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
         truths[emitter.id()] = truth
     image = sky if points is None else sky + points
-    if direct < 1:
-        wide = astray(scene, sky, points, shining)
-        image = direct * image + wide
-        sky = direct * sky + wide
+    if strays:
+        wide = astray(scene, sky, image, shining)
+        image, sky = direct * image, direct * sky
+        image += wide
+        sky += wide
+    if plan.spec.camera.dust is not None:
+        image, sky = image * dust, sky * dust
     # In the emitter, the points of the Moon's disk follow the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(

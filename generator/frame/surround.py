@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 HEMISPHERE_DIRECTIONS = 1024
 """Even directions over the pupil's hemisphere: the mean of a night sky over them is good to 1 %."""
+WALL_AZIMUTHS = 72
+"""Of the walls around a lens."""
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -42,39 +44,55 @@ def sky_beside(scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamer
     return _seen(scene, integrator, camera, ray, etendue, integrator.lit_samples)
 
 
-def hemisphere_mean(
+def hemisphere_light(
     scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, per_emitter: list[tuple[StarEmitter, Floats]]
-) -> Floats:
-    """Electrons of a pixel on the axis if it received the mean of all light in front of the lens, (channels,) array.
-
-    The mean is over the hemisphere about the boresight, at mid-exposure, weighted by the pupil's projected area.
+) -> tuple[Floats, Floats]:
+    """What the light in front of the lens amounts to, at mid-exposure, points included.
 
     Parameters
     ----------
     scene, integrator, camera
     per_emitter : list of (StarEmitter, (n, channels) array)
         Points of light, and their electrons on the axis.
+
+    Returns
+    -------
+    mean : (channels,) array
+        Electrons of a pixel on the axis if it received the mean over the hemisphere about the boresight, weighted by the
+        pupil's projected area.
+    walls : (WALL_AZIMUTHS, channels) array
+        The same if it received the light of white Lambert walls that stand around the lens parallel to its axis, by their
+        azimuth from +u to +v.
     """
-    # The cosine law is uniform over the disk that the hemisphere projects to, the constant pupil over the hemisphere.
-    place = (np.arange(HEMISPHERE_DIRECTIONS) + 0.5) / HEMISPHERE_DIRECTIONS
-    cosine_law = camera.pupil_law == "cosine"
-    z = np.sqrt(1 - place) if cosine_law else 1 - place
+    z = 1 - (np.arange(HEMISPHERE_DIRECTIONS) + 0.5) / HEMISPHERE_DIRECTIONS
     radius, turn = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(HEMISPHERE_DIRECTIONS)
+    from_axis = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
     rotation = np.array([[float(np.array(part)[0]) for part in row] for row in camera.world_to_camera(FLOAT64(0.5))])
-    enu = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1) @ rotation
-    direction: Any = mi.Vector3f(np.ascontiguousarray(enu.T))
+    towards: Any = mi.Vector3f(np.ascontiguousarray((from_axis @ rotation).T))
     ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), mi.Point2f(0.5))
-    ray.d = direction
+    ray.d = towards
     projection = camera.projection
     pixel_sr = 1 / (projection.f_px * projection.fy_px)
-    etendue = camera.collected * mi.Float(pixel_sr)
-    mean = _seen(scene, integrator, camera, ray, etendue, integrator.lit_samples).mean(axis=0)
+    light = _seen(scene, integrator, camera, ray, camera.collected * mi.Float(pixel_sr), integrator.lit_samples)
+    cosine_law = camera.pupil_law == "cosine"
+    walls = np.arange(WALL_AZIMUTHS) * (2 * math.pi / WALL_AZIMUTHS)
+    # A wall faces the axis: it is lit from the other side.
+    inward = -np.stack([np.cos(walls), np.sin(walls), np.zeros(WALL_AZIMUTHS)])
+
+    def weighted(directions: Floats, light: Floats) -> tuple[Floats, Floats]:
+        """Sums of light (n, channels) from directions (n, 3) about the axis, per pi of solid angle or half of it."""
+        ahead = directions[:, 2] > 0
+        pupil = np.maximum(directions[:, 2], 0) if cosine_law else 0.5 * ahead
+        faced = np.maximum(directions @ inward, 0) * ahead[:, None]
+        return pupil @ light / math.pi, faced.T @ light / math.pi
+
+    even = 2 * math.pi / HEMISPHERE_DIRECTIONS
+    mean, lit = (even * part for part in weighted(from_axis, light))
     for emitter, electrons in per_emitter:
-        cosine = _middle_directions(emitter) @ rotation[2]
-        weight = np.maximum(cosine, 0) / math.pi if cosine_law else (cosine > 0) / (2 * math.pi)
-        weight = weight * unhidden(scene, integrator, emitter)
-        mean = mean + pixel_sr * (weight @ electrons)
-    return np.asarray(mean)
+        arriving = electrons * (pixel_sr * unhidden(scene, integrator, emitter))[:, None]
+        more_mean, more_lit = weighted(_middle_directions(emitter) @ rotation.T, arriving)
+        mean, lit = mean + more_mean, lit + more_lit
+    return mean, lit
 
 
 def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy import constants
 
 from generator.colour_science import colour
+from generator.frame.moon_disk import point_lights
 from generator.frame.plan import FramePlan, dimming_atmosphere, plan_frame
-from generator.frame.scene import frame_layers, point_lights
+from generator.frame.scene import frame_layers
 from generator.light.atmosphere import optical_depth
 from generator.light.photometry import GRID_NM
 from generator.light.stellar_spectra import star_spectra

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from generator.optics.light_cells import CellGrid, enlarged
 from generator.optics.wings import COARSE_PX
-from generator.scenario.camera_spec import CameraSpec, GhostSpec
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.lens.stray_light_spec import GhostSpec
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

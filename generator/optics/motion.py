@@ -185,3 +185,9 @@ def _imu_reading(imu: ImuSpec, attitude: Callable[[Floats], Rotation], duration_
     bias = np.array(imu.bias_deg_s) + imu.bias_sigma_deg_s * stream("imu.bias").normal(size=3)
     noise = imu.noise_deg_s_rthz / np.sqrt(interval) * stream("imu.noise").normal(size=true_rate.shape)
     return ImuReading(edges[1:], true_rate + bias + noise, bias)
+
+
+def turned_rad(R_cam: Floats) -> float:
+    """Sum of the angles, rad, between successive attitudes (k, 3, 3)."""
+    turns = Rotation.from_matrix(R_cam)
+    return float((turns[1:] * turns[:-1].inv()).magnitude().sum()) if len(R_cam) > 1 else 0.0

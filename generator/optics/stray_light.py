@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from generator.optics.ghosts import ghost_light
 from generator.optics.light_cells import RIM, CellGrid, block_mean, cells_outside, enlarged, halved
 from generator.optics.wings import COARSE_PX, TRUNCATE, mixture, wide_kernel
-from generator.scenario.camera_spec import BloomSpec, CameraSpec
+from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.lens.stray_light_spec import BarrelRingSpec, BloomSpec
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -56,17 +57,20 @@ class Surround:
         Electrons per pixel from the diffuse sky in the coarse cells of `generator.optics.light_cells.cells_outside`.
     hemisphere : (channels,) array
         Electrons of a pixel on the axis if the lens saw the mean of all light in front of it, points included.
+    walls: (azimuths, channels) array
+        Electrons of a pixel on the axis if the lens saw a white Lambert wall around itself, by azimuth from +u to +v, even
+        steps; that wall lit by all light in front of it.
     """
 
     sky: Floats
     hemisphere: Floats
+    walls: Floats
 
 
 def cell_grid(camera: CameraSpec, colour: bool) -> CellGrid:
     """Cells for a camera's stray light; those of a colour sensor are at least as large as its filter pattern."""
-    parts = mixture(camera.bloom) if camera.bloom.share else ()
-    finest = min((part.cell_px for part in parts), default=COARSE_PX)
-    margin = max(RIM + 1, math.ceil(camera.bloom.reach_px / COARSE_PX) if camera.bloom.share else 0)
+    finest = min((part.cell_px for bloom in camera.wings for part in mixture(bloom)), default=COARSE_PX)
+    margin = max([RIM + 1, *(math.ceil(bloom.reach_px / COARSE_PX) for bloom in camera.wings)])
     return CellGrid(camera.width, camera.height, max(finest, 2 if colour else 1), margin)
 
 
@@ -99,13 +103,14 @@ def stray_light(
         for source in points:
             grid.add_points(fine, around, source.u_px, source.v_px, source.electrons[:, channel])
         even = np.float32(camera.veiling_glare * surround.hemisphere[channel])
-        if camera.bloom.share:
-            light = wing_light(fine, around, grid, camera.bloom)
-            light *= np.float32(camera.bloom.share)
-            light += even
-        else:
-            light = np.full_like(fine, even)
+        light = np.full_like(fine, even)
+        for bloom in camera.wings:
+            wide = wing_light(fine, around, grid, bloom)
+            wide *= np.float32(bloom.share)
+            light += wide
         planes.append(grid.on_pixels(light))
+        if camera.barrel_ring is not None:
+            planes[-1] += ring_light(camera.barrel_ring, surround.walls[:, channel], camera)
     return planes[0][:, :, None] if len(planes) == 1 else np.stack(planes, axis=2)
 
 
@@ -120,9 +125,20 @@ def ghosts(
         around.ravel()[index] = surround.sky[:, channel]
         smooth = coarse_cells(grid.fine_from(np.ascontiguousarray(sky[:, :, channel]), around), around, grid)
         lights = [(source.u_px, source.v_px, source.electrons[:, channel]) for source in points]
-        for ghost in camera.ghosts:
+        for ghost in camera.all_ghosts:
             result[:, :, channel] += ghost_light(ghost, smooth, lights, grid, camera)
     return result
+
+
+def ring_light(ring: BarrelRingSpec, walls: Floats, camera: CameraSpec) -> Singles:
+    """Electrons from the barrel's wall, (height, width) array: a Gaussian profile across the ring, by azimuth along it."""
+    middle = camera.projection
+    du = np.arange(camera.width) - middle.cx_px
+    dv = np.arange(camera.height)[:, None] - middle.cy_px
+    across = (np.hypot(du, dv) - ring.radius_px) / ring.width_px
+    azimuth = np.arctan2(dv, du) / (2 * math.pi) * len(walls)
+    along = np.interp(azimuth, np.arange(len(walls)), walls, period=len(walls))
+    return (ring.reflectance * along * np.exp(-0.5 * across**2)).astype(np.float32)
 
 
 def coarse_cells(fine: Singles, around: Floats, grid: CellGrid) -> Floats:

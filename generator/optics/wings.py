@@ -1,10 +1,10 @@
 """Wings of the point spread function of a lens: light scattered by its surfaces, dust and bulk.
 
-The irradiance at r from a point is (1 + (r / core)^2)^(-slope / 2), the form of Harvey and Shack for scatter by polished
-surfaces (Harvey 1976, "Light-scattering characteristics of optical surfaces", thesis, University of Arizona; Pfisterer 2011,
-"Approximated scatter models for stray light analysis", Optics & Photonics News 22(10), 16). Far from the core it falls as
-r^-slope: as r^-2 around stars in telescopes (King 1971, PASP 83, 199), as r^-1.6 to r^-3 in others (compiled by Bernstein
-2007, ApJ 666, 663; Sandin 2014, A&A 567, A97), as r^-2.4 in the fisheye of an all-sky camera.
+The irradiance at r from a point is (1 + (r / core)^2)^(-slope / 2) less the same at the wings' end, the form of Harvey and
+Shack for scatter by polished surfaces (Harvey 1976, "Light-scattering characteristics of optical surfaces", thesis,
+University of Arizona; Pfisterer 2011, "Approximated scatter models for stray light analysis", Optics & Photonics News 22(10),
+16). Far from the core it falls as r^-slope: as r^-2 around stars in telescopes (King 1971, PASP 83, 199), as r^-1.6 to r^-3
+in others (compiled by Bernstein 2007, ApJ 666, 663; Sandin 2014, A&A 567, A97), as r^-2.4 in an all-sky fisheye.
 
 Such a profile is a mixture of Gaussians, (1 + x^2)^-p = integral over t of t^(p-1) exp(-t) exp(-t x^2) dt / Gamma(p). The
 narrow ones are convolved on cells of half their width; what is left is smooth on :data:`COARSE_PX` and is convolved there by
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.scenario.camera_spec import BloomSpec
+from generator.scenario.lens.stray_light_spec import BloomSpec
 
 Floats = NDArray[np.float64]
 
@@ -78,25 +78,32 @@ def blur_px2(cell_px: int, fine_px: int) -> float:
     return fine_px**2 / 6 + (cell_px**2 - fine_px**2) / 4 + (cell_px**2 - 1) / 4
 
 
+def end_height(bloom: BloomSpec) -> float:
+    """The profile's height at its reach, which is taken off, so that wings end without an edge."""
+    return float((1 + (bloom.reach_px / bloom.core_px) ** 2) ** (-bloom.slope / 2))
+
+
 def area_px2(bloom: BloomSpec, radius_px: float | Floats) -> Floats:
-    """Integral of the profile within a radius, px^2."""
-    x2 = np.square(np.asarray(radius_px, dtype=np.float64) / bloom.core_px)
+    """Integral of the profile within a radius, its reach at most, px^2."""
+    radius = np.minimum(np.asarray(radius_px, dtype=np.float64), bloom.reach_px)
+    x2 = np.square(radius / bloom.core_px)
     scale = math.pi * bloom.core_px**2
+    taken = math.pi * np.square(radius) * end_height(bloom)
     if abs(bloom.slope - 2) < 1e-9:
-        return np.asarray(scale * np.log1p(x2))
+        return np.asarray(scale * np.log1p(x2) - taken)
     power = 1 - bloom.slope / 2
-    return np.asarray(scale / power * np.expm1(power * np.log1p(x2)))
+    return np.asarray(scale / power * np.expm1(power * np.log1p(x2)) - taken)
 
 
 def encircled(bloom: BloomSpec, radius_px: float | Floats) -> Floats:
     """Part of the wings' light within a radius, 0-1."""
-    return area_px2(bloom, np.minimum(radius_px, bloom.reach_px)) / area_px2(bloom, bloom.reach_px)
+    return area_px2(bloom, radius_px) / area_px2(bloom, bloom.reach_px)
 
 
 def profile(bloom: BloomSpec, radius_px: Floats) -> Floats:
     """Light on a pixel at a distance, of wings with a light of 1; 0 beyond their reach."""
-    light = (1 + np.square(radius_px / bloom.core_px)) ** (-bloom.slope / 2) / area_px2(bloom, bloom.reach_px)
-    return np.where(radius_px <= bloom.reach_px, light, 0.0)
+    light = (1 + np.square(radius_px / bloom.core_px)) ** (-bloom.slope / 2) - end_height(bloom)
+    return np.maximum(light, 0.0) / area_px2(bloom, bloom.reach_px)
 
 
 @functools.lru_cache(maxsize=8)

@@ -115,7 +115,7 @@ PRESETS: dict[str, CameraPreset] = {
             "focal_length_mm": 1.8,
             "pixel_pitch_um": 2.9,
             "aperture_mm": 0.9,
-            "bloom": {"share": 0.33, "core_px": 6.4, "slope": 2.4, "reach_px": 800},
+            "bloom": {"share": 0.33, "core_px": 6.4, "slope": 2.4, "reach_px": 1600},
         },
         sensor={
             "colour": {"pattern": "RGGB"},
@@ -149,7 +149,7 @@ PRESETS: dict[str, CameraPreset] = {
             "aperture_mm": 0.78,
             "transmission": 0.4,
             "psf_sigma_px": 0.7,
-            "bloom": {"share": 0.33, "core_px": 4.0, "slope": 2.4, "reach_px": 500},
+            "bloom": {"share": 0.33, "core_px": 4.0, "slope": 2.4, "reach_px": 1000},
             "veiling_glare": 0.001,
         },
         sensor={

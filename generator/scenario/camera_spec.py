@@ -8,45 +8,21 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from generator.scenario.lens.psf_spec import PsfSpec
+from generator.scenario.lens.stray_light_spec import (
+    BarrelRingSpec,
+    BloomSpec,
+    DewSpec,
+    DustSpec,
+    GhostLensSpec,
+    GhostSpec,
+    ghosts_of,
+)
 from generator.scenario.projection import MODELS, Projection, ProjectionError
 from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
 LEAST_DIRECT_SHARE = 0.4
 """Least part of the light that bloom, veiling glare and ghosts must leave."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
-
-
-class BloomSpec(Strict):
-    """Light that surfaces and dust of the lens scatter into wings (1 + (r / core_px)^2)^(-slope / 2) around its source.
-
-    The wings of everything that shines: stars, planets, the Moon, lamps, the diffuse sky, in the frame and around it.
-    """
-
-    share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
-    """Of the light, 0-0.5; 0 turns the wings off."""
-    core_px: Annotated[float, Field(ge=0.5, le=100)] = 4.0
-    """Radius at which the wings begin, px."""
-    slope: Annotated[float, Field(ge=1, le=6)] = 2.4
-    """Exponent of the wings."""
-    reach_px: Annotated[int, Field(ge=2, le=2000)] = 500
-    """Radius at which the wings end, px."""
-
-
-class GhostSpec(Strict):
-    """Light reflected twice in the lens: an even disk at a multiple of the point's distance from the principal point."""
-
-    share: Annotated[float, Field(gt=0, le=0.1)]
-    """Of the light, 0-0.1."""
-    magnification: Annotated[float, Field(ge=-10, le=10)]
-    """The disk's distance from the principal point over the point's own; negative on the other side."""
-    diameter_px: Annotated[float, Field(ge=2, le=500)]
-    """Of the disk, px; at least twice the magnification."""
-
-    @model_validator(mode="after")
-    def _without_gaps(self) -> GhostSpec:
-        if self.diameter_px < 2 * abs(self.magnification):
-            raise ValueError(f"diameter_px: found {self.diameter_px:g}, expected at least twice the magnification")
-        return self
 
 
 def _field_fits_model(hfov_deg: float | None, info: ValidationInfo) -> float | None:
@@ -119,6 +95,14 @@ class CameraSpec(Strict):
         default=(), exclude_if=lambda ghosts: not ghosts
     )
     """Reflections in the lens."""
+    ghost_lens: GhostLensSpec | None = None
+    """Further reflections, those of a public lens design."""
+    dew: DewSpec | None = None
+    """Dew on the dome or on the front of the lens."""
+    dust: DustSpec | None = None
+    """Dust there."""
+    barrel_ring: BarrelRingSpec | None = None
+    """Ring of light around the image circle."""
 
     _resting: CameraSpec | None = PrivateAttr(default=None)
 
@@ -168,7 +152,28 @@ class CameraSpec(Strict):
     @property
     def direct_share(self) -> float:
         """Part of the light that goes into its image: not into wings, veiling glare or ghosts."""
-        return 1 - self.bloom.share - self.veiling_glare - sum(ghost.share for ghost in self.ghosts)
+        wings = sum(part.share for part in self.wings)
+        return 1 - wings - self.veiling_glare - sum(ghost.share for ghost in self.all_ghosts)
+
+    @property
+    def wings(self) -> tuple[BloomSpec, ...]:
+        """What scatters light into wings: the lens, and dew on it."""
+        return tuple(part for part in (self.bloom, self.dew) if part is not None and part.share)
+
+    @property
+    def all_ghosts(self) -> tuple[GhostSpec, ...]:
+        """The listed ghosts and those of the design."""
+        if self.ghost_lens is None:
+            return self.ghosts
+        f_number = None
+        if self.pixel_pitch_um is not None:
+            f_number = self.f_px * self.pixel_pitch_um / 1000 / self.aperture_mm
+        return self.ghosts + ghosts_of(self.ghost_lens, self.f_px, f_number)
+
+    @property
+    def strays(self) -> bool:
+        """Whether any light reaches the sensor astray."""
+        return self.direct_share < 1 or self.barrel_ring is not None
 
     @property
     def f_px(self) -> float:

@@ -1,0 +1,112 @@
+"""Keys of the ``camera`` section about light that the lens sends astray."""
+
+from __future__ import annotations
+
+import functools
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from generator.scenario.lens.prescription import PRESCRIPTIONS, first_order_ghosts, focused
+from generator.scenario.strict import Strict
+
+LARGEST_GHOST_PX = 500.0
+LARGEST_MAGNIFICATION = 10.0
+
+
+class BloomSpec(Strict):
+    """Light that surfaces and dust of the lens scatter into wings (1 + (r / core_px)^2)^(-slope / 2) around its source.
+
+    The wings of everything that shines: stars, planets, the Moon, lamps, the diffuse sky, in the frame and around it.
+    """
+
+    share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
+    """Of the light, 0-0.5; 0 turns the wings off."""
+    core_px: Annotated[float, Field(ge=0.5, le=100)] = 4.0
+    """Radius at which the wings begin, px."""
+    slope: Annotated[float, Field(ge=1, le=6)] = 2.4
+    """Exponent of the wings."""
+    reach_px: Annotated[int, Field(ge=2, le=2000)] = 500
+    """Radius at which the wings end, px."""
+
+
+class GhostSpec(Strict):
+    """Light reflected twice in the lens: an even disk at a multiple of the point's distance from the principal point."""
+
+    share: Annotated[float, Field(gt=0, le=0.1)]
+    """Of the light, 0-0.1."""
+    magnification: Annotated[float, Field(ge=-10, le=10)]
+    """The disk's distance from the principal point over the point's own; negative on the other side."""
+    diameter_px: Annotated[float, Field(ge=2, le=500)]
+    """Of the disk, px; at least twice the magnification."""
+
+    @model_validator(mode="after")
+    def _without_gaps(self) -> GhostSpec:
+        if self.diameter_px < 2 * abs(self.magnification):
+            raise ValueError(f"diameter_px: found {self.diameter_px:g}, expected at least twice the magnification")
+        return self
+
+
+class DewSpec(BloomSpec):
+    """Droplets in front of the lens: wings as those of `bloom`, wide and steep."""
+
+    share: Annotated[float, Field(ge=0, le=0.5)] = 0.3
+    """Of the light, 0-0.5."""
+    core_px: Annotated[float, Field(ge=0.5, le=100)] = 30.0
+    """Radius at which the wings begin, px: about the angle of diffraction by a droplet, 0.6 degrees at 50 micrometres."""
+    slope: Annotated[float, Field(ge=1, le=6)] = 3.0
+    """Exponent of the wings: 3, that of Fraunhofer diffraction by droplets of mixed sizes."""
+
+
+class DustSpec(Strict):
+    """Dust on a dome or on the front of the lens: soft round shadows, the same in all frames of a scenario."""
+
+    specks: Annotated[int, Field(ge=1, le=10_000)]
+    """Number of specks over the frame."""
+    diameter_px: Annotated[float, Field(ge=2, le=500)] = 40.0
+    """Of their shadows, px; they vary by 30 %."""
+    mean_depth: Annotated[float, Field(gt=0, le=0.5)] = 0.02
+    """Mean part of the light that a shadow takes in its middle."""
+
+
+class BarrelRingSpec(Strict):
+    """Light from the inner wall of a lens barrel: a ring around the principal point, lit from the other side."""
+
+    radius_px: Annotated[float, Field(gt=0, le=1e5)]
+    """Of its crest, px; at or beyond the image circle."""
+    width_px: Annotated[float, Field(ge=1, le=500)] = 8.0
+    """Standard deviation of its profile, px."""
+    reflectance: Annotated[float, Field(gt=0, le=1)] = 0.02
+    """Of the wall, a Lambert surface seen by the sensor."""
+
+
+class GhostLensSpec(Strict):
+    """Ghosts of a public lens design, scaled to the camera's focal length and pupil."""
+
+    design: Literal[tuple(PRESCRIPTIONS)]  # type: ignore[valid-type]
+    """Name of the design."""
+    coating_reflectance: Annotated[float, Field(ge=0, le=0.2)] = 0.005
+    """Of each surface between glass and air, 0-1."""
+    sensor_reflectance: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """Of the sensor and its window, 0-1."""
+    brightest: Annotated[int, Field(ge=1, le=16)] = 6
+    """Number of ghosts: those with the brightest disks."""
+
+
+@functools.lru_cache(maxsize=32)
+def ghosts_of(lens: GhostLensSpec, f_px: float, f_number: float | None) -> tuple[GhostSpec, ...]:
+    """The brightest ghosts of a design in a camera, whose focal ratio is the design's unless given.
+
+    Ghosts that are spread over more than LARGEST_GHOST_PX are left out: they belong to the veiling glare.
+    """
+    design = PRESCRIPTIONS[lens.design]
+    _, focal_mm = focused(design)
+    pupil = 1.0 if f_number is None else design.f_number / f_number
+    found: list[GhostSpec] = []
+    for ghost in first_order_ghosts(design, lens.coating_reflectance, lens.sensor_reflectance):
+        magnification = ghost.shift_mm / focal_mm
+        diameter_px = max(pupil * ghost.diameter_mm / focal_mm * f_px, 2.0, 2 * abs(magnification))
+        if diameter_px <= LARGEST_GHOST_PX and abs(magnification) <= LARGEST_MAGNIFICATION and ghost.share > 0:
+            found.append(GhostSpec(share=ghost.share, magnification=magnification, diameter_px=diameter_px))
+    found.sort(key=lambda ghost: -ghost.share / ghost.diameter_px**2)
+    return tuple(found[: lens.brightest])
