@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.flying_objects import FlyingObjects, plan_objects
+from generator.frame.flying_objects import FlyingObjects, Surroundings, plan_objects
 from generator.light.atmosphere import Atmosphere, airmass
 from generator.light.molecular_bands import precipitable_water_cm
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
@@ -191,7 +191,15 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
         motion=motion,
-        objects=plan_objects(spec.foreground, utc_start, spec.shutter_s, site, orientation, air),
+        objects=plan_objects(
+            spec.foreground,
+            utc_start,
+            spec.shutter_s,
+            site,
+            orientation,
+            air,
+            Surroundings(scenario.seed, sky.sun_icrs, dimming_atmosphere(spec.atmosphere)),
+        ),
         airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
         cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(above),

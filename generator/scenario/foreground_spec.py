@@ -134,6 +134,41 @@ class TleSpec(Strict):
         return self
 
 
+class TrainSpec(Strict):
+    """Satellites in a line, one after the other on one great circle, as after a launch."""
+
+    start: DirectionSpec
+    """Direction of the first at `start_s`."""
+    end: DirectionSpec
+    """Direction of the first at `end_s`."""
+    start_s: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
+    end_s: Annotated[float, Field(ge=-3600, le=7200)]
+    count: Annotated[int, Field(ge=1, le=200)] = 20
+    gap_s: Annotated[float, Field(gt=0, le=600)] = 2.0
+    """Time between two satellites at one place, s."""
+    v_mag: Annotated[float, Field(ge=-20, le=12)]
+    """Apparent V of each at the ground."""
+    bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @model_validator(mode="after")
+    def _sensible(self) -> TrainSpec:
+        if self.end_s <= self.start_s:
+            raise ValueError("end_s must come after start_s")
+        return self
+
+
+class ShellSpec(Strict):
+    """A constellation of satellites on circular orbits; those above the horizon in sunlight are drawn."""
+
+    altitude_km: Annotated[float, Field(ge=200, le=40_000)] = 550.0
+    inclination_deg: Annotated[float, Field(ge=0, le=180)] = 53.0
+    planes: Annotated[int, Field(ge=1, le=200)] = 72
+    per_plane: Annotated[int, Field(ge=1, le=200)] = 22
+    v_mag_1000_km: Annotated[float, Field(ge=-5, le=15)] = 7.2
+    """V at a distance of 1000 km above the atmosphere; dimmed by the air and by the square of the distance."""
+    bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+
 class ForegroundSpec(Strict):
     """Geometry in front of the sky, and flying objects."""
 
@@ -145,6 +180,9 @@ class ForegroundSpec(Strict):
     """Directions of the sky from which geometry is lit, a power of two; 0 leaves black silhouettes."""
     trails: Annotated[tuple[TrailSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
     satellites: Annotated[tuple[TleSpec, ...], Field(max_length=1000), BeforeValidator(listed)] = ()
+
+    trains: Annotated[tuple[TrainSpec, ...], Field(max_length=20), BeforeValidator(listed)] = ()
+    shells: Annotated[tuple[ShellSpec, ...], Field(max_length=10), BeforeValidator(listed)] = ()
 
     @property
     def hides_sky(self) -> bool:
