@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import plugins
+from generator.frame.dispersion import dispersion_parameters, with_dispersion
 from generator.frame.flying_objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
 from generator.frame.landscape import (
@@ -157,6 +158,7 @@ def scene_dict(
         "stars": {
             "type": "skybench_stars",
             "horizon_sine": plan.horizon.sine,
+            **dispersion_parameters(plan, points.directions),
             "directions": tensor(points.directions),
             "v_mag": tensor(points.v_mag),
             "airmass": tensor(points.airmass),
@@ -348,6 +350,8 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
                 light = direct * light + astray(dark, np.zeros_like(light), light, shining[-1:])
             parts[emitter.id()] = mosaic(light * dust, sensor)
         truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), by_band))
+        if (shift := integrator.dispersion_shift(camera, emitter)) is not None:
+            truth = with_dispersion(truth, shift)
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
         truths[emitter.id()] = truth

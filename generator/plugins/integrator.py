@@ -44,6 +44,7 @@ from generator.plugins.landscape import PIXEL_SAMPLES, texture
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
+from generator.plugins.star_dispersion import by_band, dispersed
 from generator.plugins.star_splats import (
     UINT64,
     UNITS_PER_ELECTRON,
@@ -274,13 +275,28 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         electrons = self.electrons_by_band(camera, emitter, self.bands)
         planes = electrons.shape[1] if pattern is None else 1
         total = dr.zeros(UINT64, width * height * planes)
-        if self.stamps is None:
-            sigma_px = self.psf_sigma_px
-            splat_gaussian(total, camera, tracks, electrons[:, :, 0], sigma_px, self.stamp_light, pattern)
-        else:
-            splat_atlas(total, camera, tracks, electrons, self.atlas(camera), self.stamp_light, pattern)
+        spread = dispersed(camera, emitter)
+        parts = [(tracks, electrons)]
+        if spread is not None:
+            parts = list(by_band(tracks, electrons, self.electrons_by_band(camera, emitter, spread.bands), spread))
+        for moments, light in parts:
+            if not len(moments.star):
+                continue
+            if self.stamps is None:
+                sigma_px = self.psf_sigma_px
+                splat_gaussian(total, camera, moments, light[:, :, 0], sigma_px, self.stamp_light, pattern)
+            else:
+                splat_atlas(total, camera, moments, light, self.atlas(camera), self.stamp_light, pattern)
         image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
         return mi.TensorXf(image, (height, width, planes))
+
+    def dispersion_shift(self, camera: NightSkyCamera, emitter: StarEmitter) -> NDArray[np.float64] | None:
+        """Mean shift of each star's light by atmospheric dispersion, px, (stars, 2) array; None without dispersion."""
+        spread = dispersed(camera, emitter)
+        if spread is None:
+            return None
+        fine = self.electrons_by_band(camera, emitter, spread.bands)
+        return spread.mean_shift(fine.sum(axis=1), emitter.count)
 
     def atlas(self, camera: NightSkyCamera) -> PsfAtlas:
         """The tabulated point spread function over a camera's frame."""

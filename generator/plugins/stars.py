@@ -11,6 +11,7 @@ parameter          type     meaning
 ``colour_table``   tensor   (m, c, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
 ``optical_depth``  tensor   (m, k): of the atmosphere per airmass; m = 1, or those of :mod:`generator.light.airmass_nodes`
 ``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
+``dispersion_rad``  tensor  (n, bands), optional: lift of equal bands of the spectral range over ``directions``; 0: none
 ``horizon_sine``   float    sine of the horizon's apparent altitude, below which nothing shines (default 0)
 ``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
 =================  =======  =====================================================================================
@@ -58,6 +59,13 @@ class StarEmitter(mi.Emitter):
         self.light_curve = array(props["light_curve"], 2) if "light_curve" in props else None
         if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
             raise ValueError(f"skybench_stars: light_curve must have shape (n, m), not {self.light_curve.shape}")
+        middle = directions[:, (self.keyframes - 1) // 2] + directions[:, self.keyframes // 2]
+        self.directions_at_middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+        self.dispersion_rad = array(props["dispersion_rad"], 2) if "dispersion_rad" in props else None
+        if self.dispersion_rad is not None and len(self.dispersion_rad) != self.count:
+            raise ValueError(
+                f"skybench_stars: dispersion_rad must have {self.count} rows, not {len(self.dispersion_rad)}"
+            )
         self.lowest_sine = float(props.get("horizon_sine", 0.0))
         self.behind_foreground = not bool(props.get("in_front", False))
         self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None

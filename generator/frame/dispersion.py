@@ -1,0 +1,49 @@
+"""Which points of light of a frame the air spreads visibly, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.frame.plan import FramePlan, refracting_air
+from generator.frame.star_truth import StarTruth
+from generator.light.photometry import GRID_START_NM, GRID_STOP_NM
+from generator.places.astrometry import Site
+from generator.places.dispersion import dispersion_deg, may_disperse
+from generator.plugins.scene_tensors import tensor
+
+Floats = NDArray[np.float64]
+
+BANDS = 12
+"""Equal bands of the spectral range, of 54 nm; a multiple of those of every point spread function."""
+LEAST_PX = 0.1
+"""Dispersion of a star from 350 to 1000 nm below which it is not drawn: centroids of blue and red stars then differ by some
+0.01 px, as a sensor's electrons come from a part of the range and their mean wavelengths differ by a tenth of it."""
+
+
+def dispersion_parameters(plan: FramePlan, directions: Floats) -> dict[str, Any]:
+    """The stars' parameter ``dispersion_rad`` for apparent directions (n, k, 3); nothing where no star's light is spread."""
+    place, f_px = plan.spec.site, plan.spec.camera.f_px
+    site = Site(place.latitude_deg, place.longitude_deg, place.height_m)
+    air = refracting_air(plan.spec.atmosphere)
+    middle = directions[:, directions.shape[1] // 2]
+    altitude_deg = np.degrees(np.arcsin(np.clip(middle[:, 2], -1, 1)))
+    rows = np.flatnonzero(may_disperse(altitude_deg, float(np.degrees(LEAST_PX / f_px)), site, air))
+    if not len(rows):
+        return {}
+    edges = np.linspace(GRID_START_NM, GRID_STOP_NM, BANDS + 1)
+    lift = np.radians(dispersion_deg(altitude_deg[rows], (edges[1:] + edges[:-1]) / 2, site, air))
+    seen = np.ptp(lift, axis=1) * f_px > LEAST_PX
+    if not seen.any():
+        return {}
+    result = np.zeros((len(directions), BANDS))
+    result[rows[seen]] = lift[seen]
+    return {"dispersion_rad": tensor(result)}
+
+
+def with_dispersion(truth: StarTruth, shift_px: Floats) -> StarTruth:
+    """Truth whose centroids of the light have the mean shift (n, 2) of the light by dispersion."""
+    return replace(truth, light_px=truth.light_px + shift_px)
