@@ -180,7 +180,7 @@ def generate(
     from generator.dataset.layout import DatasetSpec, natural_shard_size
     from generator.dataset.run import Part
     from generator.dataset.shard import ShardReport
-    from generator.frame.contradictions import contradictions_of
+    from generator.scenario.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 

@@ -48,7 +48,7 @@ def render(
     Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command, and
     what `skybench verify DIR` names is made again.
     """
-    from generator.frame.contradictions import contradictions_of
+    from generator.scenario.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 

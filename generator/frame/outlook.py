@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow.compute as pc
 from sgp4.api import Satrec
 
-from generator.frame.contradictions import contradictions
 from generator.frame.record import VISIBLE_SNR, pointing_object, visible_stars
 from generator.frame.render import RenderedFrame
 from generator.places.times import Instant
 from generator.scenario.camera_spec import CameraSpec
+from generator.scenario.contradictions import contradictions
 from generator.scenario.foreground_spec import TleSpec
 from generator.scenario.model import FrameSpec
 from generator.scenario.sensor_spec import SensorSpec

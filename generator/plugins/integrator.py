@@ -44,7 +44,6 @@ from generator.plugins.landscape import PIXEL_SAMPLES, texture
 from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
-from generator.plugins.star_dispersion import by_band, dispersed
 from generator.plugins.star_splats import (
     UINT64,
     UNITS_PER_ELECTRON,
@@ -52,7 +51,7 @@ from generator.plugins.star_splats import (
     splat_atlas,
     splat_gaussian,
 )
-from generator.plugins.star_tracks import StarTracks, follow_stars
+from generator.plugins.star_tracks import StarTracks, by_band, dispersed, follow_stars
 from generator.plugins.stars import StarEmitter
 
 PSF_RADIUS_SIGMAS = 6.0
