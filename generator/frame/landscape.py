@@ -223,10 +223,10 @@ def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) ->
     direct = np.zeros(len(GRID_NM))
     if shines:
         atmosphere = dimming_atmosphere(plan.spec.atmosphere)
-        depth = 0.0 if state.clouds is None else float(state.clouds.slant_depth(state.moon_enu[None])[0])
+        through = 1.0 if state.clouds is None else float(state.clouds.point_transmission(state.moon_enu[None])[0])
         path = float(airmass(state.moon_altitude_deg))
         loss = 0.0 if atmosphere is None else path * depth_per_airmass(GRID_NM, atmosphere, np.array([path]))[0]
-        direct = star_spectra([state.moon_v_mag], [MOON_BV_MAG])[0] * np.exp(-loss - depth)
+        direct = star_spectra([state.moon_v_mag], [MOON_BV_MAG])[0] * through * np.exp(-loss)
     return SkyLight(maps, spectra, state.moon_enu, direct)
 
 
