@@ -124,6 +124,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
             "zenith_mag_arcsec2": expected.zenith_mag_arcsec2,
             "components": list(spec.sky.active_components),
             "horizon_altitude_deg": plan.horizon.altitude_deg,
+            "clouds": clouds_object(plan),
             "sun_altitude_deg": plan.sky.sun_altitude_deg,
             "moon_altitude_deg": plan.sky.moon_altitude_deg,
             "moon_phase_angle_deg": plan.sky.moon.phase_angle_deg,
@@ -215,6 +216,20 @@ def sequence_object(passage: Passage) -> dict[str, Any]:
         "step": passage.step,
         "start_s": passage.start_s,
         "velocity_enu_m_s": (np.round(passage.velocity_enu_m_s, 9) + 0.0).tolist(),
+    }
+
+
+def clouds_object(plan: FramePlan) -> dict[str, Any] | None:
+    """The layer of cloud over a frame, with the depth that was drawn for its night; None without cloud."""
+    spec, clouds = plan.spec.sky.clouds, plan.sky.clouds
+    if spec is None or clouds is None:
+        return None
+    return {
+        "kind": spec.kind,
+        "altitude_km": spec.altitude_km,
+        "coverage": spec.coverage,
+        "mean_optical_depth": clouds.pattern.mean_depth,
+        "point_share": clouds.point_share,
     }
 
 

@@ -91,12 +91,15 @@ class CloudPattern:
         Rows go north, columns east, COARSE_CELL_KM and FINE_CELL_KM apart.
     threshold, scale : float
         Depth is scale x (coarse + fine - threshold), or zero.
+    mean_depth : float
+        Mean optical depth, clear parts included.
     """
 
     coarse: NDArray[np.float32]
     fine: NDArray[np.float32]
     threshold: float
     scale: float
+    mean_depth: float
 
     def depth(self, north_km: Floats, east_km: Floats) -> Floats:
         """Vertical optical depth at places on the layer: bilinear in both tiles."""
@@ -239,7 +242,7 @@ def cloud_pattern(
     # Mean over the fine field, which is Gaussian, of what stands above the threshold.
     above = (coarse.astype(float) - threshold) / fine_sigma
     mean = float(np.mean(fine_sigma * (norm.pdf(above) + above * norm.cdf(above))))
-    return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12))
+    return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12), mean_optical_depth)
 
 
 def diffuse_transmission(depth: ArrayLike) -> Floats:

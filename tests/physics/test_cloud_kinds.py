@@ -11,6 +11,7 @@ from small_scenes import small_scenario
 from generator import plugins
 from generator.errors import GeneratorError
 from generator.frame.plan import plan_frame
+from generator.frame.record import clouds_object
 from generator.frame.scene import frame_layers
 from generator.light.cloud_kinds import CLOUD_KINDS, WAVELENGTH_UM, point_share
 from generator.places.times import Instant
@@ -117,6 +118,16 @@ def test_each_day_has_its_own_cloud_of_a_kind() -> None:
     assert first.pattern is same.pattern
     assert first.pattern.scale != other.pattern.scale
     assert same.east_km - first.east_km == pytest.approx(12.0 * 3.6)
+
+
+def test_the_record_states_the_cloud_s_drawn_depth() -> None:
+    plan = plan_frame(small_scenario(sky={"bortle": 4, "clouds": {"kind": "cirrus"}}), 0)
+    cloud = clouds_object(plan)
+    assert cloud is not None
+    assert cloud["kind"] == "cirrus"
+    assert cloud["mean_optical_depth"] == mean_depth(plan.spec.sky.clouds, 7, int(plan.utc_mid.mjd // 1))
+    assert 0.5 < cloud["point_share"] < 1
+    assert clouds_object(plan_frame(small_scenario(), 0)) is None
 
 
 def correlation_km(field: np.ndarray, cell_km: float, axis: int) -> float:
