@@ -76,14 +76,22 @@ def render(
 def bake(
     what: Annotated[
         str,
-        typer.Argument(help="moon, city, ground or all.", autocompletion=lambda: ["moon", "city", "ground", "all"]),
+        typer.Argument(
+            help="moon, city, ground, twilight or all.",
+            autocompletion=lambda: ["moon", "city", "ground", "twilight", "all"],
+        ),
     ] = "all",
     as_json: AsJson = False,
 ) -> None:
-    """Make the maps of Moon, city and ground light again, by radiative transfer (about five minutes on two cores)."""
+    """Make the maps of Moon, city, ground light and twilight again, by radiative transfer (some ten minutes on two cores)."""
     from generator.bake import make_maps
 
-    tasks = {"moon": make_maps.bake_moon, "city": make_maps.bake_city, "ground": make_maps.bake_ground}
+    tasks = {
+        "moon": make_maps.bake_moon,
+        "city": make_maps.bake_city,
+        "ground": make_maps.bake_ground,
+        "twilight": make_maps.bake_twilight,
+    }
     if what not in (*tasks, "all"):
         fail(ValueError(f"found {what!r}, expected one of all, {', '.join(tasks)}"))
     errors = {}

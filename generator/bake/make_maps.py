@@ -11,14 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.bake.smoothing import Axis, chosen_terms, design, evaluated, smooth, within_cells
+from generator.bake.fit_twilight import fitted
+from generator.bake.smoothing import chosen_terms, design, smooth, within_cells
 from generator.errors import GeneratorError
 from generator.files import atomic_path
 from generator.light.atmosphere import aerosol_optical_depth, rayleigh_optical_depth
-from generator.light.bake_grids import BakedAir, CityGrid, GroundGrid, MoonGrid, content_hash
+from generator.light.bake_grids import BakedAir, CityGrid, GroundGrid, MoonGrid, TwilightGrid, content_hash
 from generator.light.baked_maps import CITY_FILE, FOLDER, GROUND_FILE, MOON_FILE
+from generator.light.chebyshev import Axis, evaluated
 from generator.light.emission import PATTERNS
 from generator.light.single_scattering import moon_single, moon_single_in_layers
+from generator.light.twilight_map import TWILIGHT_FILE
 
 Floats = NDArray[np.float64]
 
@@ -160,4 +163,21 @@ def bake_city() -> float:
     values, error, _ = city_values(mean, walked_error)
     key = content_hash(BakedAir(), CityGrid())
     store(CITY_FILE, key, values=values, relative_error=error, walked=mean, walked_error=walked_error)
+    return float(np.median(error))
+
+
+def bake_twilight() -> float:
+    """Make the map of twilight scattered more than once; return the median relative error."""
+    walked, walked_error = run_worker("twilight")
+    return store_twilight(walked, walked_error)
+
+
+def store_twilight(walked: Floats, walked_error: Floats) -> float:
+    """Fit and store the walks of twilight; return the median relative error of the fit."""
+    # As the map holds them, so that the fit follows from the map.
+    walked_error = walked_error.astype(np.float16).astype(np.float64)
+    coefficients, error, _ = fitted(TwilightGrid(), walked, walked_error)
+    key = content_hash(BakedAir(), TwilightGrid())
+    arrays = {"relative_error": error, "walked": walked, "walked_error": walked_error}
+    store(TWILIGHT_FILE, key, coefficients=coefficients, **arrays)
     return float(np.median(error))

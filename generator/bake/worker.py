@@ -17,29 +17,41 @@ from numpy.typing import NDArray
 from generator import mitsuba_runtime
 from generator.errors import GeneratorError
 from generator.files import atomic_path
-from generator.light.bake_grids import BakedAir, CityGrid, Grid, GroundGrid, MoonGrid
+from generator.light.bake_grids import BakedAir, CityGrid, Grid, GroundGrid, MoonGrid, TwilightGrid
 
 Floats = NDArray[np.float64]
 VOLPATH_TASKS = ("furnace", "disk_of_lamps", "disk_beside", "disk_on_snow", "moonlit", "moonlit_snow")
 """Tasks of :mod:`generator.bake.volpath`."""
-GRIDS: dict[str, Grid] = {"moon": MoonGrid(), "city": CityGrid(), "ground": GroundGrid()}
+TWICE_TASK = "twice"
+"""Twilight scattered twice: :func:`generator.bake.twilight_walk.scattered_twice`."""
+GRIDS: dict[str, Grid] = {"moon": MoonGrid(), "city": CityGrid(), "ground": GroundGrid(), "twilight": TwilightGrid()}
+
+
+def shape_of(grid: Grid) -> tuple[int, ...]:
+    """Numbers of the values of what is walked through separately."""
+    if isinstance(grid, TwilightGrid):
+        axes = (grid.observer_km, grid.aerosol_tau, grid.rayleigh_tau, grid.view_altitude_deg)
+        return tuple(len(axis) for axis in axes)
+    return len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg)
 
 
 def random_walks(grid: Grid) -> tuple[Floats, Floats]:
-    """All pieces of a map: mean and relative error, (..., aerosol, wavelength, view altitude, ..., ...) arrays."""
-    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
+    """All pieces of a map: mean and relative error, arrays whose first axes are those of :func:`shape_of`."""
+    shape = shape_of(grid)
     pieces = [piece(grid, *index) for index in np.ndindex(shape)]
     means, errors = (np.array([part[k] for part in pieces]).reshape(*shape, *pieces[0][k].shape) for k in range(2))
     return means, errors
 
 
-def piece(grid: Grid, aerosol: int, wavelength: int, view: int) -> tuple[Floats, Floats]:
+def piece(grid: Grid, *index: int) -> tuple[Floats, Floats]:
     """One piece of a map, by its indices."""
     from generator.bake.tallies import city_piece, ground_piece, moon_piece
     from generator.bake.walk import Air
 
-    shape = (len(grid.aerosol_tau_550), len(grid.wavelength_nm), len(grid.view_altitude_deg))
-    seed = grid.seed * 1_000_003 + int(np.ravel_multi_index((aerosol, wavelength, view), shape)) * grid.batches
+    if isinstance(grid, TwilightGrid):
+        return shell_piece(grid, index)
+    seed = grid.seed * 1_000_003 + int(np.ravel_multi_index(index, shape_of(grid))) * grid.batches
+    aerosol, wavelength, view = index
     # Of light reflected once, as of all, the ground's share is a factor: the walks take a ground that loses nothing.
     ground = BakedAir() if not isinstance(grid, GroundGrid) else dataclasses.replace(BakedAir(), ground_albedo=1.0)
     air = Air(ground, grid.wavelength_nm[wavelength], grid.aerosol_tau_550[aerosol])
@@ -51,8 +63,19 @@ def piece(grid: Grid, aerosol: int, wavelength: int, view: int) -> tuple[Floats,
     return city_piece(air, grid, altitude, seed)
 
 
+def shell_piece(grid: TwilightGrid, index: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """One piece of the map of twilight."""
+    from generator.bake.shell_air import shell_air
+    from generator.bake.twilight_walk import twilight_piece
+
+    seed = grid.seed * 1_000_003 + int(np.ravel_multi_index(index, shape_of(grid))) * grid.batches
+    observer, aerosol, rayleigh, _ = index
+    air = shell_air(BakedAir(), grid.rayleigh_tau[rayleigh], grid.aerosol_tau[aerosol], grid.observer_km[observer])
+    return twilight_piece(air, grid, grid.view_altitude_deg[index[3]], seed)
+
+
 def main(task: str, out: Path, *index: str) -> None:
-    """Compute a map, one piece of it by its indices, or a task of VOLPATH_TASKS; write mean and error to `out`."""
+    """Compute a map, one piece of it by its indices, or another task; write mean and error to `out`."""
     os.environ[mitsuba_runtime.LLVM_VARIABLE] = mitsuba_runtime.find_llvm().path
     if task in VOLPATH_TASKS:
         import mitsuba
@@ -61,8 +84,12 @@ def main(task: str, out: Path, *index: str) -> None:
         from generator.bake import volpath
 
         mean, error = getattr(volpath, task)()
+    elif task == TWICE_TASK:
+        from generator.bake.twilight_walk import scattered_twice
+
+        mean, error = scattered_twice()
     elif task not in GRIDS:
-        raise GeneratorError(f"found task {task!r}, expected one of {', '.join([*VOLPATH_TASKS, *GRIDS])}")
+        raise GeneratorError(f"found task {task!r}, expected one of {', '.join([*VOLPATH_TASKS, TWICE_TASK, *GRIDS])}")
     elif index:
         mean, error = piece(GRIDS[task], *(int(part) for part in index))
     else:

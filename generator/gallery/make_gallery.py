@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from generator.gallery.fisheye import View, all_sky, plan_of
 from generator.gallery.light_plots import artificial_and_moon
 from generator.gallery.natural_plots import natural_sky
+from generator.gallery.twilight_plots import twilight_measured
 
 AUTUMN_NIGHT = "2020-09-15T20:30:00Z"
 JPEG = {"quality": 88}
@@ -58,6 +59,7 @@ def make_gallery(folder: Path) -> list[Path]:
     pictures.append(sheet(cloud_views(), 3, folder / "cloud_kinds.jpg", "Kinds of cloud over lamps and under the Moon"))
     pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
     pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
+    pictures.append(save(twilight_measured(), folder / "twilight_measured.jpg"))
     return pictures
 
 

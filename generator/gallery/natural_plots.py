@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from generator.gallery.twilight_plots import KOOMEN, KOOMEN_DEPRESSION, PARANAL, v_magnitude, with_night, zenith
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
 from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
@@ -28,7 +29,6 @@ from generator.sky.component import total, v_band
 from generator.sky.directions import sky_grid
 from generator.sky.moonlight import MOON_BV_MAG, moon_v_mag, moonlight
 from generator.sky.starlight import scattered_starlight
-from generator.sky.twilight import zenith_magnitude
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
 Floats = NDArray[np.float64]
@@ -50,12 +50,7 @@ MILKY_WAY = {-75: 20, -60: 24, -45: 30, -30: 47, -20: 70, -10: 131, -5: 167, 0: 
 """Median S10(V) over longitude of an all-sky star map at 550 nm (SkyMapMod)."""
 MILKY_WAY_RANGE = {0: (103, 260), 5: (81, 205)}
 """10 to 90 % of longitudes."""
-KOOMEN_DEPRESSION = [0, 3, 6, 9, 12, 15]
-KOOMEN = {
-    "Sacramento Peak": [7.74, 10.00, 14.14, 17.81, 20.30, 21.75],
-    "Maryland": [7.06, 9.25, 13.05, 17.06, 19.80, 20.99],
-}
-PATAT = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89, 15: 21.32}
+PATAT_V = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89, 15: 21.32}
 CRUMEY = {1: 6.25, 2: 6.17, 3: 6.05, 4: 5.87, 5: 5.63, 6: 5.33, 7: 5.04, 8: 4.83, 9: 4.78}
 
 
@@ -152,14 +147,17 @@ def _counted_once(axis: Any) -> None:
 
 
 def _twilight(axis: Any) -> None:
-    depression = np.linspace(0, 16, 100)
-    axis.plot(depression, [zenith_magnitude("V", d) for d in depression], label="skybench")
-    axis.plot(list(PATAT), list(PATAT.values()), "x", label="Patat 2006, Paranal")
-    for site, marker in zip(KOOMEN, "os", strict=True):
-        axis.plot(KOOMEN_DEPRESSION, KOOMEN[site], marker, mfc="none", label=f"Koomen 1952, {site}")
+    depression = np.linspace(0, 17.5, 36)
+    for name, (site, published) in KOOMEN.items():
+        ours = [with_night(v_magnitude(zenith(site, float(d))), 21.7) for d in depression]
+        (line,) = axis.plot(depression, ours, label=f"skybench, {name}")
+        axis.plot(KOOMEN_DEPRESSION, published, "o", color=line.get_color(), mfc="none", label="Koomen 1952")
+    ours = [with_night(v_magnitude(zenith(PARANAL, float(d))), 21.61) for d in depression]
+    (line,) = axis.plot(depression, ours, label="skybench, Paranal")
+    axis.plot(list(PATAT_V), list(PATAT_V.values()), "x", color=line.get_color(), label="Patat 2006")
     axis.set(xlabel="Sun's depression, deg", ylabel="zenith V mag/arcsec²", title="Twilight")
     axis.set_ylim(22.5, 2)
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=7)
 
 
 def _naked_eye(axis: Any) -> None:

@@ -135,7 +135,40 @@ class GroundGrid:
     city: CityGrid = CityGrid()
 
 
-Grid = MoonGrid | CityGrid | GroundGrid
+@dataclass(frozen=True)
+class TwilightGrid:
+    """Axes of the map of twilight scattered more than once, and how it is computed.
+
+    Monochromatic light depends on the air through its optical depths alone, so these are the axes instead of wavelength.
+
+    Attributes
+    ----------
+    observer_km : tuple of float
+        Heights above sea level, steps of the profiles' heights.
+    aerosol_tau : tuple of float
+        Above the observer.
+    rayleigh_tau : tuple of float
+        From sea level; from 1,100 to 345 nm.
+    view_altitude_deg, depression_deg, relative_azimuth_deg : tuple of float
+    ozone_tau : tuple of float
+    paths, batches : int
+        Paths of a batch, and batches, per height, aerosol, Rayleigh depth and view; each serves all places of the Sun.
+    seed : int
+    """
+
+    observer_km: Numbers = (0.0, 4.0, 12.0)
+    aerosol_tau: Numbers = (0.02, 0.1, 0.3)
+    rayleigh_tau: Numbers = (0.006, 0.015, 0.035, 0.08, 0.16, 0.32, 0.65)
+    view_altitude_deg: Numbers = (0.0, 2.0, 5.0, 10.0, 18.0, 30.0, 45.0, 65.0, 90.0)
+    depression_deg: Numbers = (0.0, 1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5, 12.0, 14.0, 16.0, 18.0)
+    relative_azimuth_deg: Numbers = (0.0, 25.0, 60.0, 100.0, 140.0, 180.0)
+    ozone_tau: Numbers = (0.0, 0.02, 0.05)
+    paths: int = 2_048
+    batches: int = 4
+    seed: int = 3
+
+
+Grid = MoonGrid | CityGrid | GroundGrid | TwilightGrid
 
 
 def content_hash(air: BakedAir, grid: Grid) -> str:

@@ -15,6 +15,7 @@ from generator.light.lamps import City
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
 from generator.light.stellar_spectra import star_spectra
 from generator.places.catalogue import load_catalogue
+from generator.places.ephemeris import AU_KM
 from generator.scenario.model import Component, SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
@@ -25,7 +26,7 @@ from generator.sky.directions import irradiance_weights
 from generator.sky.moonlight import MOON_BV_MAG, moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.state import SkyState
-from generator.sky.twilight import twilight
+from generator.sky.twilight import nodes_nm, twilight
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 from generator.sky.zodiacal import zodiacal
 
@@ -100,7 +101,14 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     if "moonlight" in active:
         layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere, spec.ground_albedo)
     if "twilight" in active:
-        layers["twilight"] = twilight(state.sun_enu)
+        layers["twilight"] = twilight(
+            state.sun_enu,
+            state.sun_depression_deg,
+            atmosphere,
+            state.height_m,
+            state.sun.distance_km / AU_KM,
+            albedo_at(spec.ground_albedo, nodes_nm()),
+        )
     if state.clouds is not None and layers:
         layers = _under_cloud(layers, cities, atmosphere, state, spec.ground_albedo)
     return layers

@@ -19,6 +19,8 @@ from generator.sky.moonlight import moon_v_mag
 
 Floats = NDArray[np.float64]
 
+NO_AIR = Air(0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True)
 class SkyState:
@@ -30,19 +32,27 @@ class SkyState:
     sun_icrs : (3,) array
     sun_enu, moon_enu : (3,) arrays
         Apparent.
+    sun_depression_deg : float
+        Of the Sun's true place below the horizontal, without refraction.
+    sun : Body
     moon : Body
     moon_v_mag : float
         Above the atmosphere.
     clouds : CloudField or None
+    height_m : float
+        Of the site.
     """
 
     icrs_from_enu: Floats
     sun_icrs: Floats
     sun_enu: Floats
     moon_enu: Floats
+    sun_depression_deg: float
+    sun: Body
     moon: Body
     moon_v_mag: float
     clouds: CloudField | None
+    height_m: float
 
     @property
     def sun_altitude_deg(self) -> float:
@@ -106,14 +116,18 @@ def sky_state(
 ) -> SkyState:
     """State of the sky at an instant; `under`: in a sequence, for others the wind blows since midnight."""
     sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
+    true_sun = apparent_enu(sun, site, instant, orientation, NO_AIR)
     return SkyState(
         icrs_from_enu=icrs_from_enu(site, instant, orientation),
         sun_icrs=sun.icrs,
         sun_enu=apparent_enu(sun, site, instant, orientation, air),
         moon_enu=apparent_enu(moon, site, instant, orientation, air),
+        sun_depression_deg=-float(np.degrees(np.arcsin(true_sun[2]))),
+        sun=sun,
         moon=moon,
         moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),
         clouds=drifted_clouds(clouds, under or UnderClouds.since_midnight(instant), seed, shutter) if clouds else None,
+        height_m=site.height_m,
     )
 
 

@@ -1,95 +1,173 @@
-"""Twilight: measured zenith brightness in five bands, brighter towards the Sun."""
+"""Twilight: sunlight scattered by the air above the Earth's shadow, as a field of radiance by direction and wavelength."""
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
 from generator.errors import GeneratorError
-from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM
-from generator.sky.component import SkyTable, black_sky
+from generator.light.air_profiles import STEP_KM
+from generator.light.atmosphere import (
+    STANDARD_PRESSURE_HPA,
+    Atmosphere,
+    aerosol_optical_depth,
+    ozone_optical_depth,
+    rayleigh_optical_depth,
+    standard_pressure_hpa,
+)  # fmt: skip
+from generator.light.bake_grids import BakedAir, TwilightGrid
+from generator.light.photometry import GRID_NM
+from generator.light.solar_beam import solar_beam
+from generator.light.stellar_spectra import star_spectra
+from generator.light.twilight_map import twilight_multiple
+from generator.light.twilight_single import TwilightDepths, twilight_single
+from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
+from generator.sky.sunlight import SUN_BV_MAG
 
-Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Floats = NDArray[np.float64]
 
-# Zenith brightness m = a0 + a1 (z - 95) + a2 (z - 95)^2, mag/arcsec^2, for the Sun's zenith distance z from 95 to 105 deg.
-# Source: Patat, Ugolnikov & Postylyakov 2006, A&A 455, 385, table 1.
-PATAT = {
-    "U": (11.78, 1.376, -0.039),
-    "B": (11.84, 1.411, -0.041),
-    "V": (11.84, 1.518, -0.057),
-    "R": (11.40, 1.567, -0.064),
-    "I": (10.93, 1.470, -0.062),
-}
-NIGHT_MAG = {"U": 22.28, "B": 22.64, "V": 21.61, "R": 20.87, "I": 19.71}
-"""Night sky of the same site, which is in those figures. Source: Patat 2003, A&A 400, 1183."""
-EFFECTIVE_NM = {"U": 360.0, "B": 438.0, "V": 545.0, "R": 641.0, "I": 798.0}
-ZERO_POINTS = {"U": 756e5, "B": 1393.5e5, "V": 995.9e5, "R": 702.5e5, "I": 452.3e5}
-"""Photons s^-1 m^-2 nm^-1 of magnitude 0. Source: Bessell, Castelli & Plez 1998, A&A 333, 231."""
-
-SUNSET_V_MAG, CIVIL_V_MAG = 7.4, 9.6
-"""Zenith at Sun depressions of 0 and 3 deg: mean of Koomen et al. 1952, J. Opt. Soc. Am. 42, 353 (two sites)."""
-NIGHT_DEPRESSION_DEG = 16.0
-"""The Sun this deep adds nothing: Patat et al. find the night level at 105 to 106 deg."""
+SUN_V_MAG = -26.76
+"""At 1 au. Source: Willmer 2018, ApJS 236, 47."""
+NIGHT_DEPRESSION_DEG = 18.0
+"""The Sun this deep adds less than 1 % to the darkest sky: astronomical twilight ends."""
+GROUND_ALBEDO = BakedAir().ground_albedo
+RANK = 10
+_NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
+_AZIMUTHS_DEG: Floats = np.array([0, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
+_ROW_STEP = 10
 
 
-def zenith_magnitude(band: str, depression_deg: float) -> float:
-    """Brightness of the zenith in twilight, night sky included, mag/arcsec^2, of the Sun `depression_deg` below the horizon.
+@functools.cache
+def nodes_nm() -> Floats:
+    """Wavelengths of the radiative transfer, within the grid's."""
+    first, last = GRID_NM[0], GRID_NM[-1]
+    return np.array([first, *(node for node in _NODES_NM if first < node < last), last])
 
-    Above 5 deg of depression, where Patat's figures begin, V follows Koomen's measurements and the colour stays.
+
+def twilight_depths(wavelength_nm: Floats, atmosphere: Atmosphere, height_km: float) -> TwilightDepths:
+    """Optical depths of a scenario's air, whose pressure at the observer fixes its density at all heights."""
+    sea_level_hpa = STANDARD_PRESSURE_HPA * atmosphere.pressure_hpa / float(standard_pressure_hpa(1000 * height_km))
+    return TwilightDepths(
+        rayleigh_optical_depth(wavelength_nm, sea_level_hpa),
+        aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent),
+        ozone_optical_depth(wavelength_nm, atmosphere.ozone_du),
+    )
+
+
+def twilight_field(
+    depression_deg: float,
+    atmosphere: Atmosphere,
+    height_km: float,
+    altitude_deg: Floats,
+    relative_azimuth_deg: Floats,
+    ground_albedo: ArrayLike = GROUND_ALBEDO,
+) -> Floats:
+    """Radiance by twilight per unit solar irradiance above the air, sr^-1.
+
+    Sunlight scattered once is integrated along each line of sight through spherical shells, with the Sun's rays bent and
+    spread by refraction; light scattered more often is the baked map of random walks through the same shells. Both are
+    computed at some wavelengths; in between, the light that has lost none to ozone is interpolated in its logarithm, and
+    ozone applied along the light's mean path.
+
+    Parameters
+    ----------
+    depression_deg : float
+        Of the Sun's true place, 0 to 18.
+    atmosphere : Atmosphere
+    height_km : float
+        Of the observer above sea level.
+    altitude_deg, relative_azimuth_deg : (m,), (k,) arrays
+        Of the lines of sight, from the horizontal up; azimuths from the Sun's, 0 to 180.
+    ground_albedo : float or (n,) array
+        At :func:`nodes_nm`.
+
+    Returns
+    -------
+    (m, k, n) array
+        At GRID_NM.
     """
-    a0, a1, a2 = PATAT[band]
-    if depression_deg < 5:
-        v = float(np.interp(depression_deg, [0, 3, 5], [SUNSET_V_MAG, CIVIL_V_MAG, PATAT["V"][0]]))
-        return v + a0 - PATAT["V"][0]
-    x = min(depression_deg, NIGHT_DEPRESSION_DEG) - 5
-    return a0 + a1 * x + a2 * x * x
+    nodes = nodes_nm()
+    observer = min(max(height_km, 0.0), TwilightGrid().observer_km[-1])
+    floor = round(observer / STEP_KM) * STEP_KM
+    depths = twilight_depths(nodes, atmosphere, height_km)
+    albedo = np.broadcast_to(np.asarray(ground_albedo, float), nodes.shape)
+    once = twilight_single(
+        solar_beam(floor), depths, observer, depression_deg, altitude_deg, relative_azimuth_deg, floor, BakedAir()
+    )
+    more = twilight_multiple(depths, observer, depression_deg, altitude_deg, relative_azimuth_deg, albedo)
+    light = once.radiance + more.radiance
+    path = (once.radiance * once.ozone_path + more.radiance * more.ozone_path) / light
+    without_ozone = np.log(light) + depths.ozone[:, None, None] * path
+    between = _interpolation(nodes)
+    ozone = ozone_optical_depth(GRID_NM, atmosphere.ozone_du)
+    flat = [between @ part.reshape(len(nodes), -1) for part in (without_ozone, path)]
+    result: Floats = np.exp(flat[0] - ozone[:, None] * flat[1]).T.reshape(*light.shape[1:], len(GRID_NM))
+    return result
 
 
-def zenith_spectrum(depression_deg: float) -> Floats:
-    """Radiance of the zenith by twilight alone, photons s^-1 m^-2 nm^-1 sr^-1 at GRID_NM.
-
-    Through the five bands' photon radiances less the night's, linear in the logarithm, with the V-band mean exact.
-    """
-    if depression_deg >= NIGHT_DEPRESSION_DEG:
-        return np.zeros_like(GRID_NM)
-    light = {}
-    for band in PATAT:
-        excess = 10 ** (-0.4 * zenith_magnitude(band, depression_deg)) - 10 ** (-0.4 * NIGHT_MAG[band])
-        light[band] = ZERO_POINTS[band] * ARCSEC2_PER_SR * excess
-    if light["V"] <= 0:
-        return np.zeros_like(GRID_NM)
-    # Near the end of twilight a band may fall below its night level within the fit's 0.2 mag: it keeps the V band's share.
-    floor = 0.05 * light["V"]
-    values = [max(light[band], floor) for band in EFFECTIVE_NM]
-    spectrum = np.exp(np.interp(GRID_NM, list(EFFECTIVE_NM.values()), np.log(values)))
-    return spectrum * light["V"] / float(BESSELL_V.mean(GRID_NM, spectrum))
+def _interpolation(nodes: Floats) -> Floats:
+    """Weights (n, nodes) of linear interpolation in the logarithm of wavelength."""
+    return np.array([np.interp(np.log(GRID_NM), np.log(nodes), row) for row in np.eye(len(nodes))]).T
 
 
-def twilight(sun_enu: Floats) -> SkyTable:
-    """Twilight at the ground.
+@functools.cache
+def _azimuth_spline() -> CubicSpline:
+    """Cubics through the values at _AZIMUTHS_DEG, level on both sides of the Sun: weights of the nodes by azimuth."""
+    return CubicSpline(_AZIMUTHS_DEG, np.eye(len(_AZIMUTHS_DEG)), bc_type="clamped")
 
-    Away from the zenith the brightness goes as Schaefer's twilight formula: inversely as the distance from the Sun, times
-    the scattering path 1 - 10^(-0.4 k X), times 10^(0.4 z / (360 deg k)) towards the horizon. Source: Schaefer 1998, Sky &
-    Telescope 95 (5), 57; k = 0.2.
+
+def twilight(
+    sun_enu: Floats,
+    depression_deg: float,
+    atmosphere: Atmosphere | None,
+    height_m: float,
+    sun_distance_au: float = 1.0,
+    ground_albedo: ArrayLike = GROUND_ALBEDO,
+) -> SkyTable:
+    """Twilight at the observer; black without air, and when the Sun is 18 deg or more below the horizon.
+
+    Parameters
+    ----------
+    sun_enu : (3,) array
+        Apparent direction.
+    depression_deg : float
+        Of the Sun's true place, without refraction.
+    atmosphere : Atmosphere or None
+    height_m : float
+        Of the observer.
+    sun_distance_au : float
+    ground_albedo : float or (n,) array
+        At :func:`nodes_nm`.
 
     Raises
     ------
     GeneratorError
         The Sun is up.
     """
-    depression = -float(np.degrees(np.arcsin(sun_enu[2])))
-    if depression >= NIGHT_DEPRESSION_DEG:
+    if atmosphere is None or depression_deg >= NIGHT_DEPRESSION_DEG:
         return black_sky()
-    if depression < 0:
+    altitude = float(np.degrees(np.arcsin(sun_enu[2])))
+    if altitude > 0:
         raise GeneratorError(
-            f"the Sun is {-depression:.1f} deg above the horizon at this time and place; choose a time between sunset and "
+            f"the Sun is {altitude:.1f} deg above the horizon at this time and place; choose a time between sunset and "
             "sunrise, or leave 'twilight' out of sky.components"
         )
     grid = sky_grid()
-    k = 0.2
-    zenith_angle = 90 - grid.altitude_deg[:, None]
-    from_sun = np.degrees(np.arccos(np.clip(grid.enu @ sun_enu, -1, 1)))
-    path = 1 / (np.cos(np.radians(zenith_angle)) + 0.025 * np.exp(-11 * np.cos(np.radians(zenith_angle))))
-    shape = 10 ** (0.4 * zenith_angle / (360 * k)) * (1 - 10 ** (-0.4 * k * path)) / np.maximum(from_sun, 10)
-    shape = shape / shape[-1, 0]
-    return SkyTable(shape[None].astype(np.float32), zenith_spectrum(depression)[None])
+    rows = np.arange(0, grid.shape[0], _ROW_STEP)
+    light = twilight_field(
+        max(depression_deg, 0.0), atmosphere, height_m / 1000, grid.altitude_deg[rows], _AZIMUTHS_DEG, ground_albedo
+    )
+    # Overhead all azimuths are one direction.
+    light[-1] = np.exp(np.log(light[-1]).mean(axis=0))
+    maps, spectra = low_rank(light.reshape(-1, len(GRID_NM)), RANK)
+    azimuth = float(np.degrees(np.arctan2(sun_enu[0], sun_enu[1])))
+    relative = np.abs((grid.azimuth_deg - azimuth + 180) % 360 - 180)
+    sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG])[0]
+    coarse = maps.reshape(RANK, len(rows), len(_AZIMUTHS_DEG))
+    across = _azimuth_spline()(relative).T.astype(np.float32)
+    down = CubicSpline(rows, coarse, axis=1)(np.arange(grid.shape[0])).astype(np.float32)
+    return SkyTable(down @ across, spectra * sun)

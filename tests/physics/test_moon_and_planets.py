@@ -1,4 +1,4 @@
-"""Sun, Moon and planets against Skyfield; twilight against measurements; the Moon's disk."""
+"""Sun, Moon and planets against Skyfield; the Moon's disk."""
 
 import numpy as np
 import pytest
@@ -6,15 +6,13 @@ from skyfield.api import Loader, load_file, wgs84
 from skyfield.magnitudelib import planetary_magnitude
 from small_scenes import small_scenario
 
-from generator.errors import GeneratorError
 from generator.frame.moon_disk import moon_points
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
-from generator.light.photometry import BESSELL_V, GRID_NM, surface_brightness_from_radiance
+from generator.light.photometry import GRID_NM
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
 from generator.places.times import Instant, earth_orientation
-from generator.sky.twilight import twilight, zenith_magnitude, zenith_spectrum
 
 TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")
 SITE = Site(52.0, 4.36, 10.0)
@@ -127,49 +125,3 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     depth = slant_depth(GRID_NM, atmosphere, [float(airmass(plan.sky.moon_altitude_deg))])[0]
     electrons = np.trapezoid(spectrum * np.exp(-depth) * quantum_efficiency(plan.spec), GRID_NM)
     assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.01)
-
-
-PATAT_V = {5: 11.84, 6: 13.30, 8: 15.88, 9: 17.00, 10: 18.00, 12: 19.67, 14: 20.89, 15: 21.32}
-PATAT_B = {5: 11.84, 6: 13.21, 8: 15.70, 9: 16.83, 10: 17.87, 12: 19.71}
-
-
-@pytest.mark.parametrize(("depression", "published"), PATAT_V.items())
-def test_twilight_zenith_in_v(depression, published) -> None:
-    """Patat et al. 2006: 0.02 mag of the fit; the component alone is fainter than the sky, less than its night level."""
-    assert zenith_magnitude("V", depression) == pytest.approx(published, abs=0.02)
-    alone = float(surface_brightness_from_radiance(BESSELL_V.mean(GRID_NM, zenith_spectrum(depression))))
-    night = 10 ** (-0.4 * 21.61)
-    assert -2.5 * np.log10(10 ** (-0.4 * alone) + night) == pytest.approx(published, abs=0.02)
-
-
-@pytest.mark.parametrize(("depression", "published"), PATAT_B.items())
-def test_twilight_zenith_in_b(depression, published) -> None:
-    assert zenith_magnitude("B", depression) == pytest.approx(published, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("depression", "sacramento_peak", "maryland", "tolerance"),
-    [
-        (6, 14.14, 13.05, 1.0),
-        (9, 17.81, 17.06, 0.6),
-        (12, 20.30, 19.80, 0.6),
-        (3, 10.00, 9.25, 1.0),
-        (0, 7.74, 7.06, 1.0),
-    ],
-)
-def test_twilight_against_koomen(depression, sacramento_peak, maryland, tolerance) -> None:
-    """Koomen et al. 1952, mean of two sites: 1.0 mag at -6, 0.6 mag at -9 and -12."""
-    assert zenith_magnitude("V", depression) == pytest.approx((sacramento_peak + maryland) / 2, abs=tolerance)
-
-
-def test_twilight_is_brighter_towards_the_sun_and_gone_at_16_deg() -> None:
-    def sun(depression):
-        angle = np.radians(depression)
-        return np.array([0.0, np.cos(angle), -np.sin(angle)])
-
-    table = twilight(sun(9.0))
-    towards, away = table.v_mag_arcsec2(np.array([20.0, 20.0]), np.array([0.0, 180.0]))
-    assert towards < away - 0.5
-    assert twilight(sun(16.0)).maps.max() == 0
-    with pytest.raises(GeneratorError, match="Sun"):
-        twilight(sun(-1.0))

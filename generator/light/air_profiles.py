@@ -1,0 +1,81 @@
+"""Heights of the air, aerosol and ozone over a spherical Earth, for light whose path the Earth's curvature decides."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generator.light.atmosphere import GEOPOTENTIAL_RADIUS_M
+from generator.light.bake_grids import BakedAir
+
+Floats = NDArray[np.float64]
+
+EARTH_RADIUS_KM = 6371.0
+TOP_KM, STEP_KM = 100.0, 0.5
+HEIGHTS_KM: Floats = np.arange(0.0, TOP_KM + STEP_KM / 2, STEP_KM)
+"""Heights at which the profiles are tabulated; densities are exponential in between."""
+
+# Layers of the standard atmosphere: geopotential height of the base (km), temperature there (K), lapse rate (K/km).
+# Source: U.S. Standard Atmosphere 1976, table 4.
+_BASE_KM = np.array([0.0, 11.0, 20.0, 32.0, 47.0, 51.0, 71.0])
+_BASE_K = np.array([288.15, 216.65, 216.65, 228.65, 270.65, 270.65, 214.65])
+_LAPSE_K_KM = np.array([-6.5, 0.0, 1.0, 2.8, 0.0, -2.8, -2.0])
+_HYDROSTATIC_K_KM = 34.163195
+
+# Number of ozone molecules, 1e10 cm^-3, every 2 km from 2 to 74 km; its column is scaled to the scenario's.
+# Source: Krueger & Minzner 1976, J. Geophys. Res. 81, 4477 (middle latitudes).
+_OZONE = [
+    68, 58, 57, 65, 113, 202, 235, 295, 404, 477, 486, 454, 403, 324, 252, 203, 158, 122, 87.3, 60.7, 39.8, 27.4, 16.9, 10.3,
+    6.64, 3.84, 2.55, 1.61, 1.12, 0.733, 0.481, 0.317, 0.172, 0.075, 0.054, 0.022, 0.017,
+]  # fmt: skip
+_OZONE_KM: Floats = np.arange(2.0, 75.0, 2.0)
+
+
+def air_density(height_km: ArrayLike) -> Floats:
+    """Density of the standard atmosphere over that at sea level; isothermal above 84.9 km.
+
+    Source: U.S. Standard Atmosphere 1976, eqs. 18, 33.
+    """
+    height = np.asarray(height_km, float)
+    radius = GEOPOTENTIAL_RADIUS_M / 1000
+    geopotential = radius * height / (radius + height)
+    layer = np.clip(np.searchsorted(_BASE_KM, geopotential, side="right") - 1, 0, None)
+    pressure = np.array([1.0])
+    for k in range(len(_BASE_KM) - 1):
+        pressure = np.append(pressure, pressure[-1] * _pressure_ratio(np.array([k]), _BASE_KM[k + 1 : k + 2])[0])
+    capped = np.minimum(geopotential, 84.852)
+    beyond = np.exp(-_HYDROSTATIC_K_KM * (geopotential - capped) / 186.946)
+    temperature = _BASE_K[layer] + _LAPSE_K_KM[layer] * (capped - _BASE_KM[layer])
+    return pressure[layer] * _pressure_ratio(layer, capped) * beyond * _BASE_K[0] / temperature
+
+
+def _pressure_ratio(layer: NDArray[np.intp], geopotential_km: Floats) -> Floats:
+    """Pressure over that at the base of the layer."""
+    base, lapse = _BASE_K[layer], _LAPSE_K_KM[layer]
+    above = geopotential_km - _BASE_KM[layer]
+    steady = lapse == 0
+    slope = np.where(steady, 1.0, lapse)
+    power = (base / (base + slope * above)) ** (_HYDROSTATIC_K_KM / slope)
+    return np.where(steady, np.exp(-_HYDROSTATIC_K_KM * above / base), power)
+
+
+def column_densities(floor_km: float) -> Floats:
+    """Densities of air, aerosol and ozone at HEIGHTS_KM, per km, (3, n) array.
+
+    Air and ozone have a vertical column of 1 above sea level. Aerosol has one of 1 above `floor_km`, decreases with the
+    scale height of the bake above it, and is even below: a mountain's haze is measured above the mountain.
+    """
+    aerosol_height = BakedAir().aerosol_height_km
+    air = air_density(HEIGHTS_KM)
+    ozone = np.exp(np.interp(HEIGHTS_KM, _OZONE_KM, np.log(_OZONE)))
+    # Above the table the density falls as it does at its end.
+    ozone = ozone * np.exp(-np.maximum(HEIGHTS_KM - _OZONE_KM[-1], 0) / 4.0)
+    aerosol = np.exp(-np.maximum(HEIGHTS_KM - floor_km, 0) / aerosol_height) / aerosol_height
+    return np.stack([air / _column(air), aerosol, ozone / _column(ozone)])
+
+
+def _column(density: Floats) -> float:
+    """Integral over HEIGHTS_KM of a density that is exponential in between."""
+    low, high = density[:-1], density[1:]
+    return float(np.sum(STEP_KM * (low - high) / np.log(np.where(low == high, np.e, low / high)) * (low != high)
+                        + STEP_KM * low * (low == high)))  # fmt: skip

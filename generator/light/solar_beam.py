@@ -1,0 +1,126 @@
+"""Sunlight within the air of a spherical Earth: what it has crossed, and how refraction spreads it.
+
+By Bouguer's law a ray keeps n r sin(angle from the vertical). Rays of all such invariants are followed from outside through
+shells; at each height they tell which columns the light has crossed by the Sun's true zenith distance there, and how the
+irradiance across the ray changes: by the square of n times d cos(apparent) / d cos(true zenith distance).
+Source: Rozenberg 1966, "Twilight", chapter 2; Smart 1977, "Spherical Astronomy", section 36.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.light.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
+
+Floats = NDArray[np.float64]
+
+SEA_LEVEL_REFRACTIVITY = 2.78e-4
+"""Of the standard atmosphere at 550 nm. Source: Ciddor 1996, Appl. Opt. 35, 1566."""
+LEAST_DEG, MOST_DEG, STEP_DEG = 80.0, 103.0, 0.05
+ZENITH_DISTANCES_DEG: Floats = np.arange(LEAST_DEG, MOST_DEG + STEP_DEG / 2, STEP_DEG)
+"""Sun's true zenith distances at the place that is lit; smaller ones take the columns of the first."""
+OPAQUE = 1e4
+"""Column in the Earth's shadow."""
+GAUSS_POINTS = 6
+# Rays that end on the ground would touch spheres of less than the Earth's radius: by how much less, km.
+_SUNK_KM = np.concatenate([-np.geomspace(120.0, 0.02, 60)])
+
+
+@dataclass(frozen=True)
+class SolarBeam:
+    """Sunlight by height and the Sun's true zenith distance there, on HEIGHTS_KM x ZENITH_DISTANCES_DEG.
+
+    Attributes
+    ----------
+    columns : (h, z, 3) array
+        Of air, aerosol and ozone that the light has crossed, over their vertical columns; OPAQUE in the Earth's shadow.
+    log_focus : (h, z) array
+        Logarithm of the irradiance across the ray over that above the air, by refraction alone.
+    """
+
+    columns: Floats
+    log_focus: Floats
+
+    @functools.cached_property
+    def logs(self) -> Floats:
+        """Logarithms of the columns and of the focus, (h, z, 4) array: nearly linear between the nodes."""
+        return np.concatenate([np.log(np.maximum(self.columns, 1e-12)), self.log_focus[..., None]], axis=2)
+
+
+@functools.lru_cache(maxsize=8)
+def solar_beam(floor_km: float, refractivity: float = SEA_LEVEL_REFRACTIVITY) -> SolarBeam:
+    """Follow the rays of the Sun; takes about a tenth of a second.
+
+    Parameters
+    ----------
+    floor_km : float
+        Below it the aerosol is even (see :func:`generator.light.air_profiles.column_densities`).
+    refractivity : float
+        n - 1 at sea level; it goes as the density of the air.
+    """
+    density = column_densities(floor_km)
+    lowest = np.concatenate([_SUNK_KM, HEIGHTS_KM[:-1]])
+    n_nodes = 1 + refractivity * density[0] / density[0, 0]
+    index = 1 + refractivity * np.exp(np.interp(lowest, HEIGHTS_KM, np.log(density[0] / density[0, 0])))
+    invariant = index * (EARTH_RADIUS_KM + lowest)
+    angle, columns = _along_rays(lowest, invariant, density, refractivity)
+    to_space = np.arcsin(np.minimum(invariant / (EARTH_RADIUS_KM + TOP_KM), 1))
+    whole_angle, whole = angle[:, -1] + to_space, columns[:, :, -1]
+    touches = lowest >= 0
+    shape = (len(HEIGHTS_KM), len(ZENITH_DISTANCES_DEG))
+    found, focus = np.full((*shape, 3), OPAQUE), np.zeros(shape)
+    for k, height in enumerate(HEIGHTS_KM):
+        below = lowest <= height
+        # Before its lowest place a ray has less of its angle and columns behind it than after.
+        after = np.flatnonzero(below & touches)[::-1]
+        before = np.flatnonzero(below & (lowest < height))
+        true = np.concatenate([(whole_angle - angle[:, k])[before], (whole_angle + angle[:, k])[after]])
+        crossed = np.concatenate([(whole - columns[:, :, k])[before], (whole + columns[:, :, k])[after]])
+        sine = np.minimum(invariant / (n_nodes[k] * (EARTH_RADIUS_KM + height)), 1.0)
+        cosine = np.sqrt(1 - sine**2)
+        apparent = np.concatenate([cosine[before], -cosine[after]])
+        spread = np.log(n_nodes[k] ** 2 * np.gradient(apparent, np.cos(true)))
+        degrees = np.degrees(true)
+        lit = degrees[-1] >= ZENITH_DISTANCES_DEG
+        for part in range(3):
+            found[k, lit, part] = np.interp(ZENITH_DISTANCES_DEG[lit], degrees, crossed[:, part])
+        focus[k, lit] = np.interp(ZENITH_DISTANCES_DEG[lit], degrees, spread)
+    return SolarBeam(found, focus)
+
+
+def _along_rays(lowest: Floats, invariant: Floats, density: Floats, refractivity: float) -> tuple[Floats, Floats]:
+    """Angle at the Earth's centre, and columns, from the lowest place of each ray (or the ground) up to HEIGHTS_KM.
+
+    Returns
+    -------
+    angle : (rays, h) array
+        Radians; 0 at heights that a ray does not reach.
+    columns : (rays, 3, h) array
+    """
+    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    # In the root of the height above the lowest place the integrands are smooth where the ray is horizontal.
+    root = np.sqrt(np.maximum(HEIGHTS_KM - lowest[:, None], 0))
+    middle, half = (root[:, 1:] + root[:, :-1]) / 2, np.diff(root) / 2
+    y = middle[:, :, None] + half[:, :, None] * node
+    height = np.clip(lowest[:, None, None] + y**2, 0, TOP_KM)
+    place = height / STEP_KM
+    cell = np.minimum(place.astype(np.intp), len(HEIGHTS_KM) - 2)
+    logs = np.log(density)
+    at = [np.exp(row[cell] + (place - cell) * np.diff(row)[cell]) for row in logs]
+    radius = EARTH_RADIUS_KM + height
+    index = 1 + refractivity * at[0] / density[0, 0]
+    optical = index * radius
+    b = invariant[:, None, None]
+    slope = np.sqrt(np.maximum((optical - b) * (optical + b), 1e-9))
+    per_root = 2 * y * half[:, :, None] * weight
+    angle = np.sum(per_root * b / (radius * slope), axis=-1)
+    columns = np.stack([np.sum(per_root * row * optical / slope, axis=-1) for row in at], axis=1)
+    zero = np.zeros((len(lowest), 1))
+    return (
+        np.concatenate([zero, np.cumsum(angle, axis=1)], axis=1),
+        np.concatenate([np.zeros((len(lowest), 3, 1)), np.cumsum(columns, axis=2)], axis=2),
+    )
