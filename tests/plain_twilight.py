@@ -41,7 +41,8 @@ class PlainAir:
     def __init__(self, rayleigh, aerosol):
         self.rayleigh, self.aerosol = rayleigh, aerosol
         angle = np.arange(SUN_FROM_DEG, SUN_TO_DEG, SUN_STEP_DEG)
-        air, haze = slant_columns(np.arange(0, TOP_KM + 0.1, 0.5)[:, None], np.cos(np.radians(angle)))
+        rows = [slant_columns(height, np.cos(np.radians(angle))) for height in np.arange(0, TOP_KM + 0.1, 0.5)]
+        air, haze = np.moveaxis(np.array(rows), 1, 0)
         self.log_sun = np.maximum(-rayleigh * air - aerosol * haze, -200)
 
     def sunlight(self, height_km, cosine):

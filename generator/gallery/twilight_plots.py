@@ -117,8 +117,10 @@ def _deviations(axis: Any, spectra: list[Floats]) -> None:
         ours = [with_night(v_magnitude(zenith(site, d)), 21.7) for d in KOOMEN_DEPRESSION]
         axis.plot(KOOMEN_DEPRESSION, np.subtract(ours, published), marker, color="C2", mfc="none",
                   label=f"V, Koomen 1952, {name}")  # fmt: skip
-    axis.set(xlabel="Sun's depression, deg", ylabel="skybench - measured, mag", title="Deviations overhead")
-    axis.legend(fontsize=7)
+    axis.set(
+        xlabel="Sun's depression, deg", ylabel="skybench - measured, mag", title="Deviations overhead", ylim=(-1.6, 1.2)
+    )
+    axis.legend(fontsize=6, loc="lower right", ncol=2)
 
 
 def _colour(axis: Any, spectra: list[Floats]) -> None:
@@ -133,8 +135,13 @@ def _colour(axis: Any, spectra: list[Floats]) -> None:
     alone = [10 ** (-0.4 * patat_magnitude(b, x)) - 10 ** (-0.4 * NIGHT_MAG[b]) for b in "BV"]
     axis.plot(x, -2.5 * np.log10(alone[0] / alone[1]), "kx", label="Patat 2006, night taken off")
     axis.axhline(SUN_BV_MAG, color="grey", lw=1, label="Sun")
-    axis.set(xlabel="Sun's depression, deg", ylabel="B-V, mag", title="Colour overhead: ozone keeps it blue")
-    axis.legend(fontsize=8)
+    axis.set(
+        xlabel="Sun's depression, deg",
+        ylabel="B-V, mag",
+        title="Colour overhead: ozone keeps it blue",
+        ylim=(-0.8, 1.3),
+    )
+    axis.legend(fontsize=8, loc="upper right")
 
 
 def _meridian(axis: Any) -> None:

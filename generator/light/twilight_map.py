@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 TWILIGHT_FILE: Path = FOLDER / "twilight.npz"
 TOTAL_DEGREE, GROUND_DEGREE = 9, 2
 """Largest sums of degrees, of the light and of its part that has met the ground."""
+OVERHEAD_DEG = 15.0
+"""Angle from the zenith within which differences between azimuths fade."""
+_AROUND_DEG: Floats = np.arange(15.0, 180.0, 30.0)
 _AXES = (("rayleigh", 5), ("altitude", 7), ("depression", 8), ("azimuth", 5))
 
 
@@ -100,7 +103,8 @@ def twilight_multiple(
     """
     grid, axes = TwilightGrid(), polynomial_axes(TwilightGrid())
     rayleigh = np.clip(depths.rayleigh, grid.rayleigh_tau[0], grid.rayleigh_tau[-1])
-    at = (rayleigh, np.maximum(altitude_deg, 0), np.array([depression_deg]), relative_azimuth_deg)
+    azimuth = np.append(relative_azimuth_deg, _AROUND_DEG)
+    at = (rayleigh, np.maximum(altitude_deg, 0), np.array([depression_deg]), azimuth)
     bases = [axis.basis(coordinates(name, v)) for (name, _), axis, v in zip(_AXES, axes, at, strict=True)]
     height = lagrange(np.array(grid.observer_km), min(max(observer_km, 0.0), grid.observer_km[-1]))
     haze = lagrange(np.sqrt(grid.aerosol_tau), np.sqrt(np.minimum(depths.aerosol, grid.aerosol_tau[-1])))
@@ -108,6 +112,10 @@ def twilight_multiple(
     # (aerosol, kind, rayleigh, altitude, azimuth), then the aerosol of each wavelength.
     tables = np.stack([np.stack([evaluated(kind, bases)[:, :, 0] for kind in each]) for each in at_height])
     logs = np.einsum("aw,akwvz->kwvz", haze, tables)
+    # Overhead all azimuths are one direction, which the fit does not know.
+    mean = logs[..., len(relative_azimuth_deg) :].mean(axis=-1, keepdims=True)
+    apart = np.minimum((90 - altitude_deg) / OVERHEAD_DEG, 1)[:, None]
+    logs = mean + (logs[..., : len(relative_azimuth_deg)] - mean) * apart
     nodes = np.array(grid.ozone_tau)
     light = np.exp(np.einsum("kw,kwvz->wvz", lagrange(nodes, depths.ozone), logs[:3]))
     path = -np.einsum("kw,kwvz->wvz", _slopes(nodes, depths.ozone), logs[:3])

@@ -38,7 +38,8 @@ GROUND_ALBEDO = BakedAir().ground_albedo
 RANK = 10
 _NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
 _AZIMUTHS_DEG: Floats = np.array([0, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
-_ROW_STEP = 10
+_ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 240])
+"""Of the sky's grid, closer where the light is steeper: near the horizon."""
 
 
 @functools.cache
@@ -157,7 +158,7 @@ def twilight(
             "sunrise, or leave 'twilight' out of sky.components"
         )
     grid = sky_grid()
-    rows = np.arange(0, grid.shape[0], _ROW_STEP)
+    rows = _ROWS
     light = twilight_field(
         max(depression_deg, 0.0), atmosphere, height_m / 1000, grid.altitude_deg[rows], _AZIMUTHS_DEG, ground_albedo
     )
