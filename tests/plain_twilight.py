@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from generator.light.air_profiles import air_density
 from generator.light.single_scattering import aerosol_phase, rayleigh_phase
+from generator.twilight.air_profiles import air_density
 
 RADIUS_KM, TOP_KM, HAZE_KM, HAZE_ALBEDO = 6371.0, 100.0, 1.5, 0.92
 HEIGHTS_KM = np.linspace(0, TOP_KM, 20_001)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from generator.bake.smoothing import chosen_terms, design, smooth
 from generator.light.bake_grids import TwilightGrid
 from generator.light.chebyshev import Axis
-from generator.light.twilight_map import GROUND_DEGREE, TOTAL_DEGREE, coordinates, polynomial_axes
+from generator.twilight.twilight_map import GROUND_DEGREE, TOTAL_DEGREE, coordinates, polynomial_axes
 
 Floats = NDArray[np.float64]
 

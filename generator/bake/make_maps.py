@@ -21,7 +21,7 @@ from generator.light.baked_maps import CITY_FILE, FOLDER, GROUND_FILE, MOON_FILE
 from generator.light.chebyshev import Axis, evaluated
 from generator.light.emission import PATTERNS
 from generator.light.single_scattering import moon_single, moon_single_in_layers
-from generator.light.twilight_map import TWILIGHT_FILE
+from generator.twilight.twilight_map import TWILIGHT_FILE
 
 Floats = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from drjit.llvm import Float, UInt32
 from numpy.typing import NDArray
 
 from generator.bake.walk import TABLE, lookup, phase_table
-from generator.light.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
 from generator.light.bake_grids import BakedAir
 from generator.light.single_scattering import aerosol_phase
-from generator.light.solar_beam import (
+from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
+from generator.twilight.solar_beam import (
     LEAST_DEG,
     OPAQUE,
     SEA_LEVEL_REFRACTIVITY,
@@ -85,7 +85,7 @@ class Ray:
 
 
 class ShellAir:
-    """Air of given optical depths; see :class:`generator.light.twilight_single.TwilightDepths`."""
+    """Air of given optical depths; see :class:`generator.twilight.twilight_single.TwilightDepths`."""
 
     def __init__(
         self,

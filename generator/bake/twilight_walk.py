@@ -1,7 +1,7 @@
 """Random walks of sunlight in the twilight, from the observer through spherical shells of air, with Dr.Jit.
 
 A walk serves all places of the Sun: the air is the same in all places of a height, so that the sunlight at a place depends on
-its height and the Sun's zenith distance there alone (:mod:`generator.light.solar_beam`). At each scattering of a path, and
+its height and the Sun's zenith distance there alone (:mod:`generator.twilight.solar_beam`). At each scattering of a path, and
 for each place of the Sun apart, a direction and a place along it are drawn at which sunlight is scattered into the path: most
 of them towards the horizon below which the Sun is, where the light of twilight comes from, the others by the phase function,
 joined by the balance heuristic (Veach & Guibas 1995, SIGGRAPH 95, 419).
@@ -28,8 +28,8 @@ from generator.bake.twilight_setting import (
     JUDGED_VIEWS_DEG,
 )  # fmt: skip
 from generator.bake.walk import Vector, lookup, random_numbers, rayleigh_cosine, turned
-from generator.light.air_profiles import EARTH_RADIUS_KM, TOP_KM
 from generator.light.bake_grids import BakedAir, TwilightGrid
+from generator.twilight.air_profiles import EARTH_RADIUS_KM, TOP_KM
 
 Floats = NDArray[np.float64]
 

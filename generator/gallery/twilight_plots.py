@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from generator.light.atmosphere import Atmosphere
 from generator.light.bake_grids import BakedAir
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_V, GRID_NM
-from generator.light.solar_beam import solar_beam
 from generator.light.stellar_spectra import star_spectra
-from generator.light.twilight_map import twilight_multiple
-from generator.light.twilight_single import twilight_single
 from generator.sky.sunlight import SUN_BV_MAG
 from generator.sky.twilight import SUN_V_MAG, twilight_depths, twilight_field
+from generator.twilight.solar_beam import solar_beam
+from generator.twilight.twilight_map import twilight_multiple
+from generator.twilight.twilight_single import twilight_single
 
 Floats = NDArray[np.float64]
 Site = tuple[Atmosphere, float]

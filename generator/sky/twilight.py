@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from generator.errors import GeneratorError
-from generator.light.air_profiles import STEP_KM
 from generator.light.atmosphere import (
     STANDARD_PRESSURE_HPA,
     Atmosphere,
@@ -20,13 +19,14 @@ from generator.light.atmosphere import (
 )  # fmt: skip
 from generator.light.bake_grids import BakedAir, TwilightGrid
 from generator.light.photometry import GRID_NM
-from generator.light.solar_beam import solar_beam
 from generator.light.stellar_spectra import star_spectra
-from generator.light.twilight_map import twilight_multiple
-from generator.light.twilight_single import TwilightDepths, twilight_single
 from generator.sky.component import SkyTable, black_sky, low_rank
 from generator.sky.directions import sky_grid
 from generator.sky.sunlight import SUN_BV_MAG
+from generator.twilight.air_profiles import STEP_KM
+from generator.twilight.solar_beam import solar_beam
+from generator.twilight.twilight_map import twilight_multiple
+from generator.twilight.twilight_single import TwilightDepths, twilight_single
 
 Floats = NDArray[np.float64]
 

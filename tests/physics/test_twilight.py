@@ -16,16 +16,16 @@ from generator.bake.twilight_setting import (
     JUDGED_VIEWS_DEG,
 )  # fmt: skip
 from generator.errors import GeneratorError
-from generator.light.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, TOP_KM, air_density, column_densities
 from generator.light.atmosphere import Atmosphere, standard_pressure_hpa
 from generator.light.bake_grids import BakedAir, TwilightGrid
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM
-from generator.light.solar_beam import OPAQUE, SEA_LEVEL_REFRACTIVITY, ZENITH_DISTANCES_DEG, solar_beam
 from generator.light.stellar_spectra import star_spectra
-from generator.light.twilight_map import TWILIGHT_FILE, twilight_map, twilight_multiple
-from generator.light.twilight_single import TwilightDepths, sun_directions, twilight_single
 from generator.sky.sunlight import SUN_BV_MAG
 from generator.sky.twilight import SUN_V_MAG, twilight, twilight_field
+from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, TOP_KM, air_density, column_densities
+from generator.twilight.solar_beam import OPAQUE, SEA_LEVEL_REFRACTIVITY, ZENITH_DISTANCES_DEG, solar_beam
+from generator.twilight.twilight_map import TWILIGHT_FILE, twilight_map, twilight_multiple
+from generator.twilight.twilight_single import TwilightDepths, sun_directions, twilight_single
 
 PARANAL = (Atmosphere(744.0, 0.04, 1.3, 260.0), 2.635)
 """Air and height, km. Source of the aerosol: Patat et al. 2011, A&A 527, A91."""
@@ -281,7 +281,7 @@ def test_twilight_ends_and_refuses_the_day() -> None:
 
 
 def test_map_of_the_sky_is_the_field() -> None:
-    """The table of a frame between its nodes against the field itself: within 2 % from 4 deg of altitude up and 7 % at 1 deg,
+    """The table of a frame between its nodes against the field itself: within 3 % from 4 deg of altitude up and 7 % at 1 deg,
     from sunset to 12 deg; the Sun's azimuth counts."""
     air, height = MARYLAND
     altitude, azimuth = np.array([1.3, 4.7, 12.0, 33.0, 71.0]), np.array([2.0, 33.0, 88.0, 131.0, 174.0])
@@ -295,5 +295,5 @@ def test_map_of_the_sky_is_the_field() -> None:
             grid = np.meshgrid(altitude, 70 + side * azimuth, indexing="ij")
             found = table.radiance(grid[0].ravel(), grid[1].ravel()).reshape(wanted.shape)
             visible = (GRID_NM >= 400) & (GRID_NM <= 900)
-            np.testing.assert_allclose(found[1:, :, visible], wanted[1:, :, visible], rtol=0.02)
+            np.testing.assert_allclose(found[1:, :, visible], wanted[1:, :, visible], rtol=0.03)
             np.testing.assert_allclose(found[0][..., visible], wanted[0][..., visible], rtol=0.07)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.light.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
 from generator.light.bake_grids import BakedAir
 from generator.light.single_scattering import aerosol_phase, rayleigh_phase
-from generator.light.solar_beam import (
+from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
+from generator.twilight.solar_beam import (
     LEAST_DEG,
     STEP_DEG,
     ZENITH_DISTANCES_DEG,

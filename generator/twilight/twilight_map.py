@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from generator.light.bake_grids import BakedAir, TwilightGrid, content_hash
 from generator.light.baked_maps import FOLDER, read
 from generator.light.chebyshev import Axis, evaluated
-from generator.light.twilight_single import ScatteredSunlight, TwilightDepths
+from generator.twilight.twilight_single import ScatteredSunlight, TwilightDepths
 
 Floats = NDArray[np.float64]
 
 TWILIGHT_FILE: Path = FOLDER / "twilight.npz"
 TOTAL_DEGREE, GROUND_DEGREE = 9, 2
 """Largest sums of degrees, of the light and of its part that has met the ground."""
-OVERHEAD_DEG = 15.0
+OVERHEAD_DEG = 20.0
 """Angle from the zenith within which differences between azimuths fade."""
 _AROUND_DEG: Floats = np.arange(15.0, 180.0, 30.0)
 _AXES = (("rayleigh", 5), ("altitude", 7), ("depression", 8), ("azimuth", 5))
@@ -115,6 +115,7 @@ def twilight_multiple(
     # Overhead all azimuths are one direction, which the fit does not know.
     mean = logs[..., len(relative_azimuth_deg) :].mean(axis=-1, keepdims=True)
     apart = np.minimum((90 - altitude_deg) / OVERHEAD_DEG, 1)[:, None]
+    apart = apart * (2 - apart)
     logs = mean + (logs[..., : len(relative_azimuth_deg)] - mean) * apart
     nodes = np.array(grid.ozone_tau)
     light = np.exp(np.einsum("kw,kwvz->wvz", lagrange(nodes, depths.ozone), logs[:3]))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.light.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
+from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, STEP_KM, TOP_KM, column_densities
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def solar_beam(floor_km: float, refractivity: float = SEA_LEVEL_REFRACTIVITY) ->
     Parameters
     ----------
     floor_km : float
-        Below it the aerosol is even (see :func:`generator.light.air_profiles.column_densities`).
+        Below it the aerosol is even (see :func:`generator.twilight.air_profiles.column_densities`).
     refractivity : float
         n - 1 at sea level; it goes as the density of the air.
     """
