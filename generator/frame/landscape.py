@@ -21,12 +21,10 @@ from generator.light.atmosphere import airmass
 from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.molecular_bands import depth_per_airmass
 from generator.light.photometry import GRID_NM
-from generator.light.stellar_spectra import star_spectra
 from generator.plugins.scene_tensors import tensor
 from generator.scenario.ground.landscape_spec import landscape_panorama
 from generator.sky.component import SkyTable, blas_threads
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
-from generator.sky.moonlight import MOON_BV_MAG
 
 Floats = NDArray[np.float64]
 
@@ -226,7 +224,7 @@ def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) ->
         through = 1.0 if state.clouds is None else float(state.clouds.point_transmission(state.moon_enu[None])[0])
         path = float(airmass(state.moon_altitude_deg))
         loss = 0.0 if atmosphere is None else path * depth_per_airmass(GRID_NM, atmosphere, np.array([path]))[0]
-        direct = star_spectra([state.moon_v_mag], [MOON_BV_MAG])[0] * through * np.exp(-loss)
+        direct = state.moon_spectrum * through * np.exp(-loss)
     return SkyLight(maps, spectra, state.moon_enu, direct)
 
 

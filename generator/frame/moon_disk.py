@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, airmass_to, level_or_up
-from generator.light.star_colours import usual_vi
 from generator.places.ephemeris import MOON_RADIUS_KM
-from generator.sky.moonlight import MOON_BV_MAG
+from generator.sky.moon_irradiance import earthshine_over_moonlight, moon_colours
 
 Floats = NDArray[np.float64]
 
@@ -25,9 +24,9 @@ POINTS_PER_PIXEL = 2.0
 
 
 def moon_points(
-    moon_enu: Floats, sun_enu: Floats, distance_km: float, phase_angle_deg: float, f_px: float
+    moon_enu: Floats, sun_enu: Floats, distance_km: float, phase_angle_deg: float, f_px: float, earthshine: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Points over the lit part of the Moon's disk.
+    """Points over the lit part of the Moon's disk, and over all of it where the Earth lights it.
 
     The lit part is uniform in brightness, as that of the full Moon nearly is (Lommel-Seeliger's law at small phase angles),
     and the terminator is where the Sun sets.
@@ -40,13 +39,15 @@ def moon_points(
     phase_angle_deg : float
     f_px : float
         Pixels per radian at the image centre; the points are half a pixel apart.
+    earthshine : float
+        Light of the whole disk, lit by the Earth, over that of its part lit by the Sun.
 
     Returns
     -------
     enu : (n, 3) array
         Unit vectors.
     share : (n,) array
-        Of the Moon's light; they add up to 1.
+        Of the Moon's light; they add up to 1 plus earthshine.
     """
     radius = math.asin(MOON_RADIUS_KM / distance_km)
     across = int(np.clip(math.ceil(2 * radius * f_px * POINTS_PER_PIXEL), FEWEST_ACROSS, MOST_ACROSS))
@@ -62,8 +63,10 @@ def moon_points(
     towards_sun = sun_enu - (sun_enu @ moon_enu) * moon_enu
     towards_sun /= np.linalg.norm(towards_sun)
     across_it = np.cross(moon_enu, towards_sun)
-    points = moon_enu + math.tan(radius) * (x[lit, None] * towards_sun + y[lit, None] * across_it)
-    return points / np.linalg.norm(points, axis=-1, keepdims=True), np.full(int(lit.sum()), 1 / lit.sum())
+    share = lit / lit.sum() + earthshine / len(lit)
+    shown = share > 0
+    points = moon_enu + math.tan(radius) * (x[shown, None] * towards_sun + y[shown, None] * across_it)
+    return points / np.linalg.norm(points, axis=-1, keepdims=True), share[shown]
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,16 @@ def point_lights(plan: FramePlan) -> PointLights:
     state, spec = plan.sky, plan.spec
     if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= plan.horizon.altitude_deg:
         return stars
+    phase = state.moon.phase_angle_deg
     enu, share = moon_points(
-        state.moon_enu, state.sun_enu, state.moon.distance_km, state.moon.phase_angle_deg, spec.camera.f_px
+        state.moon_enu,
+        state.sun_enu,
+        state.moon.distance_km,
+        phase,
+        spec.camera.f_px,
+        earthshine_over_moonlight(phase),
     )
+    bv_mag, vi_mag = moon_colours(phase)
     passed = np.ones(len(enu)) if state.clouds is None else state.clouds.point_transmission(level_or_up(enu))
     altitude = np.array(state.moon_altitude_deg)
     path = float(airmass_to(plan.horizon, altitude)) if spec.atmosphere.extinction else 0.0
@@ -101,7 +111,7 @@ def point_lights(plan: FramePlan) -> PointLights:
         np.concatenate(
             [stars.v_mag, state.moon_v_mag - 2.5 * np.log10(share * np.maximum(passed, LEAST_TRANSMISSION))]
         ),
-        np.concatenate([stars.bv_mag, np.full(len(enu), MOON_BV_MAG)]),
-        np.concatenate([stars.vi_mag, np.full(len(enu), usual_vi(MOON_BV_MAG))]),
+        np.concatenate([stars.bv_mag, np.full(len(enu), bv_mag)]),
+        np.concatenate([stars.vi_mag, np.full(len(enu), vi_mag)]),
         np.concatenate([stars.airmass, np.full(len(enu), path)]),
     )

@@ -17,7 +17,7 @@ from generator.seeds import random_stream
 from generator.sensor.charge import ParticleTracks
 from generator.sensor.detector import cosmic_rays, matched_filter_snr, streak_area_px
 from generator.sensor.effect import Exposure
-from generator.sky.moonlight import MOON_BV_MAG
+from generator.sky.moon_irradiance import moon_colours
 
 MOON_OBJECT = -1
 COSMIC_RAY_OBJECT = -2
@@ -74,7 +74,8 @@ def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     kind = [*objects.kind, *["lamp"] * len(lamps), *["moon"] * len(moon.electrons)]
     lamp_mag = lamp_v_mag(plan, lamps) if lamps else np.zeros(0)
     v_mag = np.concatenate([objects.v_mag, lamp_mag, np.full(len(moon.electrons), plan.sky.moon_v_mag)])
-    bv_mag = np.concatenate([objects.bv_mag, np.full(len(lamps), np.nan), np.full(len(moon.electrons), MOON_BV_MAG)])
+    moon_bv = moon_colours(plan.sky.moon.phase_angle_deg)[0]
+    bv_mag = np.concatenate([objects.bv_mag, np.full(len(lamps), np.nan), np.full(len(moon.electrons), moon_bv)])
     truth = StarTruth(
         *(
             np.concatenate([getattr(part, field.name) for part in (expected.objects, expected.lamps, moon)])

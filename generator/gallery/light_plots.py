@@ -21,7 +21,8 @@ from generator.light.photometry import BESSELL_B, BESSELL_V, GRID_NM
 from generator.light.single_scattering import aerosol_phase, city_single, rayleigh_phase
 from generator.light.view_directions import view_directions
 from generator.sky.city_light import bortle_city, city_radiance, city_table
-from generator.sky.moonlight import moon_v_mag, moonlight
+from generator.sky.moon_irradiance import krisciunas_schaefer_v_mag
+from generator.sky.moonlight import moonlight
 
 Floats = NDArray[np.float64]
 
@@ -192,7 +193,7 @@ def _nanolambert(v_mag_arcsec2: Floats) -> Floats:
 def _moonlight(axis: Any) -> None:
     rho = np.arange(4, 91, 2.0)
     moon = np.array([0.0, math.sin(math.radians(60)), 0.5])
-    table = moonlight(moon, float(moon_v_mag(0.0)), _ks91_air(KS91_K))
+    table = moonlight(moon, krisciunas_schaefer_v_mag(0.0), _ks91_air(KS91_K))
     beyond = 30 + rho > 90
     altitude, azimuth = np.where(beyond, 150 - rho, 30 + rho), np.where(beyond, 180.0, 0.0)
     axis.semilogy(rho, _nanolambert(table.v_mag_arcsec2(altitude, azimuth)), label="skybench")
@@ -210,7 +211,7 @@ def _vectors(axis: Any) -> None:
         cosine = (math.cos(math.radians(rho)) - math.cos(zm) * math.cos(z)) / max(math.sin(zm) * math.sin(z), 1e-9)
         turn = math.degrees(math.acos(min(max(cosine, -1.0), 1.0))) if zenith else 0.0
         moon = np.array([0.0, math.sin(zm), math.cos(zm)])
-        table = moonlight(moon, float(moon_v_mag(phase)), _ks91_air(k))
+        table = moonlight(moon, krisciunas_schaefer_v_mag(phase), _ks91_air(k))
         light = table.v_mag_arcsec2(np.array([90.0 - zenith]), np.array([turn]))
         ratios.append(float(_nanolambert(light)[0]) / published)
         names.append(f"{rho}° / {phase}°")

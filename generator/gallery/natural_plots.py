@@ -12,7 +12,6 @@ from generator.gallery.twilight_plots import KOOMEN, KOOMEN_DEPRESSION, PARANAL,
 from generator.light.atmosphere import Atmosphere, airmass, optical_depth
 from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM, Band
-from generator.light.stellar_spectra import star_spectra
 from generator.light.vision import naked_eye_limit
 from generator.sky import milky_way, zodiacal
 from generator.sky.airglow import (
@@ -27,7 +26,8 @@ from generator.sky.airglow import (
 from generator.sky.assembly import star_light
 from generator.sky.component import total, v_band
 from generator.sky.directions import sky_grid
-from generator.sky.moonlight import MOON_BV_MAG, moon_v_mag, moonlight
+from generator.sky.moon_irradiance import moon_spectrum, moon_v_mag
+from generator.sky.moonlight import moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
@@ -192,7 +192,7 @@ def full_moon_lux() -> float:
     """Illuminance of the ground by a full Moon 60 deg up, direct and scattered, lx."""
     air, magnitude = Atmosphere(1013.25, 0.1, 1.3, 300.0), float(moon_v_mag(0.0))
     moon = np.array([0.0, 0.5, np.sqrt(0.75)])
-    direct = star_spectra([magnitude], [MOON_BV_MAG])[0] * np.exp(-optical_depth(GRID_NM, air) * float(airmass(60.0)))
+    direct = moon_spectrum(magnitude, 0.0) * np.exp(-optical_depth(GRID_NM, air) * float(airmass(60.0)))
     altitude = np.radians(sky_grid().altitude_deg)
     rows = moonlight(moon, magnitude, air).weighted(v_band()[None])[0].mean(axis=1)
     diffuse = 2 * np.pi * np.trapezoid(rows * np.sin(altitude) * np.cos(altitude), altitude)

@@ -13,7 +13,6 @@ from generator.light.atmosphere import Atmosphere, airmass, optical_depth
 from generator.light.ground import Albedo, albedo_at, ground_light
 from generator.light.lamps import City
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
-from generator.light.stellar_spectra import star_spectra
 from generator.places.catalogue import load_catalogue
 from generator.places.ephemeris import AU_KM
 from generator.scenario.model import Component, SkySpec
@@ -23,7 +22,7 @@ from generator.sky.city_light import bortle_layout, skyglow
 from generator.sky.clouds import CloudVeil, cloud_light, mean_reflectance
 from generator.sky.component import SkyTable, black_sky, compressed, total
 from generator.sky.directions import irradiance_weights
-from generator.sky.moonlight import MOON_BV_MAG, moonlight
+from generator.sky.moonlight import moonlight
 from generator.sky.starlight import scattered_starlight
 from generator.sky.state import SkyState
 from generator.sky.twilight import nodes_nm, twilight
@@ -99,7 +98,9 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     if glow is not None:
         layers["skyglow"] = glow
     if "moonlight" in active:
-        layers["moonlight"] = moonlight(state.moon_enu, state.moon_v_mag, atmosphere, spec.ground_albedo)
+        layers["moonlight"] = moonlight(
+            state.moon_enu, state.moon_v_mag, atmosphere, spec.ground_albedo, state.moon.phase_angle_deg
+        )
     if "twilight" in active:
         layers["twilight"] = twilight(
             state.sun_enu,
@@ -128,7 +129,7 @@ def _under_cloud(
     moon = np.zeros_like(GRID_NM)
     if moon_sine > 0:
         loss = 0.0 if atmosphere is None else optical_depth(GRID_NM, atmosphere) * airmass(state.moon_altitude_deg)
-        moon = star_spectra([state.moon_v_mag], [MOON_BV_MAG])[0]
+        moon = state.moon_spectrum
         moon_on_ground = moon * np.exp(-loss) * moon_sine
     else:
         moon_on_ground = moon

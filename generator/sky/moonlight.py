@@ -17,26 +17,14 @@ from generator.light.baked_maps import moon_ratio
 from generator.light.ground import Albedo, albedo_at, ground_glow, ground_light, spherical_albedo
 from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
 from generator.light.single_scattering import aerosol_phase, moon_single, rayleigh_phase
-from generator.light.stellar_spectra import star_spectra
 from generator.sky.component import SkyTable, black_sky
 from generator.sky.directions import irradiance_weights, sky_grid
+from generator.sky.moon_irradiance import moon_spectrum
 from generator.sky.zodiacal import upsampled
 
 Floats = NDArray[np.float64]
 
-MOON_BV_MAG = 0.92
-"""Source: Allen's Astrophysical Quantities, 4th ed., 12.4 (B-V of the full Moon)."""
-MEAN_DISTANCE_KM = 384_400.0
 NODES_NM: Floats = np.array([GRID_START_NM, *WAVELENGTHS_NM, GRID_STOP_NM])
-
-
-def moon_v_mag(phase_angle_deg: float, distance_km: float = MEAN_DISTANCE_KM) -> float:
-    """V of the Moon at a phase angle (0 full, 180 new), above the atmosphere.
-
-    -12.73 + 0.026 |a| + 4e-9 a^4. Source: Krisciunas & Schaefer 1991, PASP 103, 1033, eq. 9 (after Allen).
-    """
-    a = abs(phase_angle_deg)
-    return -12.73 + 0.026 * a + 4e-9 * a**4 + 5 * np.log10(distance_km / MEAN_DISTANCE_KM)
 
 
 def node_weights() -> Floats:
@@ -45,7 +33,11 @@ def node_weights() -> Floats:
 
 
 def moonlight(
-    moon_enu: Floats, v_mag: float, atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO
+    moon_enu: Floats,
+    v_mag: float,
+    atmosphere: Atmosphere | None,
+    albedo: Albedo = DEFAULT_ALBEDO,
+    phase_angle_deg: float = 0.0,
 ) -> SkyTable:
     """Scattered moonlight at the ground; black when the Moon is below the horizon or there is no air.
 
@@ -58,6 +50,8 @@ def moonlight(
     atmosphere : Atmosphere or None
     albedo : float or points
         Of the ground.
+    phase_angle_deg : float
+        It sets the colour of the Moon.
     """
     altitude = float(np.degrees(np.arcsin(moon_enu[2])))
     if atmosphere is None or altitude <= 0:
@@ -92,7 +86,7 @@ def moonlight(
         maps += from_ground(maps, direct, atmosphere, albedo)[:, :, None].astype(np.float32)
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh + aerosol
-    irradiance = star_spectra([v_mag], [MOON_BV_MAG])[0]
+    irradiance = moon_spectrum(v_mag, phase_angle_deg)
     irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
     node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
     return SkyTable(maps, node_weights() * (depth / node_depth[:, None]) * irradiance)

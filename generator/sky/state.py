@@ -15,7 +15,7 @@ from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant
 from generator.scenario.sky.cloud_spec import CloudSpec
 from generator.seeds import random_stream
 from generator.sky.clouds import CloudField, CloudPattern, Texture, cloud_pattern
-from generator.sky.moonlight import moon_v_mag
+from generator.sky.moon_irradiance import moon_spectrum, moon_v_mag
 
 Floats = NDArray[np.float64]
 
@@ -53,6 +53,11 @@ class SkyState:
     moon_v_mag: float
     clouds: CloudField | None
     height_m: float
+
+    @property
+    def moon_spectrum(self) -> Floats:
+        """Photon irradiance of the Moon above the atmosphere, photons s^-1 m^-2 nm^-1 at GRID_NM."""
+        return moon_spectrum(self.moon_v_mag, self.moon.phase_angle_deg)
 
     @property
     def sun_altitude_deg(self) -> float:

@@ -13,6 +13,7 @@ from generator.light.photometry import GRID_NM
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
 from generator.places.times import Instant, earth_orientation
+from generator.sky.moon_irradiance import earthshine_over_moonlight, moon_colours, moon_spectrum, moon_v_mag
 
 TIMES = ("2020-01-15T20:00:00Z", "2021-06-10T04:00:00Z", "2023-10-14T11:00:00Z", "2018-07-27T21:00:00Z")
 SITE = Site(52.0, 4.36, 10.0)
@@ -95,7 +96,7 @@ def test_lit_part_of_the_moon_s_disk(phase_deg) -> None:
 
 
 def test_moon_is_in_the_image_with_its_light() -> None:
-    """A frame on the Moon: a resolved disk, whose light is that of a star of the Moon's magnitude within 1 %."""
+    """A frame on the Moon: a resolved disk, with the Moon's light within 2 % (its points are stars of its colours)."""
     base = {"site": {"latitude_deg": 0.0, "longitude_deg": 0.0}, "time__utc_start": "2020-01-10T23:00:00Z"}
     sky = {"components": ["moonlight"]}
     plan = plan_frame(small_scenario(**base, sky=sky), 0)
@@ -116,12 +117,54 @@ def test_moon_is_in_the_image_with_its_light() -> None:
     from generator.frame.scene import quantum_efficiency
     from generator.light.atmosphere import airmass
     from generator.light.molecular_bands import slant_depth
-    from generator.light.stellar_spectra import star_spectra
 
     plan = plan_frame(scenario, 0)
-    spectrum = star_spectra([plan.sky.moon_v_mag], [0.92])[0]
+    spectrum = plan.sky.moon_spectrum
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)
     assert atmosphere is not None
     depth = slant_depth(GRID_NM, atmosphere, [float(airmass(plan.sky.moon_altitude_deg))])[0]
     electrons = np.trapezoid(spectrum * np.exp(-depth) * quantum_efficiency(plan.spec), GRID_NM)
-    assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.01)
+    assert disk.sum() == pytest.approx(electrons * np.pi / 4 * 0.004**2 * 0.5, rel=0.02)
+
+
+def test_opposition_surge() -> None:
+    """A full Moon is up to 35 % brighter than at 7 deg (Krisciunas & Schaefer 1991, after Whitaker 1969); there and beyond, V
+    is theirs within 0.07 mag."""
+    ratio = 10 ** (-0.4 * (moon_v_mag(1.55) - moon_v_mag(7.0)))
+    assert ratio == pytest.approx(1.35, abs=0.03)
+    for phase in (7.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0, 97.0, 97.01, 120.0, 150.0):
+        assert moon_v_mag(phase) == pytest.approx(-12.73 + 0.026 * phase + 4e-9 * phase**4, abs=0.07), phase
+    assert moon_v_mag(0.0) == moon_v_mag(1.0)
+    assert moon_v_mag(30.0, 2 * 384_400.0) == pytest.approx(moon_v_mag(30.0) + 5 * np.log10(2))
+
+
+def test_colour_of_the_moon() -> None:
+    """B-V 0.92 (Allen's Astrophysical Quantities, 12.4), within 0.06 mag; redder away from full Moon."""
+    assert moon_colours(0.0)[0] == pytest.approx(0.92, abs=0.06)
+    assert moon_colours(60.0)[0] == pytest.approx(0.92, abs=0.06)
+    assert moon_colours(60.0) > moon_colours(0.0)
+    found = moon_spectrum(-12.0, 40.0)
+    assert -2.5 * np.log10(float(BESSELL_V.mean(GRID_NM, found)) / BESSELL_V.zero_point) == pytest.approx(-12.0)
+
+
+@pytest.mark.parametrize("phase_deg", [90.0, 120.0, 150.0, 175.0])
+def test_earthshine(phase_deg) -> None:
+    """Light that the Earth sends to the Moon against its magnitude from space, -3.99 - 0.00106 a + 0.0002054 a^2 at 1 au
+    (Mallama & Hilton 2018): fainter by 0.3 to 0.9 mag, by which the two measurements of its albedo differ."""
+    a = 180 - phase_deg
+    from_space = -3.99 - 1.060e-3 * a + 2.054e-4 * a**2 + 5 * np.log10(384_400 / 149_597_870.7)
+    ashen = moon_v_mag(phase_deg) - 2.5 * np.log10(earthshine_over_moonlight(phase_deg))
+    # Disk lit by the Sun as it is by the Earth: full Moon, fainter by the Sun's magnitude less the Earth's.
+    earth = -26.76 + ashen - moon_v_mag(1.55)
+    assert 0.3 < earth - from_space < 0.9
+
+
+def test_earthshine_lies_on_the_whole_disk() -> None:
+    moon, sun = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.6]) / np.hypot(1, 0.6)
+    enu, share = moon_points(moon, sun, 384_400.0, 140.0, 20_000.0, 0.01)
+    whole, _ = moon_points(moon, sun, 384_400.0, 0.0, 20_000.0)
+    assert len(enu) == len(whole)
+    assert share.sum() == pytest.approx(1.01)
+    dark = share < share.max() / 2
+    assert dark.mean() == pytest.approx((1 - np.cos(np.radians(140.0))) / 2, abs=0.02)
+    np.testing.assert_allclose(share[dark], 0.01 / len(whole))
