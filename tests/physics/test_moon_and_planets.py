@@ -9,7 +9,7 @@ from small_scenes import small_scenario
 from generator.frame.moon_disk import moon_points
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
-from generator.light.photometry import GRID_NM
+from generator.light.photometry import BESSELL_V, GRID_NM
 from generator.places.astrometry import Air, Site, apparent_places
 from generator.places.ephemeris import KERNEL_PATH, MOON, PLANETS, SUN, apparent_enu, observe, planet_v_mag, planets
 from generator.places.times import Instant, earth_orientation
