@@ -3,8 +3,8 @@
     python tools/bill_of_materials.py OUT.json
 
 Versions and hashes are those of the lock file, licences what the installed packages state of themselves. The same lock file
-and packages give the same bytes. A component's scope says whether skybench runs on it (`required`) or only its optional parts,
-tests and builds (`optional`).
+and packages give the same bytes. A component's scope says whether skybench runs on it (`required`), or only its optional
+parts, tests and builds (`optional`).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from benchmark.errors import SolverError
 from benchmark.protocol import SolverUnderTest
 from benchmark.run.provenance import DetectionsMode, SolverFacts
 from benchmark.run.results import check_solver_name
-from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session
+from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session, isolation_of
 from benchmark.run.shared_detections import shared_detector
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.registry import known_solvers, missing_message, missing_packages, solver_folder
@@ -77,6 +77,7 @@ class Contestant:
                 revision=self.definition.revision,
                 time_limit_s=limits.time_s,
                 memory_limit_mib=limits.memory_mib,
+                isolation=isolation_of(self.definition),
             )
         assert self.instance is not None
         return SolverFacts(

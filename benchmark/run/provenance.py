@@ -38,6 +38,8 @@ class SolverFacts:
         Digest of its behaviour: another digest, another solver. None for a Python object that states none.
     time_limit_s, memory_limit_mib : float or None
         Per frame; None where nothing limited it.
+    isolation : str or None
+        How its program was kept from files and network; None where that is not known.
     """
 
     target: str | None
@@ -49,6 +51,7 @@ class SolverFacts:
     revision: str | None
     time_limit_s: float | None
     memory_limit_mib: float | None
+    isolation: str | None = None
 
 
 @dataclass(frozen=True)

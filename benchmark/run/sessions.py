@@ -26,6 +26,7 @@ from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
 from benchmark.solvers.definition import SolverFolder
+from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import reply_of, request_of
 from benchmark.solvers.program import ProgramFailedError, ProgramSession
@@ -46,18 +47,27 @@ class Session(Protocol):
         """End whatever was started."""
 
 
+def isolation_of(solver: SolverFolder) -> str:
+    """How a solver's program is kept from files and network: adapters, which come with skybench, are not."""
+    return ISOLATED if solver.spec.command and not isolation_obstacle() else NOT_ISOLATED
+
+
 class PipeSession:
     """A solver's program, started anew after every frame that it did not survive.
 
-    It reads each image in a folder that holds nothing else: beside the frame lies its truth.
+    It reads each image in a folder that holds nothing else: beside the frame lies its truth. A program of the user's is
+    isolated where the system allows it.
     """
 
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
         self._solver = solver
         place = solver.folder if solver.spec.command else Path.cwd()
-        self._program = ProgramSession(solver.command_line(), place, solver.limits, on_stderr)
+        self._folder: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(prefix="skybench-frame-")
+        command = solver.command_line()
+        isolated = isolation_of(solver) == ISOLATED
+        places = visible_places(command, place, [Path(self._folder.name), *solver.reads]) if isolated else None
+        self._program = ProgramSession(command, place, solver.limits, on_stderr, places)
         self._warm = False
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._asked = 0
 
     def start(self) -> str:
@@ -114,8 +124,7 @@ class PipeSession:
 
     def _shown(self, image: Path) -> Path:
         """Put an image where the program may read it, alone, under a name that was not used before. Raises OSError."""
-        if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="skybench-frame-")
+        assert self._folder is not None, "the session is closed"
         folder = Path(self._folder.name)
         for before in folder.iterdir():
             before.unlink()

@@ -48,6 +48,10 @@ class SolverSpec(Strict):
     """Of the program; it must say the same in its hello."""
     environment: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")] | None = None
     """Name of a virtual environment made from the folder's requirements.txt; without it, skybench's own Python."""
+    reads: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=500)], ...], Field(max_length=20), BeforeValidator(listed)
+    ] = ()
+    """Files and folders beside its own that an isolated command needs; ``~`` is the user's home."""
     time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
     """Per frame."""
     memory_limit_mib: Annotated[int, Field(ge=64, le=1_000_000)] = 4096
@@ -61,6 +65,8 @@ class SolverSpec(Strict):
             raise ValueError("command needs version")
         if self.adapter and (self.version or self.environment):
             raise ValueError("version and environment belong to a command")
+        if self.adapter and self.reads:
+            raise ValueError("reads belongs to a command")
         if self.command and self.requires:
             raise ValueError("requires belongs to an adapter; a command's packages are in its requirements.txt")
         return self
@@ -68,7 +74,7 @@ class SolverSpec(Strict):
     @property
     def settings(self) -> dict[str, object]:
         """What bears on how it runs."""
-        return self.model_dump(mode="json", exclude={"title", "licence", "install"})
+        return self.model_dump(mode="json", exclude={"title", "licence", "install", "reads"})
 
 
 @dataclass(frozen=True)
@@ -87,6 +93,11 @@ class SolverFolder:
     def limits(self) -> Limits:
         """Of time and memory."""
         return Limits(time_s=self.spec.time_limit_s, memory_mib=self.spec.memory_limit_mib)
+
+    @property
+    def reads(self) -> list[Path]:
+        """What an isolated program sees beside its folder and its interpreter."""
+        return [(self.folder / Path(name).expanduser()).absolute() for name in self.spec.reads]
 
     def command_line(self) -> list[str]:
         """Command line that starts it.

@@ -1,10 +1,13 @@
 """Runs one program, and ends it with everything that it has started: when it ends, or when whoever asked for it is gone.
 
-    python -I -S guardian.py LIFELINE STATUS MEMORY_BYTES PROGRAM [ARGUMENT …]
+    python -I -S guardian.py LIFELINE STATUS MEMORY_BYTES PLACES [INSIDE OUTSIDE …] PROGRAM [ARGUMENT …]
+    python -I -S guardian.py probe INSIDE OUTSIDE [INSIDE OUTSIDE …]
 
 LIFELINE is the reading end of a pipe whose other end the caller holds and never writes to: the pipe ends with the caller,
 however the caller ends. STATUS is the writing end of another, on which one line says ``started PID`` or ``failed ERRNO``, and
-a last one ``ended STATUS`` with a negative number for a signal. The program has the standard streams to itself.
+a last one ``ended STATUS`` with a negative number for a signal. The program has the standard streams to itself. PLACES is the
+number of pairs of names that follow it: with any, the program runs in namespaces of its own and sees these alone
+(`benchmark.solvers.namespaces`). The second form does that with a program that does nothing.
 
 Processes whose parents have died become children of the nearest ancestor that asked for them (PR_SET_CHILD_SUBREAPER, see
 prctl(2)), also those in sessions of their own; so killing children until there are none left reaches all of them. Uses the
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import os
 import resource
 import select
@@ -28,12 +32,16 @@ PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 POLL_S = 0.005
 
 
-def main(lifeline: int, status: int, memory_bytes: int, command: list[str]) -> None:
+def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], command: list[str]) -> None:
     """Start the program, wait for the end of it or of the caller, and leave nothing behind."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
+    folder = str(Path.cwd())
+
     def become_the_program() -> None:
+        if places:
+            _isolate(places, folder)
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         allowed = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
         resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
@@ -44,8 +52,11 @@ def main(lifeline: int, status: int, memory_bytes: int, command: list[str]) -> N
     except OSError as error:
         _say(status, f"failed {error.errno}")
         return
+    except subprocess.SubprocessError:
+        _say(status, f"failed {errno.EPERM}")
+        return
     _leave_the_streams()
-    _say(status, f"started {process.pid}")
+    _say(status, f"started {_innermost(process.pid) if places else process.pid}")
     handle = os.pidfd_open(process.pid)
     ready, _, _ = select.select([lifeline, handle], [], [])
     code = process.wait() if handle in ready else -signal.SIGKILL
@@ -74,13 +85,32 @@ def _end_children() -> None:
             time.sleep(POLL_S)
 
 
-def _children() -> list[int]:
+def _isolate(places: dict[str, str], folder: str) -> None:
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    from benchmark.solvers.namespaces import enter
+
+    try:
+        enter(places, folder)
+    except OSError as error:
+        os.write(2, f"cannot be isolated: {error}\n".encode())
+        raise
+
+
+def _innermost(pid: int) -> int:
+    """The program among the three processes of its namespaces: the only child of the only child."""
+    for _ in range(2):
+        pid = next(iter(_children(pid)), pid)
+    return pid
+
+
+def _children(of: int | None = None) -> list[int]:
+    parent_wanted = os.getpid() if of is None else of
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             # Fields after the name in brackets, which may hold anything: state, parent, … (proc(5)).
             parent = stat.read_bytes().rpartition(b")")[2].split()[1]
-            if int(parent) == os.getpid():
+            if int(parent) == parent_wanted:
                 found.append(int(stat.parent.name))
     return found
 
@@ -92,5 +122,20 @@ def _say(status: int, words: str) -> None:
         return
 
 
+def _probe(places: dict[str, str]) -> None:
+    subprocess.run(
+        [sys.executable, "-I", "-S", "-c", "pass"], preexec_fn=lambda: _isolate(places, "/"), check=True, timeout=20
+    )
+
+
+def _pairs(words: list[str]) -> dict[str, str]:
+    return dict(zip(words[::2], words[1::2], strict=True))
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])
+    if sys.argv[1] == "probe":
+        _probe(_pairs(sys.argv[2:]))
+    else:
+        rest = sys.argv[5:]
+        count = 2 * int(sys.argv[4])
+        main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), _pairs(rest[:count]), rest[count:])

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from benchmark.errors import SolverError
+from benchmark.solvers.isolation import places_words
 from benchmark.solvers.memory import peak_mib, reset_peak
 from benchmark.solvers.messages import PROTOCOL, hello
 
@@ -102,6 +103,8 @@ class ProgramSession:
     limits : Limits
     on_stderr : callable, optional
         Called with what it writes on its standard error, as it comes.
+    places : mapping of str to str, optional
+        With any, it runs in namespaces of its own and sees these alone (`benchmark.solvers.isolation`).
     """
 
     def __init__(
@@ -110,8 +113,10 @@ class ProgramSession:
         folder: Path,
         limits: Limits,
         on_stderr: Callable[[bytes], None] | None = None,
+        places: Mapping[str, str] | None = None,
     ) -> None:
         self._command = list(command)
+        self._places = dict(places or {})
         self._folder = folder
         self.limits = limits
         self._on_stderr = on_stderr
@@ -145,9 +150,10 @@ class ProgramSession:
         process = self._process = self._guarded()
         word, _, number = self._heard_of_guardian().partition(" ")
         if word != "started":
+            words = self._last_words() if self._places else ""
             self.close()
             why = os.strerror(int(number)) if word == "failed" else "no process can be guarded here"
-            raise SolverError(f"{self._command[0]}: cannot be started ({why})")
+            raise SolverError(f"{self._command[0]}: cannot be started ({why}){words}")
         self._pid = int(number)
         self._selector = selectors.DefaultSelector()
         for stream in (process.stdin, process.stdout, process.stderr):
@@ -205,9 +211,10 @@ class ProgramSession:
         held, self._lifeline = os.pipe()
         self._status, told = os.pipe()
         memory = str(self.limits.memory_mib * 2**20)
+        inside = [str(len(self._places)), *places_words(self._places)]
         try:
             return subprocess.Popen(
-                [sys.executable, "-I", "-S", str(_GUARDIAN), str(held), str(told), memory, *self._command],
+                [sys.executable, "-I", "-S", str(_GUARDIAN), str(held), str(told), memory, *inside, *self._command],
                 cwd=self._folder,
                 env=_environment() | _ONE_THREAD,
                 stdin=subprocess.PIPE,

@@ -13,6 +13,7 @@ from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.commands import Places, commands_of
 from benchmark.report.site.revisions import revision_words
 from benchmark.report.site.tree import TaskFacts
+from benchmark.solvers.isolation import NOT_ISOLATED
 
 COLOURS = 8
 NOT_RECORDED = "not recorded"
@@ -243,8 +244,14 @@ def run_words(entry: Entry) -> str:
     return (
         f"{revision_words(entry)}{found}; key {entry.stored.key}, version {run.solver.version}, "
         f"detector {run.solver.detector}, run {run.date_utc} with {run.jobs} process{'es' if run.jobs != 1 else ''} "
-        f"on {machine}; {versions}"
+        f"on {machine}; isolated: {_isolation_words(run.solver.isolation)}; {versions}"
     )
+
+
+def _isolation_words(isolation: str | None) -> str:
+    if isolation is None:
+        return "not recorded"
+    return "no" if isolation == NOT_ISOLATED else f"yes ({isolation})"
 
 
 def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:

@@ -1,0 +1,160 @@
+"""Programs of the user's run in namespaces of their own: no truth, no files of the user, no network, no other process."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from unit.benchmark.fake_night import write_dataset
+
+from benchmark.errors import SolverError
+from benchmark.frames.dataset import open_dataset
+from benchmark.run.contestants import contestant_of
+from benchmark.run.engine import outcomes
+from benchmark.run.sessions import SessionPool, isolation_of
+from benchmark.solvers.definition import SolverFolder, SolverSpec
+from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
+from benchmark.solvers.messages import request_of
+from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
+from benchmark.solvers.registry import solver_folder
+
+ROOT = Path(__file__).parents[3]
+PROGRAMS = Path(__file__).parent / "programs"
+LIMITS = Limits(time_s=30.0, memory_mib=600, start_s=60.0)
+pytestmark = pytest.mark.skipif(
+    bool(isolation_obstacle()), reason=f"this system lets nobody make namespaces: {isolation_obstacle()}"
+)
+
+
+@pytest.fixture
+def place(tmp_path) -> Path:
+    """A solver's folder with the programs in it, and things beside it."""
+    (tmp_path / "solver").mkdir()
+    for path in PROGRAMS.glob("*.py"):
+        shutil.copyfile(path, tmp_path / "solver" / path.name)
+    (tmp_path / "truth.json").write_text("52.0 N")
+    (tmp_path / "frame").mkdir()
+    (tmp_path / "frame" / "1.png").write_text("stars")
+    return tmp_path
+
+
+HARMLESS = ("truth", "network", "caller", "image")
+"""What may be tried without isolation too."""
+ALL = (*HARMLESS, "above", "home", "environment", "own folder", "system", "temporary", "mount")
+
+
+def spied(place: Path, port: int, attempts: tuple[str, ...], isolated: bool) -> dict[str, str]:
+    command = [sys.executable, "spy.py"]
+    places = visible_places(command, place / "solver", [place / "frame"]) if isolated else None
+    names = {"truth": str(place / "truth.json"), "home": str(place), "image": str(place / "frame" / "1.png")}
+    request = {"type": "solve", "attempts": attempts, "port": port, "caller": os.getpid(), **names}
+    with ProgramSession(command, place / "solver", LIMITS, places=places) as session:
+        session.start()
+        return session.ask(request).message
+
+
+def test_a_spy_finds_nothing_but_the_image(place, monkeypatch) -> None:
+    monkeypatch.setenv("SPY_SECRET", "1")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        seen = spied(place, port, ALL, isolated=True)
+        free = spied(place, port, HARMLESS, isolated=False)
+    assert seen["truth"] == "FileNotFoundError"
+    assert seen["above"] == seen["home"] == "['frame', 'solver']"
+    assert seen["environment"] in ("nothing", "PermissionError")
+    assert seen["network"] == "OSError"
+    assert seen["own folder"] == seen["system"] == "OSError"
+    assert seen["caller"] == "ProcessLookupError"
+    assert (seen["temporary"], seen["image"], seen["mount"]) == ("written", "stars", "False")
+    assert not Path("/tmp/spy.txt").exists()
+    # Without isolation the same program reaches what it tries to.
+    assert free == {"truth": "52.0 N", "network": "connected", "caller": "reached", "image": "stars"}
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    return open_dataset(write_dataset(tmp_path_factory.mktemp("data") / "night", (1, 2, 3))).frames
+
+
+@pytest.mark.parametrize(
+    ("way", "message"),
+    [
+        ("crash", r"exit status 7 \(cannot go on: the stars are wrong\)"),
+        ("abort", "ended by signal SIGABRT"),
+        ("garbage", "not JSON: b'Solved! lat = 48'"),
+        ("memory", "MemoryError"),
+        ("hang", "no answer within 1 s"),
+    ],
+)
+def test_what_goes_wrong_inside_is_told_as_outside(frames, place, way, message) -> None:
+    command = [sys.executable, "misbehaving.py", way]
+    limits = Limits(time_s=1.0, memory_mib=600, start_s=60.0) if way == "hang" else LIMITS
+    places = visible_places(command, place / "solver", [frames[0].image_path.parent])
+    with ProgramSession(command, place / "solver", limits, places=places) as session:
+        session.start()
+        with pytest.raises(ProgramFailedError, match=message):
+            session.ask(request_of(frames[0], None, frames[0].image_path))
+
+
+def spec_of(**more: object) -> SolverSpec:
+    values = {"name": "mine", "title": "A program", "licence": "MIT", "version": "1"} | more
+    return SolverSpec(**values)
+
+
+def test_a_solver_of_the_user_is_isolated_and_judged(frames, place) -> None:
+    solver = SolverFolder(place / "solver", spec_of(command=("python", "misbehaving.py", "well")))
+    contestant = contestant_of(solver)
+    pool = SessionPool(lambda: contestant.make_session(1), 1)
+    try:
+        scores = [outcome.score for outcome in outcomes(frames, pool, "own", {})]
+    finally:
+        pool.close()
+    assert [score.status for score in scores] == ["fix"] * 3
+    assert contestant.facts("1", "own").isolation == isolation_of(solver) == ISOLATED
+    assert isolation_of(solver_folder("skybench")) == NOT_ISOLATED
+
+
+def test_a_program_reads_what_its_definition_declares(place) -> None:
+    tables = place / "tables"
+    tables.mkdir()
+    (tables / "index.bin").write_text("patterns")
+    plain = spec_of(command=("python", "spy.py"))
+    declared = SolverFolder(place / "solver", plain.model_copy(update={"reads": ("../tables", "~/no-such-folder")}))
+    assert declared.spec.settings == plain.settings  # where tables lie does not make another solver
+    assert tables.resolve() in [path.resolve() for path in declared.reads]
+    places = visible_places([sys.executable], declared.folder, [path.resolve() for path in declared.reads])
+    assert places[str(tables)] == str(tables.resolve())
+    assert not any("no-such-folder" in name for name in places)
+
+
+def test_nothing_is_left_when_the_benchmark_is_killed(place) -> None:
+    code = (
+        "import sys; from pathlib import Path; from benchmark.solvers.isolation import visible_places\n"
+        "from benchmark.solvers.program import Limits, ProgramSession\n"
+        "command = [sys.executable, 'misbehaving.py', 'hang']; folder = Path(sys.argv[1])\n"
+        "session = ProgramSession(command, folder, Limits(time_s=60), places=visible_places(command, folder))\n"
+        "session.start(); print('on', flush=True); session.ask({'type': 'solve'})"
+    )
+    command = [sys.executable, "-c", code, str(place / "solver")]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as benchmark:
+        assert benchmark.stdout.readline() == "on\n"
+        started = psutil.Process(benchmark.pid).children(recursive=True)
+        assert len(started) == 4  # the guardian, the process outside, the first one inside, the program
+        benchmark.kill()
+    _, alive = psutil.wait_procs(started, timeout=20)
+    assert [process for process in alive if process.status() != psutil.STATUS_ZOMBIE] == []
+
+
+def test_a_program_that_is_not_there_is_an_error_of_the_user(place) -> None:
+    places = visible_places([sys.executable], place / "solver")
+    with (
+        ProgramSession(["/no/such/program"], place / "solver", LIMITS, places=places) as session,
+        pytest.raises(SolverError, match="No such file"),
+    ):
+        session.start()
