@@ -132,9 +132,9 @@ PRESETS: dict[str, CameraPreset] = {
     ),
     "superstar-allsky": CameraPreset(
         "All-sky camera: Starlight Xpress Superstar (Sony ICX205, monochrome) with a 1.57 mm f/2 fisheye under a dome",
-        "Measured on eight frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
+        "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 764 stars of one frame (0.26 px rms an axis), throughput by stars of V 2.5 to 5, "
-        "gain and read noise by the noise of sky and dark corners, wings around stars to 38 px and around the Moon to 450. "
+        "gain and read noise by the noise of sky and dark corners, wings around stars to 38 px. "
         "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most.",
         camera={
             "model": "kannala_brandt",
