@@ -57,15 +57,16 @@ def scattered(
     shining : sequence of Shining
         The points, also those around the frame.
     """
-    from generator.frame.surround import hemisphere_light, sky_beside, unhidden
+    from generator.frame.surround import WALL_AZIMUTHS, hemisphere_light, sky_beside, unhidden
 
     integrator = scene.integrator()
     colour = spec.sensor.colour is not None
     grid = cell_grid(spec.camera, colour)
     _, u, v = cells_outside(grid)
     lights = [(one.emitter, _mean_over_time(one)) for one in shining]
+    walls = 0 if spec.camera.barrel_ring is None else WALL_AZIMUTHS
     surround = Surround(
-        sky_beside(scene, integrator, camera, u, v), *hemisphere_light(scene, integrator, camera, lights)
+        sky_beside(scene, integrator, camera, u, v), *hemisphere_light(scene, integrator, camera, lights, walls)
     )
     smooth = _all_channels(sky, spec)
     free = [unhidden(scene, integrator, one.emitter) for one in shining]

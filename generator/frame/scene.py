@@ -316,7 +316,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         light = scattered(plan.spec, scene, camera, sky, image, shining)
         return mosaic(light, sensor)[:, :, None] if apart else light
 
-    sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
+    if plan.spec.foreground.hides_sky:
+        sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
+    else:
+        sky, cover = np.array(integrator.diffuse(scene, camera, pattern)), None
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
         separate = {
@@ -358,8 +361,9 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     image = sky if points is None else sky + points
     if strays:
         wide = astray(scene, sky, image, shining)
-        image, sky = direct * image, direct * sky
+        image = np.multiply(direct, image, out=image if image is not sky else None)
         image += wide
+        sky *= direct
         sky += wide
     if plan.spec.camera.dust is not None:
         image, sky = image * dust, sky * dust
@@ -379,7 +383,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         fraction_in_frame=truth.fraction_in_frame,
         occluded=truth.occluded,
         hidden_fraction=truth.hidden_fraction,
-        cover=cover if plan.spec.foreground.hides_sky else None,
+        cover=cover,
         objects=truths["objects"],
         lamps=truths["lamps"],
         moon=truths["stars"].together_from(len(plan.stars)),

@@ -45,7 +45,11 @@ def sky_beside(scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamer
 
 
 def hemisphere_light(
-    scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamera, per_emitter: list[tuple[StarEmitter, Floats]]
+    scene: Any,
+    integrator: NightSkyIntegrator,
+    camera: NightSkyCamera,
+    per_emitter: list[tuple[StarEmitter, Floats]],
+    wall_azimuths: int,
 ) -> tuple[Floats, Floats]:
     """What the light in front of the lens amounts to, at mid-exposure, points included.
 
@@ -54,13 +58,15 @@ def hemisphere_light(
     scene, integrator, camera
     per_emitter : list of (StarEmitter, (n, channels) array)
         Points of light, and their electrons on the axis.
+    wall_azimuths : int
+        Walls around the lens; 0 for a lens without.
 
     Returns
     -------
     mean : (channels,) array
         Electrons of a pixel on the axis if it received the mean over the hemisphere about the boresight, weighted by the
         pupil's projected area.
-    walls : (WALL_AZIMUTHS, channels) array
+    walls : (wall_azimuths, channels) array
         The same if it received the light of white Lambert walls that stand around the lens parallel to its axis, by their
         azimuth from +u to +v.
     """
@@ -75,9 +81,9 @@ def hemisphere_light(
     pixel_sr = 1 / (projection.f_px * projection.fy_px)
     light = _seen(scene, integrator, camera, ray, camera.collected * mi.Float(pixel_sr), integrator.lit_samples)
     cosine_law = camera.pupil_law == "cosine"
-    walls = np.arange(WALL_AZIMUTHS) * (2 * math.pi / WALL_AZIMUTHS)
+    walls = np.linspace(0, 2 * math.pi, wall_azimuths, endpoint=False)
     # A wall faces the axis: it is lit from the other side.
-    inward = -np.stack([np.cos(walls), np.sin(walls), np.zeros(WALL_AZIMUTHS)])
+    inward = -np.stack([np.cos(walls), np.sin(walls), np.zeros(wall_azimuths)])
 
     def weighted(directions: Floats, light: Floats) -> tuple[Floats, Floats]:
         """Sums of light (n, channels) from directions (n, 3) about the axis, per pi of solid angle or half of it."""

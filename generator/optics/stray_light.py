@@ -57,7 +57,7 @@ class Surround:
         Electrons per pixel from the diffuse sky in the coarse cells of `generator.optics.light_cells.cells_outside`.
     hemisphere : (channels,) array
         Electrons of a pixel on the axis if the lens saw the mean of all light in front of it, points included.
-    walls: (azimuths, channels) array
+    walls: (azimuths, channels) array; azimuths are 0 for a lens without a barrel's ring
         Electrons of a pixel on the axis if the lens saw a white Lambert wall around itself, by azimuth from +u to +v, even
         steps; that wall lit by all light in front of it.
     """

@@ -13,6 +13,7 @@ PAGES = {
     "failures": SITE / "bortle@1-dev-own-failures.html",
     "solver": SITE / "solver-skybench.html",
     "calibration": RESULTS / "studies" / "calibration" / "index.html",
+    "thesis": RESULTS / "studies" / "thesis" / "index.html",
 }
 SCREEN_PX, PHONE_PX = 1300, 400
 TITLES = {
@@ -21,6 +22,7 @@ TITLES = {
     "failures": "Failures of all solvers on bortle@1",
     "solver": "skybench leaderboard",
     "calibration": "Effects of calibration errors",
+    "thesis": "replicated: skybench study",
 }
 # Tables by what they show; those with a column for each of many values may be wider than a telephone.
 SCROLLING = """
