@@ -28,12 +28,17 @@ FEATURES = {
 
 
 def reduced(path: Path) -> Scenario:
-    """The scenario with a sixth of the pixels along each side, and the same field of view."""
+    """The scenario with a sixth of the pixels along each side, the same field of view, and a second's exposure at most.
+
+    A pixel that sees 36 times as much sky would be full after ten seconds.
+    """
     scenario = load_scenario(path)
     template = copy.deepcopy(scenario.template)
     camera = template["camera"]
     for key in ("width", "height"):
         camera[key] //= REDUCTION
+    if isinstance(template["time"].get("exposure_s"), float):
+        template["time"]["exposure_s"] = min(template["time"]["exposure_s"], 1.0)
     for key in LENGTHS_PX:
         if key in camera:
             camera[key] /= REDUCTION

@@ -16,7 +16,8 @@ from generator.frame.scene import render_expected
 from generator.scenario.file import parse_scenario
 
 FISHEYE = {
-    "width": 240, "height": 240, "model": "equidistant", "f_px": 75.0, "aperture_mm": 4.0,
+    "width": 240, "height": 240, "model": "equidistant", "f_px": 75.0, "aperture_mm": 4.0, "bloom": {"share": 0},
+    "veiling_glare": 0,
 }  # fmt: skip
 PROFILE = "azimuth_deg,elevation_deg\n0,10\n90,30\n180,5\n270,20\n"
 
