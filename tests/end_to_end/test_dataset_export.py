@@ -89,7 +89,7 @@ def test_coco_boxes_hold_the_light(dataset, coco) -> None:
             around = image[max(int(top) - 6, 0) : bottom + 6, max(int(left) - 6, 0) : right + 6]
             noise = 1.48 * np.median(np.abs(around - np.median(around)))
             # Around the Moon all pixels are full.
-            brighter.append(inside.max() > np.median(around) + 3 * noise or inside.max() == image.max())
+            brighter.append(inside.max() > np.median(around) + 3 * noise or inside.max() > 0.9 * image.max())
     assert np.mean(brighter) > 0.9
 
 
