@@ -89,8 +89,11 @@ def hemisphere_light(
         """Sums of light (n, channels) from directions (n, 3) about the axis, per pi of solid angle or half of it."""
         ahead = directions[:, 2] > 0
         pupil = np.maximum(directions[:, 2], 0) if cosine_law else 0.5 * ahead
+        on_pupil = pupil @ light / math.pi
+        if not wall_azimuths:
+            return on_pupil, np.zeros((0, light.shape[1]))
         faced = np.maximum(directions @ inward, 0) * ahead[:, None]
-        return pupil @ light / math.pi, faced.T @ light / math.pi
+        return on_pupil, faced.T @ light / math.pi
 
     even = 2 * math.pi / HEMISPHERE_DIRECTIONS
     mean, lit = (even * part for part in weighted(from_axis, light))

@@ -98,8 +98,12 @@ class SkyTable:
     @property
     def maps(self) -> NDArray[np.float32]:
         """The direction maps without the veiled light, (k, ny, nx) array."""
-        whole = self.parts if self.pattern is None else self.parts * self._pattern_by_part
-        return np.broadcast_to(whole, (len(whole), *sky_grid().shape))
+        return np.broadcast_to(self.whole_parts, (len(self.parts), *sky_grid().shape))
+
+    @property
+    def whole_parts(self) -> NDArray[np.float32]:
+        """The parts times their pattern, (k, ny, nx) or, where nothing depends on the azimuth, (k, ny, 1) array."""
+        return self.parts if self.pattern is None else self.parts * self._pattern_by_part
 
     @property
     def _pattern_by_part(self) -> NDArray[np.float32]:
@@ -112,7 +116,7 @@ class SkyTable:
     def scaled(self, factor: float) -> SkyTable:
         """The same times a number."""
         veiled = tuple((veil, table.scaled(factor)) for veil, table in self.veiled)
-        return SkyTable(self.parts, self.spectra * factor, self.pattern, veiled)
+        return dataclasses.replace(self, spectra=self.spectra * factor, veiled=veiled)
 
     def behind(self, veil: Veil) -> SkyTable:
         """The same (of which nothing is veiled yet) seen through a veil."""
@@ -165,7 +169,10 @@ class SkyTable:
 
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
-        zenith = self.parts[:, -1, 0] * (1 if self.pattern is None else self._pattern_by_part[..., -1, 0])
+        zenith = self.parts[:, -1, 0]
+        if self.pattern is not None:
+            overhead_by_pattern = self.pattern[..., -1, 0].reshape(-1)
+            zenith = zenith * np.repeat(overhead_by_pattern, len(self.parts) // len(overhead_by_pattern))
         overhead = np.array([[0.0, 0.0, 1.0]])
         veiled = sum(float(veil.at(overhead)[0]) * table.zenith_v() for veil, table in self.veiled)
         return float(v_band() @ self.spectra.T @ zenith) + veiled
@@ -186,7 +193,7 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
     """Sum of components, uncompressed."""
     if not tables:
         return black_sky()
-    parts = [t.parts if t.pattern is None else t.maps for t in tables]
+    parts = [table.whole_parts for table in tables]
     width = max(part.shape[2] for part in parts)
     wide = [np.broadcast_to(part, (*part.shape[:2], width)) for part in parts]
     veiled = tuple((veil, total(behind)) for veil, behind in by_veil(tables))
