@@ -53,7 +53,8 @@ def test_manifest_lists_every_file_and_verifies(dataset) -> None:
     assert problems(dataset) == []
 
 
-@pytest.mark.parametrize(("shard_size", "workers"), [(5, 2), pytest.param(3, 1, marks=pytest.mark.journey)])
+@pytest.mark.journey
+@pytest.mark.parametrize(("shard_size", "workers"), [(5, 2), (3, 1)])
 def test_bytes_do_not_depend_on_workers_or_shards(dataset, scenario_path, tmp_path, shard_size, workers) -> None:
     spec = DatasetSpec(shard_size=shard_size, exr=True)
     generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "other", spec, workers=workers)

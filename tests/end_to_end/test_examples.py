@@ -35,6 +35,7 @@ def test_a_turn_of_the_vehicle_averages_the_tilt_of_its_mount_away():
     assert km["smoother, median"] < 0.2
 
 
+@pytest.mark.journey
 def test_a_gyroscope_carries_the_attitude_and_its_bias_tilts_it(tmp_path, capsys):
     text = (ROOT / "scenes" / "sequence.yaml").read_text(encoding="utf-8")
     fewer = text.replace("every_s: 5, count: 12", "every_s: 15, count: 3")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 from PIL import Image
 from small_scenes import BASE
@@ -26,6 +27,7 @@ def scene(folder: Path) -> Path:
     return folder / "scene.yaml"
 
 
+@pytest.mark.journey
 def test_a_dataset_carries_the_mask_and_does_not_depend_on_its_workers(tmp_path) -> None:
     path = scene(tmp_path)
     for name, workers in (("alone", 0), ("together", 2)):

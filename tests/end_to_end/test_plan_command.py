@@ -136,6 +136,7 @@ def test_sound_values_are_not_warned_of(tmp_path) -> None:
     assert planned_warnings(tmp_path, site=BASE["site"] | {"height_m": 4000}) == []
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("command", ["render", "generate"])
 def test_frames_of_a_contradiction_are_made_with_a_warning(tmp_path, command) -> None:
     tree = BASE | {"camera": {"width": 32, "height": 24, "hfov_deg": 100, "aperture_mm": 4}, "time": SHORT}

@@ -124,6 +124,7 @@ def digest(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("threads", ["1", "2"])
 def test_same_bytes_on_any_number_of_threads(folder, tmp_path, threads) -> None:
     code = (

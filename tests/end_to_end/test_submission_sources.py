@@ -38,6 +38,7 @@ def submit_truth(truth: FrameSet, path: Path) -> Path:
     return path
 
 
+@pytest.mark.journey
 def test_a_task(tmp_path):
     """One rendered frame, told with the errors of every level of the attitude task."""
     common = ("--frames", 1, "--data", tmp_path / "data")

@@ -52,6 +52,7 @@ def test_walks_are_mitsuba_s_moonlight() -> None:
     assert abs(np.mean(ours / mean) - 1) < 0.005
 
 
+@pytest.mark.slow  # random walks of two programs: some ten seconds
 def test_walks_are_mitsuba_s_city_light() -> None:
     """Light scattered at least twice from a disk of Lambert lamps of 29.5 km around the observer, 430 nm, thick aerosol,
     against ``volpath``: within 4 sigma of its errors (a false alarm in 5,000 runs) and 1.5 %."""
@@ -68,6 +69,7 @@ def test_walks_are_mitsuba_s_city_light() -> None:
     np.testing.assert_allclose(ours, mean, rtol=0.015)
 
 
+@pytest.mark.slow  # random walks of two programs: some ten seconds
 def test_a_city_s_multiply_scattered_light_is_mitsuba_s() -> None:
     """Light scattered at least twice from a disk of 10 km whose middle is 8 km away, 430 nm, thick aerosol, in nine
     directions: the baked kernel integrated over the disk, against ``volpath``: within 4 sigma of its errors (a false alarm

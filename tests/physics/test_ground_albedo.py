@@ -41,6 +41,7 @@ def test_light_goes_to_and_fro_as_a_geometric_series() -> None:
     assert ground_light(np.array([albedo]), np.array([1.0]), returned)[0] == pytest.approx(series, rel=1e-12)
 
 
+@pytest.mark.slow  # random walks of two programs: some ten seconds
 def test_city_light_over_snow_is_mitsuba_s() -> None:
     """Light scattered at least twice from a disk of lamps around the observer over ground of 0.8, 430 nm, thick aerosol, by
     ``volpath``: within 4 sigma of its errors (a false alarm in 5,000 runs) and 3 %. Snow adds a third to a half."""

@@ -18,7 +18,11 @@ def test_thin_strips_cover_their_width() -> None:
     assert covered(np.array([0.02]), np.array([0.0]), 0.1)[0] == pytest.approx(0.7)
 
 
-@pytest.mark.parametrize("name", sorted(SKYLINES))
+@pytest.mark.parametrize(
+    "name",
+    # Trees and a street's houses are drawn one by one: some ten seconds each.
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in ("forest", "street"))) for name in sorted(SKYLINES)],
+)
 def test_a_skyline_follows_from_its_seed_and_covers_the_ground(name) -> None:
     first, again, other = (skyline_panorama([name], np.random.default_rng(seed), 10.0) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.alpha, again.alpha)

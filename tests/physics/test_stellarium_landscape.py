@@ -159,6 +159,7 @@ def test_old_style_ground_has_south_on_the_right_and_east_at_the_top(tmp_path) -
     assert spot_in(light) == pytest.approx(expected, abs=0.2)
 
 
+@pytest.mark.slow  # a horizon of great circles on every pixel: fifteen seconds
 def test_polygonal_fills_below_great_circles_between_its_points(tmp_path) -> None:
     """A triangle of great circles around the zenith: its altitude midway between two points, and its corners."""
     pack(

@@ -115,7 +115,10 @@ def test_the_earth_s_shadow_is_refracted() -> None:
     assert -3 < 60 * (last - straight) - 2 * 33 < 1
 
 
-@pytest.mark.parametrize(("depression", "tolerance"), [(0.5, 0.04), (3.0, 0.01), (6.0, 0.01), (9.0, 0.02)])
+@pytest.mark.parametrize(
+    ("depression", "tolerance"),
+    [(0.5, 0.04), (3.0, 0.01), pytest.param(6.0, 0.01, marks=pytest.mark.slow), (9.0, 0.02)],
+)
 def test_light_scattered_once_is_that_of_plain_quadrature(depression, tolerance) -> None:
     """Without refraction and ozone, in six directions: within 1 %; 2 % at 9 deg, where the other table of the Sun's light is
     coarser; 4 % at 0.5 deg, where ours is, of rays that are nearly horizontal in the lowest kilometres."""
@@ -134,6 +137,7 @@ def test_light_scattered_once_is_that_of_plain_quadrature(depression, tolerance)
     np.testing.assert_allclose(ours[seen], theirs[seen], rtol=tolerance)
 
 
+@pytest.mark.slow  # random walks and their quadrature: eight seconds
 def test_walks_hold_the_light_scattered_twice() -> None:
     """Paths of one corner against plain quadrature, the Sun 3 and 6 deg down, at 20 deg altitude and overhead: within 4 sigma
     of the walks' errors (a false alarm in 2,600 runs) and 2 % of the quadrature."""

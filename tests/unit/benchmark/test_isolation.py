@@ -133,6 +133,7 @@ def test_a_program_reads_what_its_definition_declares(place) -> None:
     assert not any("no-such-folder" in name for name in places)
 
 
+@pytest.mark.journey
 def test_nothing_is_left_when_the_benchmark_is_killed(place) -> None:
     code = (
         "import sys; from pathlib import Path; from benchmark.solvers.isolation import visible_places\n"

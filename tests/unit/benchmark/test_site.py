@@ -269,6 +269,7 @@ def test_the_most_harmful_failures_have_pictures_and_solvers_take_turns(boards):
     assert pictured_frames(board, failures, 7) == pictured_frames(board, failures, 20)[:7]
 
 
+@pytest.mark.journey
 def test_pictures_are_bounded_in_number_and_size_and_old_ones_go(root, boards, data, tmp_path):
     out = shutil.copytree(root, tmp_path / "tree")
     site = write_site(boards, Places(out, data), most_pictures=5).parent

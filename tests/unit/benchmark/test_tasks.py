@@ -204,6 +204,7 @@ def bench(root, *arguments, out="out"):
     return CliRunner().invoke(app, command, catch_exceptions=False)
 
 
+@pytest.mark.journey
 def test_a_task_is_rendered_run_and_skipped_when_done(tiny):
     mine = ["--solver", str(tiny / "mine")]
     first = bench(tiny, "--solver", "skybench", *mine, "--frames", "2")
@@ -240,6 +241,7 @@ def test_a_task_is_rendered_run_and_skipped_when_done(tiny):
     assert all(row["peak_memory_mib"] > 1.0 and row["time_ms"] > 0.0 for row in rows)
 
 
+@pytest.mark.journey
 def test_shared_detections_are_the_same_for_all(tiny):
     outcome = bench(
         tiny,
