@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
@@ -201,6 +202,8 @@ def _pool_round(
 @contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
     """Hold back SIGINT; processes started meanwhile never see it, so Ctrl-C is this process's to handle."""
+    # Where it has to be started first, the tracker of resources lets SIGINT through again.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
