@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from generator.errors import GeneratorError
 from generator.files import path_within
+
+LARGEST_MANIFEST_BYTES = 100_000_000
+"""About half a million files."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,34 @@ def file_problem(folder: Path, listed: StoredFile) -> str:
     if found.sha256 != listed.sha256:
         return f"{listed.path}: its contents have changed (SHA-256 differs)"
     return ""
+
+
+def problems_of_files(folder: Path, files: Iterable[StoredFile], progress: Callable[[str], None]) -> list[str]:
+    """What is wrong with the files of a list, one line each; `progress` is called with each that has been read."""
+    found = []
+    for file in files:
+        if problem := file_problem(folder, file):
+            found.append(problem)
+        progress(file.path)
+    return found
+
+
+def manifest_bytes(path: Path, command: str) -> bytes:
+    """Read a manifest that `command` writes last.
+
+    Raises
+    ------
+    GeneratorError
+        It is missing (an unfinished run), too large, or cannot be read.
+    """
+    try:
+        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
+            raise GeneratorError(f"{path}: larger than any manifest")
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise GeneratorError(f"{path}: missing; the run is unfinished: run `{command}` again") from error
+    except OSError as error:
+        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
 
 
 def strange_files(folder: Path, known: Iterable[str]) -> list[str]:

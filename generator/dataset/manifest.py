@@ -14,11 +14,16 @@ from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
-from generator.stored_files import StoredFile, count_under, listed_files, text_under
+from generator.stored_files import (
+    LARGEST_MANIFEST_BYTES,
+    StoredFile,
+    count_under,
+    listed_files,
+    manifest_bytes,
+    text_under,
+)
 
 FORMAT = "skybench-dataset/1"
-LARGEST_MANIFEST_BYTES = 100_000_000
-"""About half a million files."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +89,7 @@ def read_manifest(folder: Path) -> Manifest:
         It is missing (an unfinished run), is not a manifest, or names a file outside the dataset.
     """
     path = folder / MANIFEST
-    try:
-        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
-            raise GeneratorError(f"{path}: larger than any manifest")
-        manifest = _parsed(path.read_bytes(), str(path))
-    except FileNotFoundError as error:
-        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench generate` again") from error
-    except OSError as error:
-        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    manifest = _parsed(manifest_bytes(path, "skybench generate"), str(path))
     for file in manifest.files:
         path_within(folder, file.path)
     return manifest

@@ -13,12 +13,17 @@ from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
 from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
-from generator.stored_files import StoredFile, count_under, listed_files, text_under
+from generator.stored_files import (
+    LARGEST_MANIFEST_BYTES,
+    StoredFile,
+    count_under,
+    listed_files,
+    manifest_bytes,
+    text_under,
+)
 
 FRAMES_MANIFEST = "frames-manifest.json"
 FORMAT = "skybench-frames/1"
-LARGEST_MANIFEST_BYTES = 100_000_000
-"""About half a million files."""
 LARGEST_RECEIPT_BYTES = 100_000
 """The files of one frame: three, two pictures, and one for each part of the light."""
 _OF_FRAME = re.compile(r"frame-([0-9]{5,8})[-.]")
@@ -65,14 +70,7 @@ def read_frames_manifest(folder: Path) -> FramesManifest:
         It is missing (an unfinished run), is not a manifest, or names a file outside the folder.
     """
     path = folder / FRAMES_MANIFEST
-    try:
-        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
-            raise GeneratorError(f"{path}: larger than any manifest")
-        content = strict_json(path.read_bytes(), str(path), LARGEST_MANIFEST_BYTES)
-    except FileNotFoundError as error:
-        raise GeneratorError(f"{path}: missing; the run is unfinished: run `skybench render` again") from error
-    except OSError as error:
-        raise GeneratorError(f"{path}: not a manifest ({type(error).__name__}: {error})") from error
+    content = strict_json(manifest_bytes(path, "skybench render"), str(path), LARGEST_MANIFEST_BYTES)
     try:
         if content.pop("format") != FORMAT:
             raise GeneratorError(f"{path}: not of format {FORMAT}")

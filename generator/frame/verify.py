@@ -12,7 +12,7 @@ from generator.imu.table import IMU_SCHEMA
 from generator.reading.png_header import PNG_HEADER_BYTES, check_png
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
 from generator.reading.table import read_table
-from generator.stored_files import file_problem, strange_files
+from generator.stored_files import problems_of_files, strange_files
 
 
 def is_frames_folder(folder: Path) -> bool:
@@ -38,11 +38,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
         return [str(error)]
     listed = {file.path for file in manifest.files}
     found = [f"{place}: missing from the manifest" for place in _wanted(manifest) if place not in listed]
-    for file in manifest.files:
-        problem = file_problem(folder, file)
-        if problem:
-            found.append(problem)
-        progress(file.path)
+    found += problems_of_files(folder, manifest.files, progress)
     found += [f"{place}: not in the manifest" for place in strange_files(folder, listed | {FRAMES_MANIFEST})]
     return found or list(_content_problems(folder, manifest))
 

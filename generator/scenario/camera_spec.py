@@ -17,7 +17,7 @@ from generator.scenario.lens.stray_light_spec import (
     GhostSpec,
     ghosts_of,
 )
-from generator.scenario.projection import MODELS, Projection, ProjectionError
+from generator.scenario.projection import LensModel, Projection, ProjectionError
 from generator.scenario.strict import Fraction, Numbers, Strict, listed
 
 LEAST_DIRECT_SHARE = 0.4
@@ -41,7 +41,7 @@ class CameraSpec(Strict):
 
     preset: str | None = None
     """Camera that supplies the values not given here; see docs/scenarios.md."""
-    model: Literal[MODELS] = "pinhole"  # type: ignore[valid-type]
+    model: LensModel = "pinhole"
     """Projection."""
     width: Annotated[int, Field(ge=8, le=16384)]
     """Columns, pixels."""

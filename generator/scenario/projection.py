@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from generator.scenario.lens.image_plane import displacement, displacement_slopes, through, tilt_matrix
 
-MODELS = (
+LensModel = Literal[
     "pinhole",
     "brown_conrady",
     "kannala_brandt",
@@ -25,7 +26,8 @@ MODELS = (
     "equisolid",
     "stereographic",
     "orthographic",
-)
+]
+MODELS: tuple[LensModel, ...] = get_args(LensModel)
 COEFFICIENTS = {"brown_conrady": 6, "kannala_brandt": 4}
 """Radial ones of the models that have any; p1, p2, s1..s4 and the tilt belong to all models."""
 PINHOLE_LIKE = ("pinhole", "brown_conrady")
@@ -122,9 +124,11 @@ class Projection:
         if self.model == "pinhole":
             return LARGEST_RADIUS
         if self.model == "brown_conrady":
-            return _monotonic_limit(self._rational_slope, np.tan(np.linspace(0, math.atan(LARGEST_RADIUS), 40001)))
+            radii = np.tan(np.linspace(0, math.atan(LARGEST_RADIUS), 40001))
+            return _monotonic_limit(self._rational_slope(radii), radii)
         if self.model == "kannala_brandt":
-            return _monotonic_limit(self._polynomial_slope, np.linspace(0, LARGEST_THETA["kannala_brandt"], 40001))
+            thetas = np.linspace(0, LARGEST_THETA["kannala_brandt"], 40001)
+            return _monotonic_limit(self._polynomial_slope(thetas), thetas)
         return LARGEST_THETA[self.model]
 
     def _rational_slope(self, r: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -272,7 +276,7 @@ def _filled(given: tuple[float, ...], count: int) -> tuple[float, ...]:
     return given + (0.0,) * (count - len(given))
 
 
-def _monotonic_limit(slope: object, grid: NDArray[np.float64]) -> float:
+def _monotonic_limit(slope: NDArray[np.float64], grid: NDArray[np.float64]) -> float:
     """Last point of the grid up to which the slope stays positive."""
-    positive = slope(grid) > 1e-6  # type: ignore[operator]
+    positive = slope > 1e-6
     return float(grid[-1] if positive.all() else grid[max(int(np.argmin(positive)) - 1, 0)])

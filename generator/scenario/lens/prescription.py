@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,8 @@ class FirstOrderGhost:
     diameter_mm: float
 
 
-PRESCRIPTIONS = {
+Design = Literal["double-gauss", "fisheye"]
+PRESCRIPTIONS: dict[Design, Prescription] = {
     "double-gauss": Prescription(
         "Double Gauss, 100 mm f/1.1 (Angenieux)",
         "P. Angenieux, US patent 2,701,982, as tabulated in public collections of lens designs",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from generator.scenario.lens.prescription import PRESCRIPTIONS, first_order_ghosts, focused
+from generator.scenario.lens.prescription import PRESCRIPTIONS, Design, first_order_ghosts, focused
 from generator.scenario.strict import Strict
 
 LARGEST_GHOST_PX = 500.0
@@ -83,7 +83,7 @@ class BarrelRingSpec(Strict):
 class GhostLensSpec(Strict):
     """Ghosts of a public lens design, scaled to the camera's focal length and pupil."""
 
-    design: Literal[tuple(PRESCRIPTIONS)]  # type: ignore[valid-type]
+    design: Design
     """Name of the design."""
     coating_reflectance: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """Of each surface between glass and air, 0-1."""
