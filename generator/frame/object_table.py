@@ -1,7 +1,8 @@
-"""The table of flying objects, the Moon and cosmic rays: the format of objects.parquet in docs/dataset_format.md."""
+"""The table of flying objects, Moon, cosmic rays and hot pixels: the format of objects.parquet in docs/dataset_format.md."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -15,12 +16,18 @@ from generator.frame.star_truth import StarTruth
 from generator.optics.psf import equivalent_sigma_px
 from generator.seeds import random_stream
 from generator.sensor.charge import ParticleTracks
-from generator.sensor.detector import cosmic_rays, matched_filter_snr, streak_area_px
+from generator.sensor.dark import HotPixels
+from generator.sensor.detector import cosmic_rays, defect_pixels, matched_filter_snr, streak_area_px
 from generator.sensor.effect import Exposure
 from generator.sky.moon_irradiance import moon_colours
 
 MOON_OBJECT = -1
 COSMIC_RAY_OBJECT = -2
+HOT_PIXEL_OBJECT = -3
+MOST_HOT_PIXELS = 1000
+"""Rows of a frame and kind; of more pixels those with the most electrons."""
+LEAST_HOT_SNR = 5.0
+"""Of a hot or blinking pixel that has a row."""
 MOST_COSMIC_RAYS = 1000
 """Rows of a frame; of more tracks those with the most electrons. The hardest frames of the task `clutter` have 120 000."""
 
@@ -57,12 +64,13 @@ Floats = NDArray[np.float64]
 
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects, Moon and cosmic rays: those in the frame, occluded ones included.
+    """Return the truth of a frame's flying objects, Moon, cosmic rays and hot pixels: those in the frame, hidden or not.
 
     The Moon's row follows the flying objects, with the object number MOON_OBJECT and V above the atmosphere; then come the
-    cosmic rays, with the number COSMIC_RAY_OBJECT and without magnitudes (NaN).
+    cosmic rays, with the number COSMIC_RAY_OBJECT, and hot and blinking pixels, with HOT_PIXEL_OBJECT, all of these without
+    magnitudes (NaN).
     """
-    return pa.concat_tables([_lights(plan, expected), _particles(plan, expected)])
+    return pa.concat_tables([_lights(plan, expected), _particles(plan, expected), *_defects(plan, expected)])
 
 
 def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
@@ -120,13 +128,8 @@ def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
     rays = cosmic_rays(plan.spec.sensor)
     if rays is None:
         return OBJECT_SCHEMA.empty_table()
-    camera, seed = plan.spec.camera, plan.scenario.seed
-    exposure = Exposure(
-        plan.spec.time.exposure_s,
-        lambda name: random_stream(seed, name, plan.index),
-        lambda name: random_stream(seed, f"unit.{name}", 0),
-    )
-    tracks = rays.tracks(camera.width, camera.height, exposure)
+    camera = plan.spec.camera
+    tracks = rays.tracks(camera.width, camera.height, _exposure(plan))
     inside, centroid, low, high = _within(tracks, camera.width, camera.height)
     electrons = tracks.electrons_e
     rows = np.flatnonzero(inside > 0)
@@ -155,6 +158,44 @@ def _particles(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
             "high": high[rows],
         },
     )  # fmt: skip
+
+
+def _exposure(plan: FramePlan) -> Exposure:
+    """The random streams of the sensor's effects in a frame."""
+    seed = plan.scenario.seed
+    return Exposure(
+        plan.spec.time.exposure_s,
+        lambda name: random_stream(seed, name, plan.index),
+        lambda name: random_stream(seed, f"unit.{name}", 0),
+        plan.start_s,
+    )
+
+
+def _defects(plan: FramePlan, expected: ExpectedFrame) -> Iterator[pa.Table]:
+    """Rows of hot pixels, then of blinking ones, from the same random streams as in the image."""
+    camera, exposure = plan.spec.camera, _exposure(plan)
+    for defect in defect_pixels(plan.spec.sensor):
+        pixels, excess_e_s = defect.excess_e_s((camera.height, camera.width), exposure)
+        electrons = excess_e_s.astype(np.float64) * exposure.exposure_s
+        place = np.stack([pixels % camera.width, pixels // camera.width], axis=1).astype(np.float64)
+        snr = _snr(plan, expected, electrons, place, np.ones(len(pixels)))
+        rows = np.flatnonzero(snr >= LEAST_HOT_SNR)
+        rows = np.sort(rows[np.argsort(-electrons[rows], kind="stable")[:MOST_HOT_PIXELS]])
+        count = len(rows)
+        yield _table(
+            plan, count,
+            {
+                "object": np.full(count, HOT_PIXEL_OBJECT),
+                "kind": ["hot_pixel" if isinstance(defect, HotPixels) else "blinking_pixel"] * count,
+                "v_mag": np.full(count, np.nan),
+                "bv_mag": np.full(count, np.nan),
+                "electrons_e": electrons[rows],
+                "fraction_in_frame": np.ones(count),
+                "snr": snr[rows],
+                "occluded": np.zeros(count, bool),
+            },
+            dict.fromkeys(("centroid", "light", "start", "end", "low", "high"), place[rows]),
+        )  # fmt: skip
 
 
 def _within(tracks: ParticleTracks, width: int, height: int) -> tuple[Floats, Floats, Floats, Floats]:

@@ -38,6 +38,7 @@ from generator.sky.state import SkyState, ThroughClouds, UnderClouds, sky_state
 
 Floats = NDArray[np.float64]
 
+EPOCH = Instant.parse("2000-01-01T12:00:00Z")
 LONGEST_STEP_S = 60.0
 """Between two moments at which places are computed; in between stars move along chords, within 0.5 arcsec of their arcs."""
 
@@ -128,6 +129,11 @@ class FramePlan:
         """V of the stars with cloud and scintillation, without extinction by clear air, (n,) array."""
         passed = np.maximum(self.cloud_transmission * self.scintillation, LEAST_TRANSMISSION)
         return self.stars.v_mag - 2.5 * np.log10(passed)
+
+    @property
+    def start_s(self) -> float:
+        """Start of the exposure, seconds since noon of 2000 January 1."""
+        return self.utc_start.since(EPOCH)
 
     @property
     def frame_id(self) -> str:

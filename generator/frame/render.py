@@ -82,6 +82,7 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
         plan.spec.sensor,
         lambda name: random_stream(scenario.seed, name, index),
         lambda name: random_stream(scenario.seed, f"unit.{name}", 0),
+        plan.start_s,
     )
     sensor = plan.spec.sensor
     developed = None if sensor.develop is None else develop(dn, sensor)

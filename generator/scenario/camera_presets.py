@@ -134,7 +134,7 @@ PRESETS: dict[str, CameraPreset] = {
         "All-sky camera: Starlight Xpress Superstar (Sony ICX205, monochrome) with a 1.57 mm f/2 fisheye under a dome",
         "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 764 stars of one frame (0.26 px rms an axis), throughput by stars of V 2.5 to 5, "
-        "gain and read noise by the noise of sky and dark corners, wings around stars to 38 px. "
+        "gain, read noise and hot pixels by the sky and the dark corners, wings around stars to 38 px. "
         "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most.",
         camera={
             "model": "kannala_brandt",
@@ -177,6 +177,9 @@ PRESETS: dict[str, CameraPreset] = {
             "dark_current_e_s": 0.1,
             "prnu": 0.01,
             "dsnu_e": 1.0,
+            "dsnu_column_e": 0.3,
+            "hot_pixel_fraction": 8.5e-5,
+            "hot_pixel_e_s": 85.0,
         },
     ),
     "machine-vision-mono": CameraPreset(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.scenario.strict import Curve, Fraction, Strict, listed
@@ -41,6 +41,38 @@ class TelegraphSpec(Strict):
     """Fraction of pixels with telegraph noise."""
     amplitude_e: Annotated[float, Field(gt=0, le=1000)]
     """Mean of the exponentially distributed amplitudes, electrons."""
+
+
+def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[1] < limits[0]:
+        raise ValueError(f"found {list(limits)}, expected the shortest and the longest")
+    return limits
+
+
+class BlinkingSpec(Strict):
+    """Pixels whose dark current jumps between two levels: random telegraph signal."""
+
+    fraction: Fraction
+    """Fraction of pixels that blink."""
+    amplitude_e_s: Annotated[float, Field(gt=0, le=1e6)]
+    """Mean of the exponentially distributed upper levels at `dark_reference_c`, e/s."""
+    time_constant_s: Annotated[
+        tuple[Annotated[float, Field(ge=1e-3, le=1e6)], Annotated[float, Field(ge=1e-3, le=1e6)]],
+        BeforeValidator(listed),
+        AfterValidator(_rising),
+    ] = (1.0, 3600.0)
+    """Shortest and longest time constant of the jumps' correlation, s; evenly distributed in the logarithm in between."""
+
+
+class InterferenceSpec(Strict):
+    """A sinusoidal disturbance of the readout."""
+
+    cycles_per_column: Annotated[float, Field(ge=-0.5, le=0.5)]
+    """Cycles from one pixel to the next along a row."""
+    cycles_per_row: Annotated[float, Field(ge=-0.5, le=0.5)]
+    """Cycles from one row to the next, less whole ones."""
+    amplitude_e: Annotated[float, Field(gt=0, le=1e5)]
+    """Electrons."""
 
 
 class CosmicRaySpec(Strict):
@@ -93,6 +125,15 @@ class SensorSpec(Strict):
     """Rms of an offset per column that is new in every frame, electrons."""
     dsnu_e: Annotated[float, Field(ge=0, le=1000)] = 0.0
     """Rms of a fixed offset per pixel (EMVA 1288's DSNU), electrons."""
+    # These keys are left out of the scenario's hash unless given, as if they did not exist.
+    dsnu_row_e: Annotated[float, Field(ge=0, le=1000)] = Field(default=0.0, exclude_if=lambda rms: not rms)
+    """Rms of a fixed offset per row, electrons."""
+    dsnu_column_e: Annotated[float, Field(ge=0, le=1000)] = Field(default=0.0, exclude_if=lambda rms: not rms)
+    """Rms of a fixed offset per column, electrons."""
+    interference: Annotated[tuple[InterferenceSpec, ...], Field(max_length=16), BeforeValidator(listed)] = Field(
+        default=(), exclude_if=lambda waves: not waves
+    )
+    """Periodic disturbances of the readout."""
     prnu: Annotated[float, Field(ge=0, le=0.3)] = 0.0
     """Rms of a fixed relative response per pixel (EMVA 1288's PRNU)."""
     dark_current_e_s: Annotated[float, Field(ge=0, le=1e5)] = 0.5
@@ -106,7 +147,12 @@ class SensorSpec(Strict):
     hot_pixel_fraction: Fraction = 0.0
     """Fraction of pixels that are hot."""
     hot_pixel_e_s: Annotated[float, Field(ge=0, le=1e6)] = 100.0
-    """Mean of the hot pixels' exponentially distributed extra dark current at `dark_reference_c`, e/s."""
+    """Mean of the hot pixels' extra dark current at `dark_reference_c`, e/s."""
+    hot_pixel_log_sigma: Annotated[float, Field(ge=0, le=3)] = Field(default=1.4, exclude_if=lambda sigma: sigma == 1.4)
+    """Standard deviation of the natural logarithm of their extra dark current, which is log-normal."""
+    hot_pixel_doubling_c: Annotated[float, Field(gt=1, le=50)] = Field(default=8.5, exclude_if=lambda rise: rise == 8.5)
+    """Rise of the temperature that doubles the extra dark current of hot and blinking pixels, deg C."""
+    blinking_pixels: BlinkingSpec | None = Field(default=None, exclude_if=lambda blinking: blinking is None)
     dead_pixel_fraction: Fraction = 0.0
     """Fraction of pixels without response."""
     cosmic_rays: CosmicRaySpec | None = None
@@ -140,6 +186,11 @@ class SensorSpec(Strict):
     def dark_factor(self) -> float:
         """Dark current at the sensor's temperature over that at the reference."""
         return 2.0 ** ((self.temperature_c - self.dark_reference_c) / self.dark_doubling_c)
+
+    @property
+    def hot_factor(self) -> float:
+        """Extra dark current of hot pixels at the sensor's temperature over that at the reference."""
+        return 2.0 ** ((self.temperature_c - self.dark_reference_c) / self.hot_pixel_doubling_c)
 
     @property
     def mean_dark_e_s(self) -> float:

@@ -1,4 +1,4 @@
-"""What happens to charge in the pixels: response, photon noise, dark current, cosmic rays, full well."""
+"""What happens to charge in the pixels: response, photon noise, cosmic rays, full well."""
 
 from __future__ import annotations
 
@@ -37,34 +37,6 @@ class PhotonNoise:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Draw electrons from their expectation."""
         return poisson(signal, signal.shape, exposure.frame("shot")) if self.noise else signal
-
-
-@dataclass(frozen=True)
-class DarkCurrent:
-    """Thermal electrons: Poisson, a mean that doubles every few degrees, and hot pixels with an exponential excess.
-
-    Poisson and the doubling temperature are EMVA 1288's (release 4.0); the exponential distribution of the hot pixels'
-    excess is skybench's own choice.
-    """
-
-    mean_e_s: float
-    hot_fraction: float
-    hot_e_s: float
-    noise: bool
-
-    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
-        """Add dark electrons."""
-        mean = self.mean_e_s * exposure.exposure_s
-        if not self.hot_fraction:
-            if not self.noise:
-                return signal + np.float32(mean)
-            return signal + poisson(mean, signal.shape, exposure.frame("dark"))
-        random = exposure.unit("hot")
-        hot = random.random(signal.shape) < self.hot_fraction
-        excess = random.standard_exponential(signal.shape)
-        expected = mean + hot * excess * self.hot_e_s * exposure.exposure_s
-        electrons = poisson(expected, signal.shape, exposure.frame("dark")) if self.noise else expected
-        return signal + electrons.astype(np.float32)
 
 
 @dataclass(frozen=True)

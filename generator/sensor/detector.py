@@ -7,9 +7,18 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from generator.scenario.sensor_spec import SensorSpec
-from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
+from generator.sensor.charge import CosmicRays, FullWell, PhotonNoise, PhotoResponse
+from generator.sensor.dark import BlinkingPixels, DarkCurrent, HotPixels
 from generator.sensor.effect import Effect, Exposure, NoiseStream
-from generator.sensor.readout import Converter, FixedOffset, LineNoise, ReadNoise, TelegraphNoise
+from generator.sensor.readout import (
+    Converter,
+    FixedLines,
+    FixedOffset,
+    Interference,
+    LineNoise,
+    ReadNoise,
+    TelegraphNoise,
+)
 
 
 def effects(sensor: SensorSpec) -> list[Effect]:
@@ -22,23 +31,45 @@ def effects(sensor: SensorSpec) -> list[Effect]:
     if on and (sensor.prnu or sensor.dead_pixel_fraction):
         chain.append(PhotoResponse(sensor.prnu, sensor.dead_pixel_fraction))
     chain.append(PhotonNoise(on))
-    hot = sensor.hot_pixel_fraction if on else 0.0
-    if sensor.mean_dark_e_s or hot:
-        chain.append(DarkCurrent(sensor.mean_dark_e_s, hot, sensor.hot_pixel_e_s * sensor.dark_factor, on))
+    defects = defect_pixels(sensor)
+    if sensor.mean_dark_e_s or defects:
+        chain.append(DarkCurrent(sensor.mean_dark_e_s, defects, on))
     rays = cosmic_rays(sensor)
     if rays is not None:
         chain.append(rays)
     chain.append(FullWell(sensor.full_well_e, sensor.blooming))
     if on and sensor.dsnu_e:
         chain.append(FixedOffset(sensor.dsnu_e))
+    if on and (sensor.dsnu_row_e or sensor.dsnu_column_e):
+        chain.append(FixedLines(sensor.dsnu_row_e, sensor.dsnu_column_e))
     if on and sensor.read_noise_e:
         chain.append(ReadNoise(sensor.read_noise_e))
     if on and sensor.telegraph is not None:
         chain.append(TelegraphNoise(sensor.telegraph.fraction, sensor.telegraph.amplitude_e))
     if on and (sensor.row_noise_e or sensor.column_noise_e):
         chain.append(LineNoise(sensor.row_noise_e, sensor.column_noise_e))
+    if on:
+        chain += [
+            Interference(wave.cycles_per_column, wave.cycles_per_row, wave.amplitude_e, number)
+            for number, wave in enumerate(sensor.interference)
+        ]
     chain.append(Converter(sensor.gain_e_per_dn, sensor.black_level_dn, sensor.bits))
     return chain
+
+
+def defect_pixels(sensor: SensorSpec) -> tuple[HotPixels | BlinkingPixels, ...]:
+    """The sensor's hot and blinking pixels, at its temperature; none without noise."""
+    if not sensor.noise:
+        return ()
+    defects: list[HotPixels | BlinkingPixels] = []
+    if sensor.hot_pixel_fraction:
+        mean_e_s = sensor.hot_pixel_e_s * sensor.hot_factor
+        defects.append(HotPixels(sensor.hot_pixel_fraction, mean_e_s, sensor.hot_pixel_log_sigma))
+    blinking = sensor.blinking_pixels
+    if blinking is not None:
+        amplitude_e_s = blinking.amplitude_e_s * sensor.hot_factor
+        defects.append(BlinkingPixels(blinking.fraction, amplitude_e_s, *blinking.time_constant_s))
+    return tuple(defects)
 
 
 def cosmic_rays(sensor: SensorSpec) -> CosmicRays | None:
@@ -55,6 +86,7 @@ def expose(
     sensor: SensorSpec,
     stream: NoiseStream,
     unit: NoiseStream | None = None,
+    start_s: float = 0.0,
 ) -> NDArray[np.uint16]:
     """Read out a sensor.
 
@@ -68,13 +100,15 @@ def expose(
         Gives the random generator of a named stream of this frame.
     unit : callable, optional
         Gives that of a named stream of this very sensor, the same in all its frames; `stream` unless given.
+    start_s : float
+        When the exposure starts, seconds from any fixed moment.
 
     Returns
     -------
     (..., height, width) uint16 array
         DN, 0 to 2^bits - 1.
     """
-    exposure = Exposure(exposure_s, stream, unit or stream)
+    exposure = Exposure(exposure_s, stream, unit or stream, start_s)
     signal = np.asarray(electrons, dtype=np.float32)
     for effect in effects(sensor):
         signal = effect.apply(signal, exposure)
@@ -114,8 +148,9 @@ def matched_filter_snr(
     (n,) array
     """
     area = 4 * np.pi * (psf_sigma_px**2 + 1 / 12) if area_px is None else area_px
-    lines = sensor.row_noise_e**2 + sensor.column_noise_e**2
-    readout = sensor.read_noise_e**2 + lines + sensor.dsnu_e**2 + sensor.gain_e_per_dn**2 / 12
+    lines = sensor.row_noise_e**2 + sensor.column_noise_e**2 + sum(w.amplitude_e**2 / 2 for w in sensor.interference)
+    fixed = sensor.dsnu_e**2 + sensor.dsnu_row_e**2 + sensor.dsnu_column_e**2
+    readout = sensor.read_noise_e**2 + lines + fixed + sensor.gain_e_per_dn**2 / 12
     per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + readout
     return star_e / np.sqrt(star_e + area * per_pixel)
 

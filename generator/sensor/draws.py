@@ -22,6 +22,8 @@ WORDS = 4
 """32-bit numbers that Philox makes at once."""
 NORMALS, UNIFORMS = 0, 1
 """Second word of Philox' counter: normal and uniform numbers of one stream are unrelated."""
+ADDRESSED = 1 << 16
+"""In the third word of Philox' counter, which is 0 in streams: numbers by address are unrelated to theirs."""
 SMALLEST_MEAN_BY_NORMAL = 20.0
 """Below, Poisson numbers are found by adding up probabilities."""
 
@@ -88,6 +90,37 @@ def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator
             small = expected < SMALLEST_MEAN_BY_NORMAL
             counts = dr.select(small, _added_up(dr.select(small, expected, 0), size, key), counts)
     return np.array(counts).reshape(shape)
+
+
+def uniform_at(key: int, first: NDArray[np.int64], second: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Uniform numbers by address: `count` from 0 to 1 for each pair of whole numbers, the same in every call.
+
+    Parameters
+    ----------
+    key : int
+        Below 2^64.
+    first, second : (n,) arrays
+        `first` below 2^32, `second` between -2^47 and 2^47.
+
+    Returns
+    -------
+    (count, n) array
+    """
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+    from drjit import cuda, llvm
+
+    device = cuda if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else llvm
+    if not len(first):
+        return np.zeros((count, 0))
+    shifted = second + (1 << 47)
+    seed: Any = dr.opaque(mi.UInt64, key)
+    blocks = []
+    for block in range(-(-count // WORDS)):
+        words = (first, shifted & 0xFFFFFFFF, (shifted >> 32) + ADDRESSED * (1 + block))
+        counter = [mi.UInt32(word.astype(np.uint32)) for word in words]
+        blocks += [np.array(word) for word in device.Philox4x32(seed, *counter, ROUNDS).next_uint32x4()]
+    return (np.stack(blocks[:count]) + 0.5) * 2.0**-32
 
 
 def poisson_excess(mean: Any, normal: Any, sqrt: Any) -> Any:

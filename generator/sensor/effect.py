@@ -26,11 +26,14 @@ class Exposure:
         Random generator of a named stream, new in every frame.
     unit : callable
         Random generator of a named stream that belongs to this very sensor and is the same in all its frames.
+    start_s : float
+        When the exposure starts, seconds from any fixed moment: what has a memory is a function of it.
     """
 
     exposure_s: float
     frame: NoiseStream
     unit: NoiseStream
+    start_s: float = 0.0
 
 
 class Effect(Protocol):

@@ -22,6 +22,56 @@ class FixedOffset:
 
 
 @dataclass(frozen=True)
+class FixedLines:
+    """Fixed offsets shared by a row, and by a column: parts of DSNU, as EMVA 1288 release 4.0 splits it."""
+
+    row_e: float
+    column_e: float
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add the offsets."""
+        height, width = signal.shape[-2:]
+        if self.row_e:
+            signal = signal + self.row_e * standard_normal((height, 1), exposure.unit("dsnu.row"))
+        if self.column_e:
+            signal = signal + self.column_e * standard_normal((1, width), exposure.unit("dsnu.column"))
+        return signal
+
+
+@dataclass(frozen=True)
+class Interference:
+    """A sinusoidal voltage picked up by the readout, at a phase that is new in every frame.
+
+    Read out row by row at an even rate, a sine in time is a plane wave over the frame: a pair of peaks in its spectrum, which
+    EMVA 1288 looks for in the spectrogram of dark frames.
+
+    Attributes
+    ----------
+    cycles_per_column, cycles_per_row : float
+        From one pixel to the next along u, and from one row to the next: the frequency over the rate of pixels, and the
+        frequency times the line time, less whole cycles.
+    amplitude_e : float
+    number : int
+        Place in the scenario's list.
+    """
+
+    cycles_per_column: float
+    cycles_per_row: float
+    amplitude_e: float
+    number: int
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add the wave."""
+        height, width = signal.shape[-2:]
+        start = exposure.frame(f"interference.{self.number}").uniform(0, 2 * np.pi)
+        along = 2 * np.pi * self.cycles_per_column * np.arange(width)
+        down = 2 * np.pi * self.cycles_per_row * np.arange(height)[:, None] + start
+        # cos(a + b), by sines and cosines of rows and columns alone.
+        cosine, sine = (self.amplitude_e * turn(down).astype(np.float32) for turn in (np.cos, np.sin))
+        return signal + cosine * np.cos(along).astype(np.float32) - sine * np.sin(along).astype(np.float32)
+
+
+@dataclass(frozen=True)
 class ReadNoise:
     """Normal noise of the pixel amplifiers (EMVA 1288 release 4.0, section 2.3)."""
 

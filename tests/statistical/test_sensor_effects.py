@@ -12,8 +12,9 @@ from generator.frame.scene import render_expected
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
-from generator.sensor.charge import CosmicRays, DarkCurrent, FullWell, PhotonNoise, PhotoResponse
+from generator.sensor.charge import CosmicRays, FullWell, PhotonNoise, PhotoResponse
 from generator.sensor.colour import filter_array
+from generator.sensor.dark import DarkCurrent, HotPixels
 from generator.sensor.detector import expose, streak_area_px
 from generator.sensor.effect import Exposure
 from generator.sensor.readout import FixedOffset, LineNoise, ReadNoise, TelegraphNoise
@@ -48,7 +49,8 @@ def test_switching_one_effect_off_leaves_the_others_draws(off) -> None:
     alone = {
         "read_noise_e": ReadNoise(3.0), "dsnu_e": FixedOffset(2.0), "telegraph": TelegraphNoise(0.02, 20.0),
         "row_noise_e": LineNoise(1.0, 0.0), "column_noise_e": LineNoise(0.0, 1.0),
-        "cosmic_rays": CosmicRays(20.0, 200.0, 4.0), "dark_current_e_s": DarkCurrent(4.0, 1e-3, 100.0, True),
+        "cosmic_rays": CosmicRays(20.0, 200.0, 4.0),
+        "dark_current_e_s": DarkCurrent(4.0, (HotPixels(1e-3, 100.0, 1.4),), True),
     }[next(iter(off))].apply(np.zeros(SHAPE), now)  # fmt: skip
     assert alone.std() > 0
     np.testing.assert_allclose(difference, alone, atol=0.1001)
@@ -76,10 +78,11 @@ def test_dark_current_doubles() -> None:
 
 
 def test_hot_and_dead_pixels_have_their_share_and_size() -> None:
-    dark = DarkCurrent(0.0, 0.01, 500.0, True).apply(np.zeros(SHAPE), exposure())
+    dark = DarkCurrent(0.0, (HotPixels(0.01, 500.0, 0.5),), True).apply(np.zeros(SHAPE), exposure())
     count = int((dark > 0).sum())
     assert abs(count - 0.01 * dark.size) < 4 * np.sqrt(0.01 * dark.size)
-    assert dark[dark > 0].mean() == pytest.approx(1000.0, rel=4 / np.sqrt(count))
+    # The log-normal's standard deviation is sqrt(exp(0.25) - 1) = 0.53 of its mean.
+    assert dark[dark > 0].mean() == pytest.approx(1000.0, rel=4 * 0.54 / np.sqrt(count))
     dead = PhotoResponse(0.0, 0.01).apply(np.full(SHAPE, 9.0), exposure()) == 0
     assert abs(dead.sum() - 0.01 * dead.size) < 4 * np.sqrt(0.01 * dead.size)
 

@@ -1,0 +1,145 @@
+"""Thermal electrons: dark current, hot pixels, and pixels whose dark current jumps between two levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator.sensor.draws import poisson, uniform_at
+from generator.sensor.effect import Exposure, Floats
+
+MOMENTS = 16
+"""At which the state of a blinking pixel is looked at during an exposure."""
+MOST_CELLS = 24
+"""Before a moment; none of them holds a renewal with a probability of exp(-24), 4e-11."""
+MOST_RENEWALS = 8
+"""In a cell; more come with a probability of 1e-6."""
+
+
+@dataclass(frozen=True)
+class HotPixels:
+    """Pixels of a sensor whose dark current exceeds the others', by a log-normal distribution.
+
+    Dark currents of pixels are log-normal (Baer 2006, Proc. SPIE 6068; Konnik & Welsh 2014, arXiv:1412.4031, section 3.3).
+
+    Attributes
+    ----------
+    fraction : float
+        Of the pixels.
+    mean_e_s : float
+        Mean of the excess at the sensor's temperature.
+    log_sigma : float
+        Standard deviation of its natural logarithm; 0 gives all the same.
+    """
+
+    fraction: float
+    mean_e_s: float
+    log_sigma: float
+
+    def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
+        """Flat places of the hot pixels, (n,), and their excess, e/s, (n,); the same for all frames of a sensor."""
+        random = exposure.unit("hot")
+        places = np.flatnonzero(random.random(shape) < self.fraction)
+        logarithm = self.log_sigma * random.standard_normal(len(places)) - 0.5 * self.log_sigma**2
+        return places, (self.mean_e_s * np.exp(logarithm)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class BlinkingPixels:
+    """Pixels whose dark current jumps between two levels: the random telegraph signal of dark current.
+
+    Two levels, amplitudes distributed exponentially, times of stay from fractions of a second to hours (Hopkins & Hopkinson
+    1993, IEEE Trans. Nucl. Sci. 40, 1567; 1995, ibid. 42, 2074; Goiffon et al. 2011, IEEE Electron Device Lett. 32, 773).
+    Both levels are equally likely. At renewals, a Poisson process of rate 1 / time constant, the level is drawn anew: the
+    signal is the random telegraph process, with correlation exp(-|t| / time constant). It is a function of the sensor and
+    of the time alone: renewals are drawn in cells of one time constant by number, and the last one before a moment decides.
+
+    Attributes
+    ----------
+    fraction : float
+        Of the pixels.
+    amplitude_e_s : float
+        Mean of the exponentially distributed upper level's excess, at the sensor's temperature.
+    shortest_s, longest_s : float
+        Limits of the time constants, distributed evenly in their logarithm (McWhorter 1957).
+    """
+
+    fraction: float
+    amplitude_e_s: float
+    shortest_s: float
+    longest_s: float
+
+    def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
+        """Flat places of these pixels, (n,), and the excess of each, e/s, on average over the exposure, (n,)."""
+        random = exposure.unit("blinking")
+        places = np.flatnonzero(random.random(shape) < self.fraction)
+        amplitude = self.amplitude_e_s * random.standard_exponential(len(places))
+        constant_s = self.shortest_s * (self.longest_s / self.shortest_s) ** random.random(len(places))
+        offset = random.random(len(places))
+        key = exposure.unit("blinking.renewals")
+        high = np.zeros(len(places))
+        number = int(key.integers(0, 1 << 64, dtype=np.uint64))
+        for moment in range(MOMENTS):
+            time_s = exposure.start_s + (moment + 0.5) / MOMENTS * exposure.exposure_s
+            high += telegraph_level(number, time_s / constant_s + offset)
+        return places, (amplitude * high / MOMENTS).astype(np.float32)
+
+
+def telegraph_level(key: int, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Levels of n independent random telegraph processes, each at its own time in units of its time constant, (n,) array.
+
+    Process i of a key is the same function of time in every call. Probabilities of both levels are 1/2.
+    """
+    cell = np.floor(time)
+    level = np.zeros(len(time), bool)
+    decided = np.zeros(len(time), bool)
+    process = np.arange(len(time))
+    # Cumulative Poisson probabilities of mean 1.
+    counts = np.exp(-1.0) * np.cumsum(1 / np.cumprod([1.0, *range(1, MOST_RENEWALS + 1)]))
+    for back in range(MOST_CELLS):
+        left = process[~decided]
+        if not len(left):
+            break
+        draws = uniform_at(key, left, (cell[left] - back).astype(np.int64), 1 + 2 * MOST_RENEWALS)
+        when, what = draws[1 : 1 + MOST_RENEWALS], draws[1 + MOST_RENEWALS :]
+        happened = np.arange(MOST_RENEWALS)[:, None] < np.searchsorted(counts, draws[0], side="right")
+        if not back:
+            happened &= when <= time[left] - cell[left]
+        latest = np.argmax(np.where(happened, when, -1.0), axis=0)
+        found = happened.any(axis=0)
+        level[left[found]] = what[latest[found], np.flatnonzero(found)] < 0.5
+        decided[left[found]] = True
+    return level
+
+
+@dataclass(frozen=True)
+class DarkCurrent:
+    """Thermal electrons: Poisson, with a mean that doubles every few degrees (EMVA 1288, release 4.0).
+
+    Attributes
+    ----------
+    mean_e_s : float
+        Of a normal pixel.
+    defects : tuple of HotPixels and BlinkingPixels
+    noise : bool
+    """
+
+    mean_e_s: float
+    defects: tuple[HotPixels | BlinkingPixels, ...]
+    noise: bool
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Add dark electrons."""
+        mean = self.mean_e_s * exposure.exposure_s
+        if not self.defects:
+            if not self.noise:
+                return signal + np.float32(mean)
+            return signal + poisson(mean, signal.shape, exposure.frame("dark"))
+        expected = np.full(signal.shape, mean, np.float32)
+        flat = expected.reshape(-1)
+        for defect in self.defects:
+            places, excess_e_s = defect.excess_e_s(signal.shape, exposure)
+            flat[places] += excess_e_s * np.float32(exposure.exposure_s)
+        return signal + (poisson(expected, signal.shape, exposure.frame("dark")) if self.noise else expected)
