@@ -45,8 +45,7 @@ from generator.plugins.psf_atlas import PsfAtlas
 from generator.plugins.scene_tensors import array
 from generator.plugins.stamp_light import StampLight, gaussian_light
 from generator.plugins.star_splats import (
-    UINT64,
-    UNITS_PER_ELECTRON,
+    LightSum,
     brightest_channel,
     splat_atlas,
     splat_gaussian,
@@ -270,10 +269,8 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         `tracks` are those of :meth:`follow`.
         """
         tracks = self.follow(scene, camera, emitter) if tracks is None else tracks
-        width, height = camera.width, camera.height
         electrons = self.electrons_by_band(camera, emitter, self.bands)
-        planes = electrons.shape[1] if pattern is None else 1
-        total = dr.zeros(UINT64, width * height * planes)
+        total = LightSum(camera.width, camera.height, electrons.shape[1] if pattern is None else 1)
         spread = dispersed(camera, emitter)
         parts = [(tracks, electrons)]
         if spread is not None:
@@ -286,8 +283,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 splat_gaussian(total, camera, moments, light[:, :, 0], sigma_px, self.stamp_light, pattern)
             else:
                 splat_atlas(total, camera, moments, light, self.atlas(camera), self.stamp_light, pattern)
-        image = mi.Float(FLOAT64(total) / UNITS_PER_ELECTRON)
-        return mi.TensorXf(image, (height, width, planes))
+        return total.image()
 
     def dispersion_shift(self, camera: NightSkyCamera, emitter: StarEmitter) -> NDArray[np.float64] | None:
         """Mean shift of each star's light by atmospheric dispersion, px, (stars, 2) array; None without dispersion."""

@@ -93,6 +93,40 @@ def test_stamps_keep_their_promises(mi) -> None:
     assert (1 - 1 / light.gain[radius, 0, 0, 0] <= LARGEST_MOVED_SHARE)[fits].all()
 
 
+@pytest.mark.parametrize("copies_bytes", [0, 1 << 28])
+@pytest.mark.parametrize("width", [24, 21])
+def test_packets_of_pixels_add_up_as_single_ones(mi, width, copies_bytes, monkeypatch) -> None:
+    """Stamps at random places, over every edge of the image too, against NumPy's sum pixel by pixel; no bit differs."""
+    from generator.plugins import star_splats
+
+    monkeypatch.setattr(star_splats, "COPIES_BYTES", copies_bytes)
+    random, height, taps, lanes = np.random.default_rng(5), 15, 7, 5000
+    left, row = random.integers(-12, width + 4, lanes), random.integers(-5, height + 5, lanes)
+    electrons = random.integers(0, 1000, (2, taps, lanes))
+    total = star_splats.LightSum(width, height, 2)
+    rows = star_splats.StampRows(
+        moment=np.arange(lanes),
+        radius=6,
+        taps=taps,
+        parts=2,
+        owner=None,
+        du=None,
+        dv=None,
+        left=mi.Int32(left),
+        row=mi.Int32(row),
+        inside=mi.Int32(np.where(np.arange(lanes) % 2, 6, 13)),
+    )
+    rows.add(total, [[mi.Float(electrons[plane, tap]) for plane in range(2)] for tap in range(taps)], few=False)
+    wanted = np.zeros((height, width, 2))
+    for tap in range(taps):
+        column = left + tap
+        seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        seen &= (tap < 6) | (np.arange(lanes) % 2 == 0)
+        for plane in range(2):
+            np.add.at(wanted[:, :, plane], (row[seen], column[seen]), electrons[plane, tap][seen])
+    np.testing.assert_array_equal(np.array(total.image()), wanted)
+
+
 @pytest.mark.parametrize("motion", [
     {"rate_deg_s": [2.0, -1.0, 4.0], "samples": 32},
     {"gimbal": {"sigma_deg": 0.3, "correlation_s": 0.1}, "samples": 64},
