@@ -15,7 +15,7 @@ from generator.optics.light_cells import cells_outside
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
 from generator.scenario.model import FrameSpec
 from generator.seeds import random_stream
-from generator.sensor.colour import filter_array, mosaic
+from generator.sensor.colour import filter_tile
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -38,10 +38,8 @@ class Shining:
     on_axis_e: Floats
 
 
-def scattered(
-    spec: FrameSpec, scene: Any, camera: Any, sky: Singles, image: Singles, shining: Sequence[Shining]
-) -> Singles:
-    """Electrons of light astray in each pixel, (height, width, channels) array.
+def scattered(spec: FrameSpec, scene: Any, camera: Any, sky: Any, image: Any, shining: Sequence[Shining]) -> Any:
+    """Electrons of light astray in each pixel, TensorXf of the shape of `image`.
 
     Parameters
     ----------
@@ -49,44 +47,49 @@ def scattered(
     scene : Scene
         Whose environment is the diffuse sky.
     camera : Sensor
-    sky : (height, width, channels) array
-        Electrons from the diffuse sky and the foreground; of a colour sensor either all channels or, as one, that of each
-        pixel. Only the latter counts.
-    image : array of the same shape
+    sky : TensorXf
+        (height, width, planes): electrons from the diffuse sky and the foreground; of a colour sensor either all channels or,
+        as one plane, that of each pixel. Only the latter counts.
+    image : TensorXf
         Those and the electrons from points of light; used of a monochrome sensor.
     shining : sequence of Shining
         The points, also those around the frame.
     """
     from generator.frame.surround import WALL_AZIMUTHS, hemisphere_light, sky_beside, unhidden
+    from generator.plugins.filter_array import chosen
+    from generator.plugins.integrator import interleaved
 
     integrator = scene.integrator()
-    colour = spec.sensor.colour is not None
-    grid = cell_grid(spec.camera, colour)
+    colour = spec.sensor.colour
+    pattern = None if colour is None else filter_tile(colour.pattern)
+    grid = cell_grid(spec.camera, colour is not None)
     _, u, v = cells_outside(grid)
     lights = [(one.emitter, _mean_over_time(one)) for one in shining]
     walls = 0 if spec.camera.barrel_ring is None else WALL_AZIMUTHS
     surround = Surround(
         sky_beside(scene, integrator, camera, u, v), *hemisphere_light(scene, integrator, camera, lights, walls)
     )
-    smooth = _all_channels(sky, spec)
     free = [unhidden(scene, integrator, one.emitter) for one in shining]
 
     def sources(beyond: tuple[int, int] | None) -> list[PointSources]:
         return [_sources(one, part, beyond) for one, part in zip(shining, free, strict=True)]
 
     # A mosaic samples stars too coarsely for sums over cells.
-    others = sources(None if colour else (spec.camera.width, spec.camera.height))
-    astray = stray_light(smooth if colour else image, others, surround, grid, spec.camera)
+    others = sources((spec.camera.width, spec.camera.height) if pattern is None else None)
+    planes = stray_light(image if pattern is None else sky, others, surround, grid, spec.camera, pattern)
     if spec.camera.all_ghosts:
-        astray += ghosts(smooth, sources(None), surround, grid, spec.camera)
-    return astray
+        more = ghosts(sky, sources(None), surround, grid, spec.camera, pattern)
+        planes = [light + ghost for light, ghost in zip(planes, more, strict=True)]
+    height, width, count = image.shape
+    if pattern is not None and count == 1:
+        planes = [chosen(pattern, planes, width, height)]
+    return type(image)(interleaved(planes), (height, width, count))
 
 
 def dust_of(plan: FramePlan) -> Singles:
-    """Part of the light that dust leaves, (height, width, 1) array; (1, 1, 1) of a camera without dust."""
+    """Part of the light that the dust of a camera leaves, (height, width, 1) array."""
     camera = plan.spec.camera
-    if camera.dust is None:
-        return np.ones((1, 1, 1), np.float32)
+    assert camera.dust is not None
     random = random_stream(plan.scenario.seed, "unit.dust", 0)
     return dust_shadows(camera.dust, camera.width, camera.height, random)[:, :, None]
 
@@ -117,21 +120,3 @@ def _sources(one: Shining, free: Floats, beyond: tuple[int, int] | None) -> Poin
         np.concatenate([tracks.v[near], tracks.v_px[far]]),
         one.on_axis_e[star] * light[:, None],
     )
-
-
-def _all_channels(sky: Singles, spec: FrameSpec) -> Singles:
-    """Every channel of a smooth image from what the pixels record: in each 2 x 2 pixels the mean of those of the channel."""
-    if spec.sensor.colour is None:
-        return sky
-    height, width = sky.shape[:2]
-    recorded = mosaic(sky, spec.sensor)
-    # Mirrored at a pixel, so that the pattern goes on.
-    even = np.pad(recorded, [(0, height % 2), (0, width % 2)], mode="reflect")
-    chosen = filter_array(spec.sensor.colour.pattern, *even.shape)
-    result = np.empty((*even.shape, 3), np.float32)
-    for channel in range(3):
-        here = np.where(chosen == channel, even, np.float32(0))
-        blocks = here[0::2, 0::2] + here[0::2, 1::2] + here[1::2, 0::2] + here[1::2, 1::2]
-        blocks /= (chosen[:2, :2] == channel).sum()
-        result[:, :, channel] = blocks.repeat(2, axis=0).repeat(2, axis=1)
-    return result[:height, :width]

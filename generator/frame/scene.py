@@ -296,6 +296,8 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     channel alone, which gives the same electrons in less time.
     """
     mi = plugins.start()
+    import drjit as dr
+
     from generator.plugins.film_response import film_response
 
     tables = frame_layers(plan)
@@ -305,21 +307,25 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     landscape = landscape_maps(plan, list(tables.values()), response)
     scene = mi.load_dict(scene_dict(plan, metameric(list(tables.values()), response), camera, landscape))
     integrator = scene.integrator()
-    sensor, direct, strays = plan.spec.sensor, np.float32(plan.spec.camera.direct_share), plan.spec.camera.strays
+    sensor, strays = plan.spec.sensor, plan.spec.camera.strays
+    direct = dr.opaque(mi.Float, plan.spec.camera.direct_share)
     apart = sensor.colour is not None and not channels
     names = [] if apart else list(sensor.channels)
     pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
     zenith = sum(table.zenith_v() for table in tables.values())
-    dust = dust_of(plan)
+    dust = None if plan.spec.camera.dust is None else mi.TensorXf(dust_of(plan))
 
-    def astray(scene: Any, sky: Singles, image: Singles, shining: list[Shining]) -> Singles:
-        light = scattered(plan.spec, scene, camera, sky, image, shining)
-        return mosaic(light, sensor)[:, :, None] if apart else light
+    def recorded(image: Any) -> Singles:
+        return mosaic(np.array(image if dust is None else image * dust), sensor)
+
+    def astray(scene: Any, sky: Any, image: Any, shining: list[Shining]) -> Any:
+        return scattered(plan.spec, scene, camera, sky, image, shining)
 
     if plan.spec.foreground.hides_sky:
-        sky, cover = (np.array(part) for part in integrator.diffuse_and_cover(scene, camera, pattern))
+        sky, covered = integrator.diffuse_and_cover(scene, camera, pattern)
+        cover = np.array(covered)
     else:
-        sky, cover = np.array(integrator.diffuse(scene, camera, pattern)), None
+        sky, cover = integrator.diffuse(scene, camera, pattern), None
     parts: dict[str, NDArray[np.float32]] = {}
     if layers:
         separate = {
@@ -331,48 +337,49 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
             separate["landscape"] = (black_sky(), own_light)
         for name, (part, lit) in separate.items():
             alone = mi.load_dict(scene_dict(plan, part, camera, lit))
-            light = np.array(alone.integrator().diffuse(alone, camera, pattern))
+            light = alone.integrator().diffuse(alone, camera, pattern)
             if strays:
                 light = direct * light + astray(alone, light, light, [])
-            parts[name] = mosaic(light * dust, sensor)
+            parts[name] = recorded(light)
     truths = dict.fromkeys(("stars", "objects", "lamps"), StarTruth.empty())
     shining: list[Shining] = []
-    points: Singles | None = None
+    image = sky
     dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
     for emitter in scene.emitters():
         if emitter.id() not in truths or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
         brighter = LAMP_FACTOR if emitter.id() == "lamps" else 1.0
-        light = np.array(integrator.stars(scene, camera, emitter, tracks, pattern)) * np.float32(brighter)
-        points = light if points is None else points + light
+        light = integrator.stars(scene, camera, emitter, tracks, pattern)
+        if brighter != 1:
+            light = light * dr.opaque(mi.Float, brighter)
+        image = image + light
         by_band = brighter * integrator.electrons_by_band(camera, emitter, integrator.bands)
         shining.append(Shining(emitter, tracks, by_band.sum(axis=2)))
         if layers:
             if strays:
-                light = direct * light + astray(dark, np.zeros_like(light), light, shining[-1:])
-            parts[emitter.id()] = mosaic(light * dust, sensor)
+                light = direct * light + astray(dark, dr.zeros_like(light), light, shining[-1:])
+            parts[emitter.id()] = recorded(light)
         truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), by_band))
         if (shift := integrator.dispersion_shift(camera, emitter)) is not None:
             truth = with_dispersion(truth, shift)
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
         truths[emitter.id()] = truth
-    image = sky if points is None else sky + points
     if strays:
+        dr.eval(image)
         wide = astray(scene, sky, image, shining)
-        image = np.multiply(direct, image, out=image if image is not sky else None)
-        image += wide
-        sky *= direct
-        sky += wide
-    if plan.spec.camera.dust is not None:
+        image, sky = direct * image + wide, direct * sky + wide
+    if dust is not None:
         image, sky = image * dust, sky * dust
+    dr.eval(image, sky)
+    electrons, sky_electrons = np.array(image), np.array(sky)
     # In the emitter, the points of the Moon's disk follow the stars.
     truth = truths["stars"].first(len(plan.stars))
     return ExpectedFrame(
-        electrons=mosaic(image, sensor),
-        sky_electrons=mosaic(sky, sensor),
-        channels={name: np.ascontiguousarray(image[:, :, channel]) for channel, name in enumerate(names)},
+        electrons=mosaic(electrons, sensor),
+        sky_electrons=mosaic(sky_electrons, sensor),
+        channels={name: np.ascontiguousarray(electrons[:, :, channel]) for channel, name in enumerate(names)},
         u_px=truth.u_px,
         v_px=truth.v_px,
         start_px=truth.start_px,

@@ -10,17 +10,18 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.optics.light_cells import CellGrid, enlarged
+from generator.optics.cell_kernels import Cells, on_pixels
+from generator.optics.light_cells import CellGrid
 from generator.optics.wings import COARSE_PX
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.lens.stray_light_spec import GhostSpec
 
 Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 FINE = 5
 """Samples per cell and axis where a disk's edge crosses it."""
@@ -32,8 +33,8 @@ LEAST_EXPANSION = 0.5
 
 def ghost_light(
     ghost: GhostSpec, sky: Floats, points: Sequence[tuple[Floats, Floats, Floats]], grid: CellGrid, camera: CameraSpec
-) -> Singles:
-    """Electrons that a ghost brings to each pixel, (height, width) array.
+) -> Any:
+    """Electrons that a ghost brings to each pixel, a Float (height x width,).
 
     Parameters
     ----------
@@ -55,8 +56,7 @@ def ghost_light(
     for u, v, electrons in points:
         light += _gathered(*_moved(u, v, ghost, camera), electrons / side**2, shape, rim, side)
     spread = np.maximum(fftconvolve(light, disk(ghost.diameter_px / side), mode="same"), 0)
-    part = spread[rim - 1 : shape[0] - rim + 1, rim - 1 : shape[1] - rim + 1].astype(np.float32)
-    return np.float32(ghost.share) * enlarged(part, side)[: camera.height, : camera.width]
+    return on_pixels(Cells.of(ghost.share * spread), side, rim, (camera.height, camera.width))
 
 
 @functools.lru_cache(maxsize=16)

@@ -10,10 +10,13 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from generator import mitsuba_runtime
+from generator.optics.cell_kernels import Cells, PixelSums, of_pixels, on_pixels
 from generator.optics.wings import COARSE_PX
 
 Floats = NDArray[np.float64]
@@ -60,38 +63,57 @@ class CellGrid:
         finer = COARSE_PX // self.fine_px
         return (rows + 2 * RIM) * finer, (columns + 2 * RIM) * finer
 
-    def fine_from(self, frame: Singles, around: Floats) -> Singles:
-        """Fine cells of an image (height, width) and of the light around it (coarse cells, `shape`)."""
-        side = self.fine_px
-        skip = self.margin - RIM
-        rows, columns = self.inner
-        near = around[skip : skip + rows + 2 * RIM, skip : skip + columns + 2 * RIM].astype(np.float32)
-        finer = COARSE_PX // side
-        parts = np.broadcast_to(near[:, None, :, None], (len(near), finer, near.shape[1], finer))
-        cells = np.array(parts).reshape(len(near) * finer, near.shape[1] * finer)
-        first = RIM * COARSE_PX // side
-        down, across = math.ceil(self.height / side), math.ceil(self.width / side)
-        inside = cells[first : first + down, first : first + across]
-        if (down * side, across * side) == frame.shape:
-            inside[:] = block_mean(frame, side)
-            return cells
-        covered = [np.clip(size - np.arange(count) * side, 0, side) / side for size, count in
-                   ((self.height, down), (self.width, across))]  # fmt: skip
-        inside *= (1 - covered[0][:, None] * covered[1]).astype(np.float32)
-        whole = np.pad(frame, [(0, down * side - self.height), (0, across * side - self.width)])
-        inside += block_mean(whole, side)
-        return cells
+    def fine_from(self, frame: Any, sums: PixelSums, around: Floats, points: Singles | None = None) -> Cells:
+        """Fine cells of a frame and of the light around it.
 
-    def add_points(self, cells: Singles, around: Floats, u: Floats, v: Floats, electrons: Floats) -> None:
-        """Add points of light: to the four nearest fine cells, or to a coarse cell where they lie beyond the rim."""
-        rows, columns = cells.shape
+        Parameters
+        ----------
+        frame : Float
+            Pixel by pixel.
+        sums : PixelSums
+            How pixels make up cells.
+        around : (rows, columns) array
+            Coarse cells, `shape`.
+        points : array of `fine_shape`, optional
+            Further light.
+        """
+        mi = mitsuba_runtime.start()
+        import drjit as dr
+
+        side, skip = self.fine_px, self.margin - RIM
+        rows, columns = self.inner
+        near = Cells.of(around[skip : skip + rows + 2 * RIM, skip : skip + columns + 2 * RIM])
+        finer, first = COARSE_PX // side, RIM * COARSE_PX // side
+        row, column = Cells(None, *self.fine_shape).lanes()
+        covered = mi.Float(1)
+        for place, size in ((row, self.height), (column, self.width)):
+            in_frame = dr.select(place >= first, dr.clip(size - (place - first) * side, 0, side), 0)
+            covered *= mi.Float(in_frame) * (1 / side)
+        inside = of_pixels(frame, (self.height, self.width), sums, row - first, column - first)
+        light = dr.fma(
+            1 - covered, near.at(row // finer, column // finer), inside * covered if sums.mirrored else inside
+        )
+        if points is not None:
+            light += Cells.of(points).values
+        dr.eval(light)
+        return Cells(light, *self.fine_shape)
+
+    def points_from(self, around: Floats, u: Floats, v: Floats, electrons: Floats) -> Singles | None:
+        """Light of points on the four nearest fine cells; beyond the rim it is added to the coarse cell that they lie in.
+
+        Returns
+        -------
+        array of `fine_shape` or None
+            None where all lie beyond the rim.
+        """
+        rows, columns = self.fine_shape
         first = RIM * COARSE_PX
         column, row = ((place + 0.5 + first) / self.fine_px - 0.5 for place in (u, v))
         near = (column >= 0) & (row >= 0) & (column < columns - 1) & (row < rows - 1)
         far = np.flatnonzero(~near)
         self._add_far(around, u[far], v[far], electrons[far])
         if len(far) == len(near):
-            return
+            return None
         light = electrons[near] / self.fine_px**2
         left, top = np.floor(column[near]).astype(np.intp), np.floor(row[near]).astype(np.intp)
         right, down = column[near] - left, row[near] - top
@@ -101,7 +123,7 @@ class CellGrid:
             for step_right, by_column in ((0, 1 - right), (1, right))
         ]
         place, weight = (np.concatenate(parts) for parts in zip(*corners, strict=True))
-        cells += np.bincount(place, weight, cells.size).reshape(rows, columns).astype(np.float32)
+        return np.bincount(place, weight, rows * columns).reshape(rows, columns).astype(np.float32)
 
     def _add_far(self, around: Floats, u: Floats, v: Floats, electrons: Floats) -> None:
         """Add points of light beyond the rim to the coarse cells that they lie in."""
@@ -111,12 +133,9 @@ class CellGrid:
         place = (row[inside] * self.shape[1] + column[inside]).astype(np.intp)
         np.add.at(around.reshape(-1), place, electrons[inside] / COARSE_PX**2)
 
-    def on_pixels(self, cells: Singles) -> Singles:
-        """Fine cells' values on the frame's pixels, (height, width), interpolated linearly."""
-        first = RIM * COARSE_PX // self.fine_px
-        down, across = math.ceil(self.height / self.fine_px), math.ceil(self.width / self.fine_px)
-        part = cells[first - 1 : first + down + 1, first - 1 : first + across + 1]
-        return enlarged(part, self.fine_px)[: self.height, : self.width]
+    def on_pixels(self, cells: Cells) -> Any:
+        """Fine cells' values on the frame's pixels (Float), interpolated linearly."""
+        return on_pixels(cells, self.fine_px, RIM * COARSE_PX // self.fine_px, (self.height, self.width))
 
 
 @functools.lru_cache(maxsize=4)
@@ -143,31 +162,3 @@ def block_mean(image: Singles, side: int) -> Singles:
         mean += rows[:, step::side]
     mean *= np.float32(1 / side**2)
     return mean
-
-
-def halved(cells: Singles) -> Singles:
-    """Values on cells of twice the side, without moving the light's centroid: the transpose of linear interpolation."""
-    wide = np.pad(cells, 1, mode="edge")
-    rows = np.float32(0.375) * (wide[1:-1:2] + wide[2:-1:2])
-    rows += np.float32(0.125) * (wide[0:-3:2] + wide[3::2])
-    result = np.float32(0.375) * (rows[:, 1:-1:2] + rows[:, 2:-1:2])
-    result += np.float32(0.125) * (rows[:, 0:-3:2] + rows[:, 3::2])
-    return result
-
-
-def enlarged(cells: Singles, side: int) -> Singles:
-    """Values (rows, columns) of cells, without the outermost, on side x side points in each, interpolated linearly."""
-    if side == 1:
-        return cells[1:-1, 1:-1]
-    rows, columns = cells.shape
-    wide = np.empty((rows, (columns - 2) * side), np.float32)
-    for step in range(side):
-        weight = np.float32((step + 0.5) / side - 0.5)
-        other = cells[:, :-2] if weight < 0 else cells[:, 2:]
-        wide[:, step::side] = cells[:, 1:-1] + abs(weight) * (other - cells[:, 1:-1])
-    result = np.empty(((rows - 2) * side, wide.shape[1]), np.float32)
-    for step in range(side):
-        weight = np.float32((step + 0.5) / side - 0.5)
-        other = wide[:-2] if weight < 0 else wide[2:]
-        result[step::side] = wide[1:-1] + abs(weight) * (other - wide[1:-1])
-    return result

@@ -17,18 +17,23 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from generator import mitsuba_runtime
+from generator.optics.cell_kernels import Cells, PixelSums
 from generator.optics.ghosts import ghost_light
-from generator.optics.light_cells import RIM, CellGrid, block_mean, cells_outside, enlarged, halved
-from generator.optics.wings import COARSE_PX, TRUNCATE, mixture, wide_kernel
+from generator.optics.light_cells import RIM, CellGrid, block_mean, cells_outside
+from generator.optics.wings import COARSE_PX, mixture, wide_kernel
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.lens.stray_light_spec import BarrelRingSpec, BloomSpec
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Pattern = tuple[tuple[int, int], tuple[int, int]]
+"""Channel of the pixels of the first 2 x 2, by row and column."""
 
 
 @dataclass(frozen=True)
@@ -74,60 +79,106 @@ def cell_grid(camera: CameraSpec, colour: bool) -> CellGrid:
     return CellGrid(camera.width, camera.height, max(finest, 2 if colour else 1), margin)
 
 
+def pixel_sums(grid: CellGrid, planes: int, pattern: Pattern | None) -> list[PixelSums]:
+    """How pixels make up the fine cells of each channel.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    planes : int
+        Values of a pixel: one a channel; or one for all, that of the channel that the pixel records.
+    pattern : Pattern or None
+        Channels that pixels record; only these values count. None: all do.
+    """
+    side = grid.fine_px
+    places = [(row, column) for row in range(side) for column in range(side)]
+    channels = planes if pattern is None else 1 + max(max(row) for row in pattern)
+    found = []
+    for channel in range(channels):
+        here = [place for place in places if pattern is None or pattern[place[0] % 2][place[1] % 2] == channel]
+        plane = channel if planes > 1 else 0
+        parts = tuple((row, column, plane, 1 / len(here)) for row, column in here)
+        found.append(PixelSums(side, planes, parts, mirrored=pattern is not None))
+    return found
+
+
 def stray_light(
-    frame: Singles, points: Sequence[PointSources], surround: Surround, grid: CellGrid, camera: CameraSpec
-) -> Singles:
+    frame: Any,
+    points: Sequence[PointSources],
+    surround: Surround,
+    grid: CellGrid,
+    camera: CameraSpec,
+    pattern: Pattern | None = None,
+) -> list[Any]:
     """Electrons that reach each pixel astray.
 
     Parameters
     ----------
-    frame : (height, width, channels) array
-        Electrons in the frame, as a lens without stray light images them, without those of `points`.
+    frame : TensorXf
+        (height, width, planes): electrons in the frame, as a lens without stray light images them, without those of `points`.
     points : sequence of PointSources
         Further light: that of ghosts of points, and what lies outside the frame.
     surround : Surround
     grid : CellGrid
         Of :func:`cell_grid`.
     camera : CameraSpec
+    pattern : Pattern, optional
+        Of a colour sensor: the channel of each pixel, whose light alone counts; see :func:`pixel_sums`.
 
     Returns
     -------
-    (height, width, channels) array
+    list of Float
+        (height x width,) of each channel.
     """
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
     planes = []
-    index, _, _ = cells_outside(grid)
-    for channel in range(frame.shape[2]):
-        around = np.zeros(grid.shape)
-        around.ravel()[index] = surround.sky[:, channel]
-        fine = grid.fine_from(np.ascontiguousarray(frame[:, :, channel]), around)
-        for source in points:
-            grid.add_points(fine, around, source.u_px, source.v_px, source.electrons[:, channel])
-        even = np.float32(camera.veiling_glare * surround.hemisphere[channel])
-        light = np.full_like(fine, even)
-        for bloom in camera.wings:
-            wide = wing_light(fine, around, grid, bloom)
-            wide *= np.float32(bloom.share)
-            light += wide
-        planes.append(grid.on_pixels(light))
+    for channel, sums in enumerate(pixel_sums(grid, frame.shape[2], pattern)):
+        even = camera.veiling_glare * float(surround.hemisphere[channel])
+        light = dr.opaque(mi.Float, even)
+        if camera.wings:
+            around = _around(surround, grid, channel)
+            shares = [grid.points_from(around, one.u_px, one.v_px, one.electrons[:, channel]) for one in points]
+            near = [share for share in shares if share is not None]
+            fine = grid.fine_from(frame.array, sums, around, functools.reduce(np.add, near) if near else None)
+            for bloom in camera.wings:
+                wide = wing_light(fine, around, grid, bloom)
+                light = light + dr.opaque(mi.Float, bloom.share) * dr.maximum(wide.values, 0)
+            dr.eval(light)
+            light = grid.on_pixels(Cells(light, *grid.fine_shape))
+        else:
+            light = light + dr.zeros(mi.Float, camera.height * camera.width)
         if camera.barrel_ring is not None:
-            planes[-1] += ring_light(camera.barrel_ring, surround.walls[:, channel], camera)
-    return planes[0][:, :, None] if len(planes) == 1 else np.stack(planes, axis=2)
+            light = light + mi.Float(ring_light(camera.barrel_ring, surround.walls[:, channel], camera).ravel())
+        planes.append(light)
+    return planes
 
 
 def ghosts(
-    sky: Singles, points: Sequence[PointSources], surround: Surround, grid: CellGrid, camera: CameraSpec
-) -> Singles:
+    sky: Any,
+    points: Sequence[PointSources],
+    surround: Surround,
+    grid: CellGrid,
+    camera: CameraSpec,
+    pattern: Pattern | None = None,
+) -> list[Any]:
     """Electrons of a camera's ghosts in each pixel; of a sky as that of :func:`stray_light`, and of all points."""
-    result = np.zeros_like(sky)
-    index, _, _ = cells_outside(grid)
-    for channel in range(sky.shape[2]):
-        around = np.zeros(grid.shape)
-        around.ravel()[index] = surround.sky[:, channel]
-        smooth = coarse_cells(grid.fine_from(np.ascontiguousarray(sky[:, :, channel]), around), around, grid)
+    planes = []
+    for channel, sums in enumerate(pixel_sums(grid, sky.shape[2], pattern)):
+        around = _around(surround, grid, channel)
+        smooth = coarse_cells(grid.fine_from(sky.array, sums, around).array(), around, grid)
         lights = [(source.u_px, source.v_px, source.electrons[:, channel]) for source in points]
-        for ghost in camera.all_ghosts:
-            result[:, :, channel] += ghost_light(ghost, smooth, lights, grid, camera)
-    return result
+        planes.append(sum(ghost_light(ghost, smooth, lights, grid, camera) for ghost in camera.all_ghosts))
+    return planes
+
+
+def _around(surround: Surround, grid: CellGrid, channel: int) -> Floats:
+    """Light of the sky around the frame on coarse cells."""
+    index, _, _ = cells_outside(grid)
+    around = np.zeros(grid.shape)
+    around.ravel()[index] = surround.sky[:, channel]
+    return around
 
 
 def ring_light(ring: BarrelRingSpec, walls: Floats, camera: CameraSpec) -> Singles:
@@ -159,31 +210,25 @@ def _kernel_spectrum(bloom: BloomSpec, margin: int, fine_px: int, size: tuple[in
     return np.asarray(fft.rfft2(wide_kernel(bloom, margin, fine_px), size))
 
 
-def wing_light(fine: Singles, around: Floats, grid: CellGrid, bloom: BloomSpec) -> Singles:
-    """The wings of light on cells, as light on the fine cells."""
-    # Take a while to import, which frames without stray light need not wait for.
-    from scipy import fft, ndimage
+def wing_light(fine: Cells, around: Floats, grid: CellGrid, bloom: BloomSpec) -> Cells:
+    """The wings of light on cells, as light on the fine cells; may fall below zero by rounding."""
+    # Takes a while to import, which frames without stray light need not wait for.
+    from scipy import fft
 
     levels = []
     cells, side = fine, grid.fine_px
     while side < COARSE_PX:
-        light = np.float32(0) * cells
-        for part in mixture(bloom):
-            if max(part.cell_px, grid.fine_px) == side:
-                sigma = math.sqrt(part.left_px2(grid.fine_px)) / side
-                blurred = ndimage.gaussian_filter(cells, sigma, mode="constant", truncate=TRUNCATE)
-                blurred *= np.float32(part.share)
-                light += blurred
-        levels.append(light)
-        cells, side = halved(cells), 2 * side
-    whole = coarse_cells(cells, around, CellGrid(grid.width, grid.height, COARSE_PX, grid.margin))
+        here = [part for part in mixture(bloom) if max(part.cell_px, grid.fine_px) == side]
+        blurred = [cells.blurred(math.sqrt(part.left_px2(grid.fine_px)) / side, part.share) for part in here]
+        levels.append(Cells(sum(part.values for part in blurred), cells.rows, cells.columns))
+        cells, side = cells.halved(), 2 * side
+    whole = coarse_cells(cells.array(), around, CellGrid(grid.width, grid.height, COARSE_PX, grid.margin))
     size = tuple(fft.next_fast_len(length + RIM, real=True) for length in whole.shape)
     spread = fft.irfft2(fft.rfft2(whole, size) * _kernel_spectrum(bloom, grid.margin, grid.fine_px, size), size)
     # The kernel's middle is at its index `margin`; what wraps around stays within the margin.
     rows, columns = grid.inner
     first = 2 * grid.margin - RIM
-    wide = spread[first : first + rows + 2 * RIM, first : first + columns + 2 * RIM].astype(np.float32)
+    wide = Cells.of(spread[first : first + rows + 2 * RIM, first : first + columns + 2 * RIM])
     for light in reversed(levels):
-        wide = enlarged(np.pad(wide, 1, mode="edge"), 2)
-        wide += light
-    return np.maximum(wide, 0, out=wide)
+        wide = light.plus_enlarged(wide)
+    return wide

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 
 Pattern = tuple[tuple[int, int], tuple[int, int]]
 """Channel of the pixels of the first 2 x 2, by row and column."""
@@ -15,3 +16,9 @@ def choose(pattern: Pattern, channels: list[Any], column: Any, row: Any) -> Any:
     right, low = (column & 1) == 1, (row & 1) == 1
     upper, lower = (dr.select(right, channels[there], channels[here]) for here, there in pattern)
     return dr.select(low, lower, upper)
+
+
+def chosen(pattern: Pattern, planes: list[Any], width: int, height: int) -> Any:
+    """What the pixels of a frame record of the planes (Float) of its channels."""
+    pixel = dr.arange(mi.UInt32, width * height)
+    return choose(pattern, planes, mi.Int32(pixel % width), mi.Int32(pixel // width))

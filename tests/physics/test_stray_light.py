@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import integrate
 from small_scenes import small_scenario
 
+from generator import plugins
 from generator.errors import ScenarioError
 from generator.frame.plan import plan_frame
 from generator.frame.scene import ExpectedFrame, frame_layers, render_expected
@@ -37,9 +38,13 @@ def of_points(camera: CameraSpec, u: float, v: float, electrons: tuple[float, ..
     grid = cell_grid(camera, colour=False)
     dark = Surround(np.zeros((len(cells_outside(grid)[0]), 2)), np.zeros(2), np.zeros((1, 2)))
     point = [PointSources(np.array([u]), np.array([v]), np.array([electrons]))]
-    nothing = np.zeros((camera.height, camera.width, 2), np.float32)
-    light = stray_light(nothing, point, dark, grid, camera) + ghosts(nothing, point, dark, grid, camera)
-    return light.astype(float)
+    nothing = plugins.start().TensorXf(np.zeros((camera.height, camera.width, 2), np.float32))
+    planes = stray_light(nothing, point, dark, grid, camera)
+    if camera.all_ghosts:
+        more = ghosts(nothing, point, dark, grid, camera)
+        planes = [light + ghost for light, ghost in zip(planes, more, strict=True)]
+    light = np.stack([np.array(plane, dtype=float) for plane in planes], axis=1)
+    return light.reshape(camera.height, camera.width, 2)
 
 
 def rendered(**values: Any) -> ExpectedFrame:
@@ -153,7 +158,8 @@ def test_the_glare_index_of_iso_9358(radius_px) -> None:
     spot = np.hypot(np.arange(401) - 200, (np.arange(301) - 150)[:, None]) <= radius_px
     field = np.where(spot, 0, 1000).astype(np.float32)[:, :, None]
     even = Surround(np.full((len(cells_outside(grid)[0]), 1), 1000.0), np.array([1000.0]), np.zeros((1, 1)))
-    image = camera.direct_share * field + stray_light(field, [], even, grid, camera)
+    (wide,) = stray_light(plugins.start().TensorXf(field), [], even, grid, camera)
+    image = camera.direct_share * field + np.array(wide).reshape(field.shape)
 
     def law(r: float) -> float:
         return r * ((1 + (r / 4) ** 2) ** -1.2 - (1 + 75**2) ** -1.2)
