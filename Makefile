@@ -7,7 +7,7 @@ BIN := .venv/bin
 help:
 	@echo "make demo        render 27 frames, solve them with four solvers, write results/demo/index.html"
 	@echo "make test        run the tests"
-	@echo "make test-journeys  run whole programs from end to end: documented commands, killed processes, clusters"
+	@echo "make test-journeys  run whole programs from end to end (documented commands, killed processes, clusters), make shipped data again"
 	@echo "make test-slow   run the tests that take longer"
 	@echo "make fuzz        put damaged and random inputs to every reader: EXAMPLES=2000 of them to each target"
 	@echo "make boards        run the rows of the leaderboard that are not of today's code"

@@ -136,6 +136,7 @@ def test_an_object_store_holds_the_same_bytes(scenario, local, tmp_path, object_
     assert fingerprint(tmp_path / "got") == fingerprint(local)
 
 
+@pytest.mark.journey
 def test_ray_that_cannot_be_reached_is_a_clear_error(scenario, tmp_path) -> None:
     run = subprocess.run(
         command(scenario, str(tmp_path / "out"), "--backend", "ray", "--ray-address", "127.0.0.1:1"),

@@ -116,13 +116,18 @@ def test_pages_of_the_site_link_to_each_other_and_to_the_repository(project: Pat
     ("document", "text", "complaint"),
     [
         ("docs/tasks.md", "\n[lost](missing.md)\n", "missing.md"),
-        ("docs/tasks.md", "\n[lost](../missing.md)\n", "missing.md"),
-        ("docs/index.md", "\n[lost](tasks.md#missing)\n", "#missing"),
         ("docs/tasks.md", '\n<script src="https://example.org/x.js"></script>\n', "from the network"),
-        ("docs/tasks.md", "\n![picture](https://example.org/x.png)\n", "from the network"),
-        ("docs/assets/site.css", '\n@import "https://example.org/font.css";\n', "from the network"),
-        ("docs/physics.md", "# A page that no menu lists\n", "physics.md"),
-        ("celnav/camera.py", WRONG_DOCSTRING, "absent"),
+        *(
+            pytest.param(*each, marks=pytest.mark.journey)
+            for each in (
+                ("docs/tasks.md", "\n[lost](../missing.md)\n", "missing.md"),
+                ("docs/index.md", "\n[lost](tasks.md#missing)\n", "#missing"),
+                ("docs/tasks.md", "\n![picture](https://example.org/x.png)\n", "from the network"),
+                ("docs/assets/site.css", '\n@import "https://example.org/font.css";\n', "from the network"),
+                ("docs/physics.md", "# A page that no menu lists\n", "physics.md"),
+                ("celnav/camera.py", WRONG_DOCSTRING, "absent"),
+            )
+        ),
     ],
 )
 def test_faults_fail_the_build(project: Path, document: str, text: str, complaint: str) -> None:

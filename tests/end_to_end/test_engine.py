@@ -129,6 +129,7 @@ def test_one_condition_of_a_task_has_a_place_of_its_own(place):
     assert skybench("bench", "run", "skies", "--solver", "./mine", "--condition", 4).exit_code == 2
 
 
+@pytest.mark.journey
 def test_a_few_frames_are_tried_with_standard_error_shown_and_no_result(place):
     run = skybench("bench", "run", "skies", "--solver", "./loud", "--try", 2, "--out", "results/tried")
     assert run.exit_code == 0, run.output
@@ -142,6 +143,7 @@ def test_a_few_frames_are_tried_with_standard_error_shown_and_no_result(place):
     assert two.exit_code == 2
 
 
+@pytest.mark.journey
 def test_answers_that_are_all_errors_are_cried_out_and_not_taken_for_finished(place):
     for more in (("--try", 1), (), ()):
         run = skybench("bench", "run", "skies", "--solver", "./broken", "--out", "results/broken", *more)

@@ -46,6 +46,7 @@ def exported(small_set, tmp_path_factory) -> Path:
     return place
 
 
+@pytest.mark.journey
 def test_code_of_the_page_runs(exported) -> None:
     """All in one process, without a network: `datasets` and mlcroissant take seconds to load."""
     code = [block for language, block in BLOCKS if language]

@@ -143,6 +143,7 @@ def dataset(make, tmp_path_factory) -> dict[str, str]:
     return visible(folder)
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("strike", FAULTS)
 def test_render(scenario, tmp_path, strike, monkeypatch) -> None:
     frames = [render_module.render_frame(scenario, index) for index in range(2)]
@@ -160,6 +161,7 @@ def test_render(scenario, tmp_path, strike, monkeypatch) -> None:
     assert len(numbers) >= 10
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("strike", FAULTS)
 def test_generate(make, dataset, tmp_path, strike) -> None:
     numbers = []
@@ -172,6 +174,7 @@ def test_generate(make, dataset, tmp_path, strike) -> None:
     assert len(numbers) >= 10
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "broken pipe"), RuntimeError("EndpointConnectionError")])
 def test_generate_into_an_object_store_that_breaks_off(make, dataset, tmp_path, error) -> None:
     fsspec = pytest.importorskip("fsspec")

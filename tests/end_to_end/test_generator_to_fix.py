@@ -95,6 +95,7 @@ def test_thesis_adaptive_finds_the_site_from_noise_free_dark_skies(image_folder)
         assert np.mean(np.array(distance) < 2) > 0.95
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("vertical_alone", [False, True])
 def test_wrong_attitude_is_no_fix(image_folder, vertical_alone) -> None:
     """Pictures of the zenith, declared as views of the northern horizon: stars would stand in the ground."""

@@ -72,6 +72,7 @@ attitude: zenith-north-up
 """
 
 
+@pytest.mark.journey
 def test_code_prints_what_the_readme_shows(tmp_path, monkeypatch) -> None:
     code, printed = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", README, re.DOTALL).groups()
     monkeypatch.chdir(tmp_path)

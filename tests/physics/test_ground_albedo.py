@@ -127,6 +127,7 @@ def test_ground_of_a_scenario_by_name_number_and_curve() -> None:
         small_scenario(sky={"bortle": 3, "ground_albedo": [[700, 0.2], [500, 0.1]]})
 
 
+@pytest.mark.journey
 def test_shipped_ground_follows_from_the_walks() -> None:
     """One piece of the walks again, to the bit, and the fit from all of them."""
     mean, _ = run_worker("ground", 1, 3, 12)

@@ -115,6 +115,7 @@ def test_importing_the_libraries_changes_nothing_else(without) -> None:
     assert (run.stdout, run.stderr, run.returncode) == ("np.float64(0.1) [0.5]\n", "", 0)
 
 
+@pytest.mark.journey
 def test_rendering_does_not_wait_for_the_libraries() -> None:
     """They are imported when a picture is developed or drawn, not before."""
     code = "import sys, generator.frame.render, benchmark.cli.app; print({'colour', 'skimage'} & set(sys.modules))"

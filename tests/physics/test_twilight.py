@@ -117,7 +117,10 @@ def test_the_earth_s_shadow_is_refracted() -> None:
 
 @pytest.mark.parametrize(
     ("depression", "tolerance"),
-    [(0.5, 0.04), (3.0, 0.01), pytest.param(6.0, 0.01, marks=pytest.mark.slow), (9.0, 0.02)],
+    [
+        (3.0, 0.01),
+        *(pytest.param(*each, marks=pytest.mark.journey) for each in ((0.5, 0.04), (6.0, 0.01), (9.0, 0.02))),
+    ],
 )
 def test_light_scattered_once_is_that_of_plain_quadrature(depression, tolerance) -> None:
     """Without refraction and ozone, in six directions: within 1 %; 2 % at 9 deg, where the other table of the Sun's light is
@@ -159,6 +162,7 @@ def test_shipped_walks_are_what_the_bake_makes() -> None:
     np.testing.assert_array_equal(mean, twilight_map("walked")[index].astype(np.float32))
 
 
+@pytest.mark.journey
 def test_shipped_coefficients_follow_from_the_walks() -> None:
     """The fit of one height from the stored walks. Its residuals are 1.6 times the walks' errors, in thick aerosol 3.2:
     errors of four batches understate long tails."""

@@ -169,8 +169,8 @@ EVEN_CURVE, STEEP_CURVE = (0.95, 0.9, 0.7, 0.4, 0.2, 0.05), (1.0, 0.98, 0.6, 0.4
 @pytest.mark.parametrize(
     ("curve", "harder", "sets"),
     [
-        (EVEN_CURVE, 1, 100),
-        (STEEP_CURVE, -1, 100),
+        (EVEN_CURVE, 1, 60),
+        pytest.param(STEEP_CURVE, -1, 100, marks=pytest.mark.journey),
         *(
             pytest.param(curve, harder, 400, marks=pytest.mark.slow)
             for curve in (EVEN_CURVE, STEEP_CURVE)

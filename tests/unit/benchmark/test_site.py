@@ -411,6 +411,7 @@ def test_numbers_for_script_and_reader():
     )
 
 
+@pytest.mark.journey
 def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
     copy = shutil.copytree(root, tmp_path / "tree")
     (copy / "site").mkdir(exist_ok=True)
