@@ -52,6 +52,7 @@ def test_overcast_brightens_settled_land_and_darkens_the_wild() -> None:
     assert 0.2 < light_overhead(wild | {"clouds": OVERCAST}) / light_overhead(wild) < 0.6
 
 
+@pytest.mark.journey
 def test_snow_brightens_an_overcast_city_more_than_a_clear_one() -> None:
     """Light goes to and fro between cloud and ground: measured amplifications multiply (Jechow & Hoelker 2019, J. Imaging 5,
     69)."""

@@ -91,6 +91,7 @@ def moon_in(albedo: float, altitude: float) -> np.ndarray:
     return table.radiance(view, azimuth)[:, int(np.argmin(np.abs(GRID_NM - JUDGED_NM)))]
 
 
+@pytest.mark.journey
 def test_snow_brightens_a_town() -> None:
     """The same lamps, clear sky, zenith in V. With 13 % of the upward light straight from the lamps, reflected light in
     proportion to the albedo: 2 to 3 times for a town in snow with cleared streets (0.35 to 0.5), as observers report;

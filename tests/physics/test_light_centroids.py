@@ -63,6 +63,7 @@ def test_the_light_s_centroid_is_the_image_s_first_moment(psf) -> None:
     assert np.hypot(*(moment - light(stars)).T).max() < 0.02
 
 
+@pytest.mark.journey
 def test_trails_of_asymmetric_stars() -> None:
     """A camera that turns while stars trail through the field of coma: weighted along the trail, within 0.02 px."""
     stars, moment, _, _ = isolated_stars(COMA, motion={"rate_deg_s": [0.05, 0.1, 0.2]})

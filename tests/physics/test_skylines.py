@@ -21,7 +21,7 @@ def test_thin_strips_cover_their_width() -> None:
 @pytest.mark.parametrize(
     "name",
     # Trees and a street's houses are drawn one by one: some ten seconds each.
-    [pytest.param(name, marks=[pytest.mark.slow] * (name in ("forest", "street"))) for name in sorted(SKYLINES)],
+    [pytest.param(name, marks=[pytest.mark.journey] * (name not in ("hills", "masts"))) for name in sorted(SKYLINES)],
 )
 def test_a_skyline_follows_from_its_seed_and_covers_the_ground(name) -> None:
     first, again, other = (skyline_panorama([name], np.random.default_rng(seed), 10.0) for seed in (1, 1, 2))
@@ -44,6 +44,7 @@ def test_a_skyline_follows_from_its_seed_and_covers_the_ground(name) -> None:
     assert step[-1] <= np.quantile(step, 0.999) + 1
 
 
+@pytest.mark.journey
 def test_a_street_has_lamps_at_their_poles_and_lit_windows() -> None:
     street = skyline_panorama(["street"], np.random.default_rng(5), 10.0)
     assert len(street.lamps) == 18

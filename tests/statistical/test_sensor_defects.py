@@ -79,11 +79,13 @@ def test_a_random_telegraph_process_has_its_correlation_and_dwell_times() -> Non
     for lag in (0.1, 0.5, 1.0, 2.0, 4.0, 30.0):
         after = 2.0 * telegraph_level(KEY, base + lag) - 1
         assert (before * after).mean() == pytest.approx(np.exp(-lag), abs=4.5 / np.sqrt(count))
-    times = np.arange(0, 40, 0.02)
-    levels = np.stack([telegraph_level(KEY, np.full(800, 17.3) + time) for time in times])
+    step, length, pixels = 0.1, 40.0, 800
+    levels = np.stack(
+        [telegraph_level(KEY, np.full(pixels, 17.3) + time) for time in np.arange(0, length + step / 2, step)]
+    )
     jumps = (levels[1:] != levels[:-1]).sum()
-    # Jumps come at half the rate of renewals; steps of 0.02 miss one in a hundred.
-    wanted = 800 * 40 / 2 * np.tanh(0.01) / 0.01
+    # After a step the level was drawn anew with probability 1 - exp(-step), and half of the draws change it.
+    wanted = pixels * length / step * (1 - np.exp(-step)) / 2
     assert jumps == pytest.approx(wanted, abs=4.5 * np.sqrt(wanted))
 
 

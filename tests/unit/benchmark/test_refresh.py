@@ -79,6 +79,7 @@ def listed(folder: Path) -> dict[str, Any]:
     return {row["solver"]: row for row in rows}
 
 
+@pytest.mark.journey
 def test_only_stale_rows_are_run(folder: Path) -> None:
     assert "2 rows to be made, 0 of today's code; 3 frames to be rendered" in boards(folder, "--plan")
     assert not (folder / "results").exists()
