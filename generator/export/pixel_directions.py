@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from generator import plugins
-from generator.places.astrometry import Air, Site, apparent_places
+from generator.places.astrometry import Air, Site, air_around, apparent_places
 from generator.places.catalogue import StarCatalogue
 from generator.places.ephemeris import icrs_from_enu
 from generator.places.refraction import refraction_of_apparent_deg
@@ -75,16 +75,8 @@ def pixel_directions(record: dict[str, Any], u_px: Floats, v_px: Floats) -> tupl
 def _without_refraction(enu: Floats, site: Site, air: Air) -> Floats:
     """Unit vectors (n, 3) of apparent directions lowered by their refraction."""
     level = np.hypot(enu[:, 0], enu[:, 1])
-    drop = np.radians(
-        refraction_of_apparent_deg(
-            np.degrees(np.arctan2(enu[:, 2], level)),
-            pressure_hpa=air.pressure_hpa,
-            temperature_c=air.temperature_c,
-            relative_humidity=air.relative_humidity,
-            height_m=site.height_m,
-            latitude_deg=site.latitude_deg,
-        )
-    )
+    altitude_deg = np.degrees(np.arctan2(enu[:, 2], level))
+    drop = np.radians(refraction_of_apparent_deg(altitude_deg, air_around(site, air)))
     stretch = np.cos(drop) + enu[:, 2] * np.sin(drop) / np.maximum(level, 1e-300)
     return np.stack([stretch * enu[:, 0], stretch * enu[:, 1], enu[:, 2] * np.cos(drop) - level * np.sin(drop)], axis=1)
 

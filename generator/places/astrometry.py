@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.places.catalogue import StarCatalogue
+from generator.places.ray_bending import REFERENCE_NM, StandardAir
 from generator.places.refraction import refraction_deg
 from generator.places.times import EarthOrientation, Instant
 
@@ -193,14 +194,13 @@ def observed_places(
 
 def lift_deg(true_altitude_deg: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
     """Refraction, deg, at true altitudes (n,) as seen from a site."""
-    return refraction_deg(
-        true_altitude_deg,
-        pressure_hpa=air.pressure_hpa,
-        temperature_c=air.temperature_c,
-        relative_humidity=air.relative_humidity,
-        height_m=site.height_m,
-        latitude_deg=site.latitude_deg,
-    )
+    return refraction_deg(true_altitude_deg, air_around(site, air))
+
+
+def air_around(site: Site, air: Air, wavelength_nm: float = REFERENCE_NM) -> StandardAir:
+    """The air around an observer, by its values at the site."""
+    at_observer = (air.pressure_hpa, air.temperature_c, air.relative_humidity)
+    return StandardAir(*at_observer, site.height_m, site.latitude_deg, wavelength_nm)
 
 
 def _enu_from_cirs(context: Any) -> NDArray[np.float64]:

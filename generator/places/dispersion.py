@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.places.astrometry import Air, Site
-from generator.places.refraction import REFERENCE_NM, refraction_table
+from generator.places.astrometry import Air, Site, air_around
+from generator.places.refraction import refraction_table
 
 Floats = NDArray[np.float64]
 
@@ -15,32 +15,22 @@ LARGEST_SHARE = 0.05
 
 
 def dispersion_deg(apparent_altitude_deg: Floats, wavelength_nm: Floats, site: Site, air: Air) -> Floats:
-    """Lift, deg, of light at wavelengths (b,) over that at REFERENCE_NM, by apparent altitudes (n,) there: (n, b) array.
+    """Lift, deg, of light at wavelengths (b,) over the reference wavelength's, by apparent altitudes (n,) there: (n, b) array.
 
     From the refraction of :mod:`generator.places.refraction` at each wavelength; 9 arcsec between 450 and 650 nm at 5 deg.
     """
     if air.pressure_hpa == 0:
         return np.zeros((len(apparent_altitude_deg), len(wavelength_nm)))
 
-    def lift(nm: float, true_altitude_deg: Floats) -> Floats:
-        table = refraction_table(
-            air.pressure_hpa, air.temperature_c, air.relative_humidity, nm, site.height_m, site.latitude_deg
-        )
-        return table.of_true(true_altitude_deg)
-
-    reference = refraction_table(
-        air.pressure_hpa, air.temperature_c, air.relative_humidity, REFERENCE_NM, site.height_m, site.latitude_deg
-    )
-    lifted = reference.of_apparent(apparent_altitude_deg)
+    lifted = refraction_table(air_around(site, air)).of_apparent(apparent_altitude_deg)
     true = apparent_altitude_deg - lifted
-    return np.stack([lift(float(nm), true) - lifted for nm in wavelength_nm], axis=1)
+    tables = [refraction_table(air_around(site, air, float(nm))) for nm in wavelength_nm]
+    return np.stack([table.of_true(true) - lifted for table in tables], axis=1)
 
 
 def may_disperse(apparent_altitude_deg: Floats, least_deg: float, site: Site, air: Air) -> NDArray[np.bool_]:
     """Where dispersion may exceed an angle, (n,) array: a bound that needs no further wavelength."""
     if air.pressure_hpa == 0 or not len(apparent_altitude_deg):
         return np.zeros(len(apparent_altitude_deg), bool)
-    table = refraction_table(
-        air.pressure_hpa, air.temperature_c, air.relative_humidity, REFERENCE_NM, site.height_m, site.latitude_deg
-    )
+    table = refraction_table(air_around(site, air))
     return LARGEST_SHARE * table.of_apparent(apparent_altitude_deg) > least_deg

@@ -78,7 +78,7 @@ def horizon_of(site: Site, air: Air, ground_height_m: float) -> Horizon:
         return LEVEL
     pressure_hpa = max(air.pressure_hpa, VACUUM_HPA)
     humidity = air.relative_humidity if air.pressure_hpa > 0 else 0.0
-    layers = Layers(StandardAir(pressure_hpa, air.temperature_c, humidity, site.height_m, site.latitude_deg, 550.0))
+    layers = Layers(StandardAir(pressure_hpa, air.temperature_c, humidity, site.height_m, site.latitude_deg))
     altitude = lowest_altitude_deg(layers, ground_height_m)
     # Finest at the ground, where the air is densest.
     dipping = altitude * np.linspace(1, 0, ROWS)

@@ -24,6 +24,9 @@ EARTH_RADIUS_M = 6378120.0
 LAPSE_K_M = 0.0065
 VAPOUR_EXPONENT = 18.36
 """Of the temperature, in the pressure of water vapour."""
+MIDDLE_LATITUDE_DEG = 45.0
+REFERENCE_NM = 550.0
+"""Wavelength of the places in the truth."""
 TROPOPAUSE_M, TOP_M = 11000.0, 80000.0
 WATER_REFRACTIVITY_K_HPA = 11.2684e-6
 COLDEST_K = 100.0
@@ -39,9 +42,9 @@ class StandardAir:
     Attributes
     ----------
     pressure_hpa, temperature_c, relative_humidity : float
-        At the observer; pressure above 0.
+        At the observer (hPa; 0: no air; deg C, 0-1).
     height_m, latitude_deg : float
-        Of the observer; the latitude sets gravity.
+        Of the observer, up to 70 km; the latitude sets gravity.
     wavelength_nm : float
     lapse_k_m : float
         Fall of the temperature with height in the troposphere, K/m.
@@ -50,9 +53,9 @@ class StandardAir:
     pressure_hpa: float
     temperature_c: float
     relative_humidity: float
-    height_m: float
-    latitude_deg: float
-    wavelength_nm: float
+    height_m: float = 0.0
+    latitude_deg: float = MIDDLE_LATITUDE_DEG
+    wavelength_nm: float = REFERENCE_NM
     lapse_k_m: float = LAPSE_K_M
 
 

@@ -23,9 +23,6 @@ TABLE_ROWS = 240
 CLEARANCE = 1e-3
 """Part of the table's range by which its highest ray stands above LOWEST_ALTITUDE_OF_SERIES_DEG."""
 NEWTON_STEPS = 2
-REFERENCE_NM = 550.0
-"""Wavelength of the places in the truth."""
-MIDDLE_LATITUDE_DEG = 45.0
 
 
 def _series_deg(true_zenith_distance_rad: Floats, refa_rad: float, refb_rad: float) -> Floats:
@@ -90,20 +87,12 @@ class RefractionTable:
 
 
 @functools.lru_cache(maxsize=64)
-def refraction_table(
-    pressure_hpa: float,
-    temperature_c: float,
-    relative_humidity: float,
-    wavelength_nm: float = REFERENCE_NM,
-    height_m: float = 0.0,
-    latitude_deg: float = MIDDLE_LATITUDE_DEG,
-) -> RefractionTable:
+def refraction_table(air: StandardAir) -> RefractionTable:
     """Tabulate the refraction of an air (pressure above 0), within 0.001 arcsec of the integral; takes a millisecond."""
-    refa, refb = (
-        float(part) for part in erfa.refco(pressure_hpa, temperature_c, relative_humidity, wavelength_nm / 1000)
-    )
-    layers = Layers(StandardAir(pressure_hpa, temperature_c, relative_humidity, height_m, latitude_deg, wavelength_nm))
-    bottom = lowest_altitude_deg(layers, min(height_m, 0.0) - BELOW_SEA_M)
+    at_observer = (air.pressure_hpa, air.temperature_c, air.relative_humidity, air.wavelength_nm / 1000)
+    refa, refb = (float(part) for part in erfa.refco(*at_observer))
+    layers = Layers(air)
+    bottom = lowest_altitude_deg(layers, min(air.height_m, 0.0) - BELOW_SEA_M)
     seam_zenith_distance = np.radians(90 - np.array([LOWEST_ALTITUDE_OF_SERIES_DEG]))
     seam_lift = float(_series_deg(seam_zenith_distance, refa, refb)[0])
     top = LOWEST_ALTITUDE_OF_SERIES_DEG + seam_lift
@@ -116,54 +105,20 @@ def refraction_table(
     return RefractionTable(refa, refb, float(true[0]), CubicSpline(true, lift + (seam_lift - at_seam) * share))
 
 
-def refraction_deg(
-    true_altitude_deg: Floats,
-    *,
-    pressure_hpa: float,
-    temperature_c: float,
-    relative_humidity: float,
-    wavelength_nm: float = REFERENCE_NM,
-    height_m: float = 0.0,
-    latitude_deg: float = MIDDLE_LATITUDE_DEG,
-) -> Floats:
-    """Refraction to add to a true altitude.
+def refraction_deg(true_altitude_deg: Floats, air: StandardAir) -> Floats:
+    """Refraction, deg, to add to true altitudes, (n,) arrays.
 
     Above 15 deg this is ERFA's ``refco`` with its A tan z + B tan^3 z (good to some 0.05 arcsec there). Lower it is the
     integral of :mod:`generator.places.ray_bending`, down to the ray that touches the ground at sea level, which for an
     observer in the air comes from below the horizontal; for what the Earth hides it stays constant.
-
-    Parameters
-    ----------
-    true_altitude_deg : (n,) array
-        Altitude without refraction, deg.
-    pressure_hpa, temperature_c, relative_humidity, wavelength_nm : float
-        Air at the observer (hPa; 0: no refraction; deg C, 0-1) and the wavelength (nm).
-    height_m, latitude_deg : float
-        Of the observer, up to 70 km.
-
-    Returns
-    -------
-    (n,) array
-        Refraction, deg.
     """
-    if pressure_hpa == 0:
+    if air.pressure_hpa == 0:
         return np.zeros_like(true_altitude_deg)
-    air = (pressure_hpa, temperature_c, relative_humidity, wavelength_nm, height_m, latitude_deg)
-    return refraction_table(*air).of_true(true_altitude_deg)
+    return refraction_table(air).of_true(true_altitude_deg)
 
 
-def refraction_of_apparent_deg(
-    apparent_altitude_deg: Floats,
-    *,
-    pressure_hpa: float,
-    temperature_c: float,
-    relative_humidity: float,
-    wavelength_nm: float = REFERENCE_NM,
-    height_m: float = 0.0,
-    latitude_deg: float = MIDDLE_LATITUDE_DEG,
-) -> Floats:
-    """Refraction to take from an apparent altitude: the inverse of :func:`refraction_deg`, with its parameters."""
-    if pressure_hpa == 0:
+def refraction_of_apparent_deg(apparent_altitude_deg: Floats, air: StandardAir) -> Floats:
+    """Refraction, deg, to take from apparent altitudes, (n,) arrays: the inverse of :func:`refraction_deg`."""
+    if air.pressure_hpa == 0:
         return np.zeros_like(apparent_altitude_deg)
-    air = (pressure_hpa, temperature_c, relative_humidity, wavelength_nm, height_m, latitude_deg)
-    return refraction_table(*air).of_apparent(apparent_altitude_deg)
+    return refraction_table(air).of_apparent(apparent_altitude_deg)

@@ -11,8 +11,7 @@ from generator.places.refraction import refraction_deg, refraction_of_apparent_d
 
 def lift_arcmin(true_altitude_deg, pressure_hpa=1010.0, temperature_c=10.0, relative_humidity=0.0):
     altitude = np.atleast_1d(np.asarray(true_altitude_deg, float))
-    air = {"pressure_hpa": pressure_hpa, "temperature_c": temperature_c, "relative_humidity": relative_humidity}
-    return 60 * refraction_deg(altitude, **air)
+    return 60 * refraction_deg(altitude, StandardAir(pressure_hpa, temperature_c, relative_humidity))
 
 
 @pytest.mark.parametrize(("apparent_deg", "arcmin"), [(15, 3.556), (20, 2.637), (30, 1.671), (45, 0.967), (60, 0.559)])
@@ -33,23 +32,24 @@ def test_low_altitudes_follow_the_pulkovo_tables(apparent_deg) -> None:
     """15 deg C, 1013.25 hPa, dry, 590 nm: a fit to the tables of Pulkovo (Abalakin 1985), good to 0.29 arcsec; within 1."""
     h = apparent_deg
     pulkovo_deg = 1 / 62.8093 / np.tan(np.radians(h + 4.2206 / (h + 15.1115 / (h + 5.9431))))
-    air = {"pressure_hpa": 1013.25, "temperature_c": 15.0, "relative_humidity": 0.0, "wavelength_nm": 590.0}
-    assert 3600 * refraction_deg(np.array([h - pulkovo_deg]), **air)[0] == pytest.approx(3600 * pulkovo_deg, abs=1.0)
+    air = StandardAir(1013.25, 15.0, 0.0, wavelength_nm=590.0)
+    assert 3600 * refraction_deg(np.array([h - pulkovo_deg]), air)[0] == pytest.approx(3600 * pulkovo_deg, abs=1.0)
 
 
 GAS_CONSTANT, DRY_KG_KMOL, WATER_KG_KMOL = 8314.32, 28.9644, 18.0152
 
 
-def traced_deg(apparent_deg, pressure_hpa, temperature_c, relative_humidity, height_m, latitude_deg, wavelength_nm):
+def traced_deg(apparent_deg, observed):
     """Refraction by the path of a ray: d(n dx/ds)/ds = grad n, in the plane of the vertical, together with hydrostatics."""
-    radius, kelvin = 6378120.0, temperature_c + 273.15
+    pressure_hpa, height_m = observed.pressure_hpa, observed.height_m
+    radius, kelvin = 6378120.0, observed.temperature_c + 273.15
     tropopause = max(11000.0, height_m)
     coldest = kelvin - 0.0065 * (tropopause - height_m)
-    gravity = 9.784 * (1 - 0.0026 * np.cos(np.radians(2 * latitude_deg)) - 2.8e-7 * height_m)
-    saturated = 10 ** ((0.7859 + 0.03477 * temperature_c) / (1 + 0.00412 * temperature_c))
-    saturated *= 1 + pressure_hpa * (4.5e-6 + 6e-10 * temperature_c**2)
-    vapour = relative_humidity * saturated / (1 - (1 - relative_humidity) * saturated / pressure_hpa)
-    um = wavelength_nm / 1000
+    gravity = 9.784 * (1 - 0.0026 * np.cos(np.radians(2 * observed.latitude_deg)) - 2.8e-7 * height_m)
+    saturated = 10 ** ((0.7859 + 0.03477 * observed.temperature_c) / (1 + 0.00412 * observed.temperature_c))
+    saturated *= 1 + pressure_hpa * (4.5e-6 + 6e-10 * observed.temperature_c**2)
+    vapour = observed.relative_humidity * saturated / (1 - (1 - observed.relative_humidity) * saturated / pressure_hpa)
+    um = observed.wavelength_nm / 1000
     refractivity = (287.6155 + 1.62887 / um**2 + 0.01360 / um**4) * 1e-6 * 273.15 / 1013.25
 
     def air(height):
@@ -89,24 +89,23 @@ def traced_deg(apparent_deg, pressure_hpa, temperature_c, relative_humidity, hei
 
 
 AIRS = {
-    "sea level": (1010.0, 10.0, 0.5, 0.0, 45.0, 550.0),
-    "hot, humid, blue, equator": (1005.0, 35.0, 0.95, 0.0, 0.0, 420.0),
-    "arctic": (1040.0, -35.0, 0.8, 200.0, 80.0, 550.0),
-    "4,000 m": (616.6, -11.0, 0.3, 4000.0, -25.0, 550.0),
-    "9,000 m, red": (307.4, -43.5, 0.1, 9000.0, 28.0, 800.0),
-    "12 km": (194.0, -56.5, 0.0, 12000.0, 50.0, 550.0),
-    "20 km": (55.3, -56.5, 0.0, 20000.0, 50.0, 550.0),
+    "sea level": StandardAir(1010.0, 10.0, 0.5, 0.0, 45.0, 550.0),
+    "hot, humid, blue, equator": StandardAir(1005.0, 35.0, 0.95, 0.0, 0.0, 420.0),
+    "arctic": StandardAir(1040.0, -35.0, 0.8, 200.0, 80.0, 550.0),
+    "4,000 m": StandardAir(616.6, -11.0, 0.3, 4000.0, -25.0, 550.0),
+    "9,000 m, red": StandardAir(307.4, -43.5, 0.1, 9000.0, 28.0, 800.0),
+    "12 km": StandardAir(194.0, -56.5, 0.0, 12000.0, 50.0, 550.0),
+    "20 km": StandardAir(55.3, -56.5, 0.0, 20000.0, 50.0, 550.0),
 }
-KEYS = ("pressure_hpa", "temperature_c", "relative_humidity", "height_m", "latitude_deg", "wavelength_nm")
 
 
 @pytest.mark.parametrize("name", AIRS)
 def test_the_path_of_a_ray(name) -> None:
     """From 14 deg to 0.5 deg within 0.1 arcsec of a ray that is followed through the same air in another formulation."""
-    air = dict(zip(KEYS, AIRS[name], strict=True))
+    air = AIRS[name]
     for apparent in (0.5, 2.0, 5.0, 10.0, 14.0):
-        traced = traced_deg(apparent, **air)
-        assert 3600 * refraction_deg(np.array([apparent - traced]), **air)[0] == pytest.approx(3600 * traced, abs=0.1)
+        traced = traced_deg(apparent, air)
+        assert 3600 * refraction_deg(np.array([apparent - traced]), air)[0] == pytest.approx(3600 * traced, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -114,31 +113,30 @@ def test_the_path_of_a_ray(name) -> None:
 )
 def test_rays_from_below_the_horizontal(name, apparent_deg) -> None:
     """Down to near the ground, within 1 arcsec of the path of the ray; away from it, below the table, it is constant."""
-    air = dict(zip(KEYS, AIRS[name], strict=True))
-    traced = traced_deg(apparent_deg, **air)
+    air = AIRS[name]
+    traced = traced_deg(apparent_deg, air)
     true = np.array([apparent_deg - traced])
-    assert 3600 * refraction_deg(true, **air)[0] == pytest.approx(3600 * traced, abs=1.0)
-    deep = refraction_deg(np.array([-20.0, -60.0]), **air)
+    assert 3600 * refraction_deg(true, air)[0] == pytest.approx(3600 * traced, abs=1.0)
+    deep = refraction_deg(np.array([-20.0, -60.0]), air)
     assert deep[0] == deep[1] > traced
 
 
 @pytest.mark.parametrize("name", AIRS)
 def test_apparent_altitudes_go_back_to_true_ones(name) -> None:
     """The inverse within 1e-6 arcsec at every altitude; the apparent altitude increases with the true one."""
-    air = dict(zip(KEYS, AIRS[name], strict=True))
+    air = AIRS[name]
     true = np.linspace(-8, 90, 30000)
-    lift = refraction_deg(true, **air)
+    lift = refraction_deg(true, air)
     assert np.all(np.diff(true + lift) > 0)
-    assert 3600 * np.abs(refraction_of_apparent_deg(true + lift, **air) - lift).max() < 1e-6
+    assert 3600 * np.abs(refraction_of_apparent_deg(true + lift, air) - lift).max() < 1e-6
 
 
 def test_the_table_is_its_integral() -> None:
     """Within 0.001 arcsec where they are not faded into the series; 0.06 where they are."""
-    for values in (AIRS["sea level"], AIRS["4,000 m"], AIRS["arctic"]):
-        air = dict(zip(KEYS, values, strict=True))
+    for air in (AIRS["sea level"], AIRS["4,000 m"], AIRS["arctic"]):
         apparent = np.linspace(-0.3, 14.9, 3000)
-        bending = bending_deg(Layers(StandardAir(**air)), apparent)
-        error = 3600 * np.abs(refraction_deg(apparent - bending, **air) - bending)
+        bending = bending_deg(Layers(air), apparent)
+        error = 3600 * np.abs(refraction_deg(apparent - bending, air) - bending)
         assert error[apparent < 11.9].max() < 0.001
         assert error.max() < 0.06
 

@@ -7,6 +7,7 @@ from celnav.position import usual_weather
 from celnav.sky.ray_integral import Air, horizon_dip_rad, ray_bending_rad, standard_height_km
 from celnav.sky.refraction import bennett_arcmin, refract, refraction_rad, unrefract
 from generator.light.atmosphere import usual_pressure_hpa, usual_temperature_c
+from generator.places.ray_bending import StandardAir
 from generator.places.refraction import refraction_of_apparent_deg
 
 # 1010 hPa, 10 deg C; the formula of Bennett 1982, evaluated elsewhere.
@@ -94,12 +95,9 @@ def test_within_an_arcsecond_of_the_generator(values):
     """Two programs that share no code, from 0 to 90 deg."""
     *air, height_m = values
     pressure, temperature, humidity, wavelength_um = air
-    of_generator = {
-        "pressure_hpa": pressure, "temperature_c": temperature, "relative_humidity": humidity,
-        "wavelength_nm": 1000 * wavelength_um, "height_m": height_m,
-    }  # fmt: skip
+    of_generator = StandardAir(pressure, temperature, humidity, height_m, wavelength_nm=1000 * wavelength_um)
     altitude = np.concatenate([np.linspace(0, 20, 800), np.linspace(20, 90, 100)])
-    difference = arcsec(altitude, *air) - 3600 * refraction_of_apparent_deg(altitude, **of_generator)
+    difference = arcsec(altitude, *air) - 3600 * refraction_of_apparent_deg(altitude, of_generator)
     assert np.abs(difference).max() < 1.0
     assert np.abs(difference[altitude > 15.1]).max() < 1e-6
 
@@ -109,9 +107,7 @@ def test_dipping_rays_are_the_generator_s():
     air = Air(616.6, -11.0, 0.3, 0.55)
     altitude = np.linspace(-np.degrees(horizon_dip_rad(air)) + 0.02, 0, 200)
     ours = 3600 * np.degrees(ray_bending_rad(np.radians(altitude), air))
-    theirs = 3600 * refraction_of_apparent_deg(
-        altitude, pressure_hpa=616.6, temperature_c=-11.0, relative_humidity=0.3, height_m=4000.0
-    )
+    theirs = 3600 * refraction_of_apparent_deg(altitude, StandardAir(616.6, -11.0, 0.3, height_m=4000.0))
     assert np.abs(ours - theirs).max() < 1.0
 
 
