@@ -15,7 +15,7 @@ LARGEST_SHARE = 0.05
 
 
 def dispersion_deg(apparent_altitude_deg: Floats, wavelength_nm: Floats, site: Site, air: Air) -> Floats:
-    """Lift, deg, of light at wavelengths (b,) over the reference wavelength's, by apparent altitudes (n,) there: (n, b) array.
+    """Lift, deg, of light at wavelengths (b,) over the reference's, by apparent altitudes (n,) there: (n, b) array.
 
     From the refraction of :mod:`generator.places.refraction` at each wavelength; 9 arcsec between 450 and 650 nm at 5 deg.
     """
