@@ -234,7 +234,7 @@ def _sampled(table: SkyTable, altitude_deg: Floats, azimuth_deg: Floats) -> list
     def looked_up(maps: NDArray[np.float32]) -> Floats:
         return interpolate(np.broadcast_to(maps, (len(maps), *sky_grid().shape)), altitude_deg, azimuth_deg)
 
-    values = looked_up(table.parts)
+    values = looked_up(table.wide_parts)
     if table.pattern is not None:
         patterns = looked_up(table.pattern if table.pattern.ndim == 3 else table.pattern[None])
         values = values * np.repeat(patterns, len(values) // len(patterns), axis=0)

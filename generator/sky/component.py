@@ -72,10 +72,12 @@ class SkyTable:
 
     Attributes
     ----------
-    parts : (k, ny, nx) or (k, ny, 1) float32 array
+    parts : (k, ny, nx) or (k, ny, 1) or (k, ny, m) float32 array
         Maps without their common pattern, on :func:`generator.sky.directions.sky_grid`.
     spectra : (k, n) array
         At GRID_NM; map times spectrum is in photons s^-1 m^-2 nm^-1 sr^-1.
+    across : (m, nx) float32 array or None
+        Weights of the parts' columns in those of the grid: the parts have m columns, as a smooth component needs no more.
     pattern : (ny, nx) or (ny, 1) or (p, ny, nx) float32 array or None
         What all maps are to be multiplied with; None: 1. A component seen through the air is a pattern times a few
         profiles in altitude, which is much less to compute with than the maps. With p patterns, the first p-th of the maps
@@ -94,6 +96,7 @@ class SkyTable:
     veiled: tuple[tuple[Veil, SkyTable], ...] = ()
     dip: Dip | None = None
     low: LowSky | None = None
+    across: NDArray[np.float32] | None = None
 
     @property
     def maps(self) -> NDArray[np.float32]:
@@ -103,7 +106,12 @@ class SkyTable:
     @property
     def whole_parts(self) -> NDArray[np.float32]:
         """The parts times their pattern, (k, ny, nx) or, where nothing depends on the azimuth, (k, ny, 1) array."""
-        return self.parts if self.pattern is None else self.parts * self._pattern_by_part
+        return self.wide_parts if self.pattern is None else self.wide_parts * self._pattern_by_part
+
+    @property
+    def wide_parts(self) -> NDArray[np.float32]:
+        """The parts with all columns of the grid, or one, (k, ny, nx) or (k, ny, 1) array."""
+        return self.parts if self.across is None else self.parts @ self.across
 
     @property
     def _pattern_by_part(self) -> NDArray[np.float32]:
@@ -138,15 +146,16 @@ class SkyTable:
         mix = (weights @ self.spectra.T).astype(np.float32)
         # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
         with blas_threads().limit(limits=1, user_api="blas"):
-            if self.pattern is None or self.pattern.ndim == 2:
-                result = np.tensordot(mix, self.parts, axes=1)
-                result = result if self.pattern is None else result * self.pattern
-            else:
-                each = len(self.parts) // len(self.pattern)
-                result = sum(
-                    np.tensordot(mix[:, start : start + each], self.parts[start : start + each], axes=1) * pattern
-                    for start, pattern in zip(range(0, len(self.parts), each), self.pattern, strict=True)
-                )
+            patterns = (None,) if self.pattern is None else self.pattern.reshape(-1, *self.pattern.shape[-2:])
+            each = len(self.parts) // len(patterns)
+            result: NDArray[np.float32] | None = None
+            for pattern, start in zip(patterns, range(0, len(self.parts), each), strict=True):
+                group = slice(start, start + each)
+                light = np.tensordot(mix[:, group], self.parts[group], axes=1)
+                light = light if self.across is None else light @ self.across
+                light = light if pattern is None else light * pattern
+                result = light if result is None else result + light
+            assert result is not None
         return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
     def signal(self, weights: Floats, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
@@ -169,7 +178,7 @@ class SkyTable:
 
     def zenith_v(self) -> float:
         """V-band mean photon radiance of the zenith, photons s^-1 m^-2 nm^-1 sr^-1."""
-        zenith = self.parts[:, -1, 0]
+        zenith = self.parts[:, -1, 0] if self.across is None else self.parts[:, -1] @ self.across[:, 0]
         if self.pattern is not None:
             overhead_by_pattern = self.pattern[..., -1, 0].reshape(-1)
             zenith = zenith * np.repeat(overhead_by_pattern, len(self.parts) // len(overhead_by_pattern))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from generator import mitsuba_runtime
 from generator.errors import DataFileError
 from generator.light.atmosphere import Atmosphere
 from generator.light.photometry import ARCSEC2_PER_SR
@@ -84,26 +86,34 @@ def _wrapped_map() -> NDArray[np.float32]:
 
 
 def s10(icrs: Floats | NDArray[np.float32]) -> NDArray[np.float32]:
-    """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light.
+    """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in the panorama, of the map's own light."""
+    mi = mitsuba_runtime.start()
+    parts = (mi.Float(np.ascontiguousarray(part, np.float32).ravel()) for part in np.moveaxis(icrs, -1, 0))
+    return np.array(_looked_up(*parts)).reshape(icrs.shape[:-1])
+
+
+def _looked_up(x: Any, y: Any, z: Any) -> Any:
+    """S10(V) (Float) in directions (Floats).
 
     The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.
     """
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
     table = _wrapped_map()
     ny, nx = table.shape[0], table.shape[1] - 2
-    x, y, z = (np.ascontiguousarray(component, np.float32) for component in np.moveaxis(icrs, -1, 0))
     # Half a turn on, no column is negative.
-    column = np.arctan2(x, y) * np.float32(nx / (2 * np.pi)) + np.float32((nx + 1) / 2)
-    row = np.clip(np.arccos(np.clip(z, -1, 1)) * np.float32(ny / np.pi) - np.float32(0.5), 0, ny - 1.001)
-    r0, c0 = row.astype(np.int32), column.astype(np.int32)
-    # Single precision less whole numbers would be double.
-    wr, wc = row - r0.astype(np.float32), column - c0.astype(np.float32)
-    first = r0 * np.int32(nx + 2) + c0
-    upper, lower = (
-        near + wc * (table.take(first + np.int32(step + 1), mode="clip") - near)
-        for step in (0, nx + 2)
-        for near in (table.take(first + np.int32(step), mode="clip"),)
-    )
-    return upper + wr * (lower - upper)
+    column = dr.atan2(x, y) * (nx / (2 * np.pi)) + (nx + 1) / 2
+    row = dr.clip(dr.acos(dr.clip(z, -1, 1)) * (ny / np.pi) - 0.5, 0, ny - 1.001)
+    r0, c0 = dr.floor(row), dr.floor(column)
+    first = mi.UInt32(r0) * (nx + 2) + mi.UInt32(c0)
+
+    def along_row(start: Any) -> Any:
+        left, right = (dr.gather(mi.Float, _device_map(), start + step) for step in (0, 1))
+        return dr.lerp(left, right, column - c0)
+
+    upper, lower = along_row(first), along_row(first + (nx + 2))
+    return dr.lerp(upper, lower, row - r0)
 
 
 def sky_mean_s10() -> float:
@@ -146,9 +156,35 @@ def gap_factor(catalogue_v_mag: Floats) -> float:
 
 
 @functools.cache
-def _grid_directions() -> NDArray[np.float32]:
-    """Unit vectors of the grid, components first, (3, directions) array."""
-    return np.ascontiguousarray(sky_grid().enu.reshape(-1, 3).T, np.float32)
+def _device_map() -> Any:
+    """:func:`_wrapped_map` as a Float."""
+    return mitsuba_runtime.start().Float(_wrapped_map().ravel())
+
+
+@functools.cache
+def _grid_directions() -> tuple[Any, Any, Any]:
+    """East, north and up (Floats) of the grid's directions."""
+    mi = mitsuba_runtime.start()
+    east, north, up = (mi.Float(np.ascontiguousarray(part, np.float32)) for part in sky_grid().enu.reshape(-1, 3).T)
+    return east, north, up
+
+
+def _patterns(icrs_from_enu: Floats, factor: float) -> NDArray[np.float32]:
+    """S10(V) over the grid, and the part of it with the galactic centre's colours, (2, ny, nx) array."""
+    mi = mitsuba_runtime.start()
+    import drjit as dr
+
+    rows = [
+        [dr.opaque(mi.Float, float(value)) for value in row]
+        for row in (*icrs_from_enu, GALACTIC_CENTRE @ icrs_from_enu)
+    ]
+    east, north, up = _grid_directions()
+    *towards, cosine = (dr.fma(a, east, dr.fma(b, north, c * up)) for a, b, c in rows)
+    light = dr.opaque(mi.Float, factor) * _looked_up(*towards)
+    squared = dr.square(dr.maximum(cosine, 0))
+    redder = light * squared * squared * squared
+    dr.eval(light, redder)
+    return np.stack([np.array(part).reshape(sky_grid().shape) for part in (light, redder)])
 
 
 def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | None) -> SkyTable:
@@ -164,16 +200,10 @@ def milky_way(icrs_from_enu: Floats, factor: float, atmosphere: Atmosphere | Non
     away, centre = (
         star_spectra([S10_MAG_ARCSEC2] * 2, [BV_MAG, CENTRE_BV_MAG], [VI_MAG, CENTRE_VI_MAG]) * ARCSEC2_PER_SR
     )
-    # Components first, so that each is contiguous.
-    towards = icrs_from_enu.astype(np.float32) @ _grid_directions()
-    direction_map = np.float32(factor) * s10(np.moveaxis(towards.reshape(3, *sky_grid().shape), 0, -1))
-    cosine = sum(np.float32(along) * component for along, component in zip(GALACTIC_CENTRE, towards, strict=True))
-    cosine = np.maximum(cosine, np.float32(0))
-    squared = cosine * cosine
-    share = squared * squared * squared
-    plain, redder = (above_the_air(direction_map, spectrum, atmosphere) for spectrum in (away, centre - away))
+    patterns = _patterns(icrs_from_enu, factor)
+    plain, redder = (above_the_air(patterns[0], spectrum, atmosphere) for spectrum in (away, centre - away))
     return SkyTable(
         np.concatenate([plain.parts, redder.parts]),
         np.concatenate([plain.spectra, redder.spectra]),
-        np.stack([direction_map, direction_map * share.reshape(sky_grid().shape)]),
+        patterns,
     )

@@ -20,7 +20,7 @@ from generator.light.single_scattering import aerosol_phase, moon_single, raylei
 from generator.sky.component import SkyTable, black_sky
 from generator.sky.directions import irradiance_weights, sky_grid
 from generator.sky.moon_irradiance import moon_spectrum
-from generator.sky.zodiacal import upsampled
+from generator.sky.zodiacal import column_weights, upsampled_rows
 
 Floats = NDArray[np.float64]
 
@@ -68,31 +68,35 @@ def moonlight(
     view = airmass(grid.altitude_deg)[None, :]
     moon = float(airmass(altitude))
     cosine = (grid.enu @ moon_enu).astype(np.float32)
-    phases = (rayleigh_phase(cosine), aerosol_phase(cosine))
+    phases = [np.asarray(phase(cosine), np.float32) for phase in (rayleigh_phase, aerosol_phase)]
     # moon_single is linear in the two phase functions: without them it gives the path factor of each wavelength and row.
     isotropic = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
     path = (
         isotropic / (at_node[0] * rayleigh_phase(0.0) + at_node[1] * air.aerosol_albedo * aerosol_phase(0.0))[:, None]
     )
-    maps = np.empty((len(NODES_NM), *grid.shape), np.float32)
-    for node in range(len(NODES_NM)):
-        # Python's numbers keep the maps in single precision.
-        of_air, of_aerosol = float(at_node[0][node]), float(air.aerosol_albedo * at_node[1][node])
-        phase = of_air * phases[0] + of_aerosol * phases[1]
-        fine = upsampled(ratio[baked[node]], rows, columns, grid.shape)
-        np.multiply(phase, fine * path[node][:, None].astype(np.float32), out=maps[node])
+    # The ratio is smooth: few of its columns make up all.
+    fine = (upsampled_rows(ratio[baked], rows, grid.shape[0]) * path[:, :, None]).astype(np.float32)
+    scattering = (at_node[0], air.aerosol_albedo * at_node[1])
+    parts = [fine * depth[:, None, None].astype(np.float32) for depth in scattering]
+    across = column_weights(columns, grid.shape[1])
     if albedo != DEFAULT_ALBEDO:
         direct = np.sin(np.radians(altitude)) * np.exp(-moon * (at_node[0] + at_node[1]))
-        maps += from_ground(maps, direct, atmosphere, albedo)[:, :, None].astype(np.float32)
+        around = sum(
+            np.einsum("nrm,rm->nr", part, phase @ across.T) for part, phase in zip(parts, phases, strict=True)
+        ) / len(grid.azimuth_deg)
+        level = from_ground(around, direct, atmosphere, albedo).astype(np.float32)
+        parts.append(np.broadcast_to(level[:, :, None], parts[0].shape))
+        phases.append(np.ones_like(cosine))
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh + aerosol
     irradiance = moon_spectrum(v_mag, phase_angle_deg)
     irradiance = irradiance * np.exp(-ozone_optical_depth(GRID_NM, atmosphere.ozone_du) * moon)
     node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
-    return SkyTable(maps, node_weights() * (depth / node_depth[:, None]) * irradiance)
+    spectra = node_weights() * (depth / node_depth[:, None]) * irradiance
+    return SkyTable(np.concatenate(parts), np.tile(spectra, (len(parts), 1)), np.stack(phases), across=across)
 
 
-def from_ground(maps: NDArray[np.float32], direct: Floats, atmosphere: Atmosphere, albedo: Albedo) -> Floats:
+def from_ground(around: Floats, direct: Floats, atmosphere: Atmosphere, albedo: Albedo) -> Floats:
     """Change of moonlight when the ground's albedo differs from the bake's, by altitude, (nodes, ny) array.
 
     Light that a Lambert ground reflects has no azimuth, so that it follows from the light on the ground and the glow of the
@@ -100,8 +104,8 @@ def from_ground(maps: NDArray[np.float32], direct: Floats, atmosphere: Atmospher
 
     Parameters
     ----------
-    maps : (nodes, ny, nx) array
-        Light of the sky over the bake's ground.
+    around : (nodes, ny) array
+        Light of the sky over the bake's ground, mean over azimuth.
     direct : (nodes,) array
         Light that reaches the ground unscattered, in the maps' units times sr.
     atmosphere : Atmosphere
@@ -109,7 +113,7 @@ def from_ground(maps: NDArray[np.float32], direct: Floats, atmosphere: Atmospher
     """
     baked = np.clip(np.arange(len(NODES_NM)) - 1, 0, len(WAVELENGTHS_NM) - 1)
     returned, glow = spherical_albedo(atmosphere)[baked], ground_glow(atmosphere)[baked]
-    on_ground = direct + np.pi * maps.mean(axis=2) @ irradiance_weights()
+    on_ground = direct + np.pi * around @ irradiance_weights()
     black = on_ground * (1 - DEFAULT_ALBEDO * returned)
     change = ground_light(albedo_at(albedo, NODES_NM), black, returned) - DEFAULT_ALBEDO * on_ground
     views = np.log(VIEW_ALTITUDES_DEG)

@@ -171,4 +171,4 @@ def twilight(
     coarse = maps.reshape(RANK, len(rows), len(_AZIMUTHS_DEG))
     across = _azimuth_spline()(relative).T.astype(np.float32)
     down = CubicSpline(rows, coarse, axis=1)(np.arange(grid.shape[0])).astype(np.float32)
-    return SkyTable(down @ across, spectra * sun)
+    return SkyTable(down, spectra * sun, across=across)

@@ -75,6 +75,18 @@ def ecliptic_from_icrs() -> Floats:
     return np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
 
 
+@functools.cache
+def _coarse_directions() -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Every third of the grid's rows and columns, and their unit vectors, (3, directions) array.
+
+    The table is smooth: linear in between is as good as all.
+    """
+    grid = sky_grid()
+    rows = np.unique(np.append(np.arange(0, grid.shape[0], 3), grid.shape[0] - 1))
+    columns = np.arange(0, grid.shape[1], 3)
+    return rows, columns, np.ascontiguousarray(grid.enu[rows][:, columns].reshape(-1, 3).T)
+
+
 def zodiacal(icrs_from_enu: Floats, sun_icrs: Floats, atmosphere: Atmosphere | None) -> SkyTable:
     """Zodiacal light at the ground.
 
@@ -87,11 +99,9 @@ def zodiacal(icrs_from_enu: Floats, sun_icrs: Floats, atmosphere: Atmosphere | N
     """
     rotation = ecliptic_from_icrs()
     sun = rotation @ sun_icrs
-    # The table is smooth: every third direction, and linear in between, is as good as all.
     grid = sky_grid()
-    rows = np.unique(np.append(np.arange(0, grid.shape[0], 3), grid.shape[0] - 1))
-    columns = np.arange(0, grid.shape[1], 3)
-    x, y, z = np.moveaxis(grid.enu[rows][:, columns] @ (rotation @ icrs_from_enu).T, -1, 0)
+    rows, columns, towards = _coarse_directions()
+    x, y, z = ((rotation @ icrs_from_enu) @ towards).reshape(3, len(rows), len(columns))
     longitude = np.degrees(np.arctan2(y, x) - np.arctan2(sun[1], sun[0]))
     coarse = brightness(longitude, np.degrees(np.arcsin(np.clip(z, -1, 1))))
     return above_the_air(upsampled(coarse, rows, columns, grid.shape), spectrum(), atmosphere)
@@ -100,10 +110,24 @@ def zodiacal(icrs_from_enu: Floats, sun_icrs: Floats, atmosphere: Atmosphere | N
 def upsampled(
     coarse: Floats, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Linear interpolation from some of the grid's rows and (periodic) columns to all of them, (ny, nx) array."""
-    down = _hats(tuple(rows.tolist()), shape[0], False)
-    across = _hats(tuple(columns.tolist()), shape[1], True)
-    return down @ (coarse.astype(np.float32) @ across.T)
+    """Linear interpolation from some of the grid's rows and even (periodic) columns to all of them, (ny, nx) array."""
+    down = upsampled_rows(coarse, rows, shape[0])
+    step = shape[1] // len(columns)
+    change = np.roll(down, -1, axis=1) - down
+    result = np.empty((shape[0], len(columns), step), np.float32)
+    for number in range(step):
+        np.add(down, np.float32(number / step) * change, out=result[:, :, number])
+    return result.reshape(shape)
+
+
+def upsampled_rows(coarse: Floats, rows: NDArray[np.intp], size: int) -> NDArray[np.float32]:
+    """Linear interpolation from some of the grid's rows, (..., rows, m) array, to all of them, (..., size, m) array."""
+    return _hats(tuple(rows.tolist()), size, False) @ coarse.astype(np.float32)
+
+
+def column_weights(columns: NDArray[np.intp], size: int) -> NDArray[np.float32]:
+    """Weights (columns, size) of linear interpolation from some (periodic) columns to all of them."""
+    return _hats(tuple(columns.tolist()), size, True).T
 
 
 @functools.lru_cache(maxsize=32)
