@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from generator.places.catalogue import StarCatalogue
 from generator.places.ray_bending import REFERENCE_NM, StandardAir
-from generator.places.refraction import refraction_deg
+from generator.places.refraction import refraction_deg, refraction_of_vectors_rad
 from generator.places.times import EarthOrientation, Instant
 
 MAS_TO_RAD = np.pi / (180 * 3600 * 1000)
@@ -59,6 +59,10 @@ class ApparentPlaces:
 
     def __getitem__(self, rows: NDArray[np.intp]) -> ApparentPlaces:
         return ApparentPlaces(self.enu.T[:, rows].T)
+
+    def midway_to(self, other: ApparentPlaces) -> ApparentPlaces:
+        """Places midway between these and others close to them."""
+        return ApparentPlaces(_unit(self.enu.T + other.enu.T).T)
 
     @functools.cached_property
     def azimuth_deg(self) -> NDArray[np.float64]:
@@ -184,7 +188,7 @@ def observed_places(
     # Components first: each is contiguous.
     east, north, up = _enu_from_cirs(context) @ places.cirs.T
     level = np.sqrt(east * east + north * north)
-    lift = np.radians(lift_deg(np.degrees(np.arctan2(up, level)), site, air))
+    lift = refraction_of_vectors_rad(level, up, air_around(site, air))
     # Sine and cosine of a small angle: the next terms are below 1e-12.
     square = lift * lift
     sine, cosine = lift * (1 - square / 6), 1 - square * (0.5 - square / 24)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import erfa
@@ -15,6 +16,7 @@ from generator.places.ray_bending import Layers, StandardAir, bending_deg, lowes
 Floats = NDArray[np.float64]
 
 LOWEST_ALTITUDE_OF_SERIES_DEG = 15.0
+LOWEST_TANGENT_OF_SERIES = math.tan(math.radians(LOWEST_ALTITUDE_OF_SERIES_DEG))
 FADED_BY_DEG = 12.0
 """True altitude at which the difference between series and integral at the series' lowest altitude (0.02 arcsec) is gone."""
 BELOW_SEA_M = 500.0
@@ -63,6 +65,26 @@ class RefractionTable:
         low = np.flatnonzero(true_altitude_deg < LOWEST_ALTITUDE_OF_SERIES_DEG)
         if len(low):
             lift[low] = self.lift_deg(np.maximum(true_altitude_deg[low], self.lowest_deg))
+        return lift
+
+    def lift_rad(self, level: Floats, up: Floats) -> Floats:
+        """Refraction, rad, of true directions by their horizontal and upward components: :meth:`of_true`.
+
+        Without a trigonometric function above the lowest altitude of the series: the tangent of a zenith distance less a
+        small angle follows from both tangents, of which the small angle's is a series of two terms, to 1e-12 of it.
+        """
+        least = LOWEST_TANGENT_OF_SERIES * level
+        low = np.flatnonzero(up < least)
+        tangent = level / np.maximum(up, least)
+        lift = np.zeros_like(tangent)
+        for _ in range(NEWTON_STEPS):
+            small = lift * (1 + lift * lift * (1 / 3))
+            observed = (tangent - small) / (1 + tangent * small)
+            square = observed * observed
+            excess = (self.refa_rad + self.refb_rad * square) * observed - lift
+            lift += excess / (1 + (self.refa_rad + 3 * self.refb_rad * square) * (1 + square))
+        if len(low):
+            lift[low] = np.radians(self.of_true(np.degrees(np.arctan2(up[low], level[low]))))
         return lift
 
     def slope_at(self, true_altitude_deg: Floats) -> Floats:
@@ -115,6 +137,13 @@ def refraction_deg(true_altitude_deg: Floats, air: StandardAir) -> Floats:
     if air.pressure_hpa == 0:
         return np.zeros_like(true_altitude_deg)
     return refraction_table(air).of_true(true_altitude_deg)
+
+
+def refraction_of_vectors_rad(level: Floats, up: Floats, air: StandardAir) -> Floats:
+    """:func:`refraction_deg`, in rad, by the horizontal and upward components (n,) of true directions."""
+    if air.pressure_hpa == 0:
+        return np.zeros_like(level)
+    return refraction_table(air).lift_rad(level, up)
 
 
 def refraction_of_apparent_deg(apparent_altitude_deg: Floats, air: StandardAir) -> Floats:

@@ -47,6 +47,8 @@ from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
 from generator.scenario.projection import COEFFICIENTS, MODELS, Projection
 
 FLOAT64: Any = dr.float64_array_t(mi.Float)
+NEGLIGIBLE = 1e-20
+"""Of a component of a unit vector."""
 ROW_ITERATIONS = 4
 """Rounds of the fixed point; each shrinks the error by the image's rows per line time."""
 
@@ -60,6 +62,11 @@ def _rotation(quaternion: list[Any]) -> list[list[Any]]:
         [scale * (x * y + z * w), 1 - scale * (x * x + z * z), scale * (y * z - x * w)],
         [scale * (x * z - y * w), scale * (y * z + x * w), 1 - scale * (x * x + y * y)],
     ]
+
+
+def _single(component: Any) -> Any:
+    """Component (Float64) of a rotation in single precision, where processors take long to compute with tiny numbers."""
+    return dr.select(dr.abs(component) < NEGLIGIBLE, 0, mi.Float(component))
 
 
 class NightSkyCamera(mi.Sensor):
@@ -242,10 +249,8 @@ class NightSkyCamera(mi.Sensor):
         v = position_sample.y * self.height - 0.5
         x, y, z, valid = self.lens.unproject(u, v)
         time = self.moment(FLOAT64(v), FLOAT64(share))
-        rows = self.world_to_camera(time)
-        direction = mi.Vector3f(
-            *(mi.Float(rows[0][k]) * x + mi.Float(rows[1][k]) * y + mi.Float(rows[2][k]) * z for k in range(3))
-        )
+        rows = [[_single(component) for component in row] for row in self.world_to_camera(time)]
+        direction = mi.Vector3f(*(rows[0][k] * x + rows[1][k] * y + rows[2][k] * z for k in range(3)))
         etendue = self.collected * self.relative_light(u, v, z) * self.lens.solid_angle(x, y, z)
         ray = mi.Ray3f(mi.Point3f(0), dr.normalize(direction), mi.Float(time), mi.Spectrum(0))
         return ray, dr.select(valid, etendue, 0)

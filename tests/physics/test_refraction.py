@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from generator.places.ray_bending import Layers, StandardAir, bending_deg
-from generator.places.refraction import refraction_deg, refraction_of_apparent_deg
+from generator.places.refraction import refraction_deg, refraction_of_apparent_deg, refraction_of_vectors_rad
 
 
 def lift_arcmin(true_altitude_deg, pressure_hpa=1010.0, temperature_c=10.0, relative_humidity=0.0):
@@ -165,6 +165,16 @@ def test_agrees_with_erfa_s_own_observed_places() -> None:
     lift = lift_arcmin(90 - np.degrees(zenith_none[high]), 850.0, -5.0, 0.3)
     difference_arcsec = 60 * lift - np.degrees(zenith_none - zenith_air)[high] * 3600
     assert np.abs(difference_arcsec).max() < 0.001
+
+
+def test_refraction_of_vectors_is_that_of_their_altitudes() -> None:
+    """Without trigonometric functions as with them, to 1e-8 arcsec, above and below the series' end and the horizontal."""
+    altitude = np.concatenate([np.linspace(-8, 90, 1999), [14.999999, 15.0, 15.000001]])
+    air = StandardAir(1013.25, -5.0, 0.5, 3000.0)
+    wanted = refraction_deg(altitude, air)
+    level, up = 0.7 * np.cos(np.radians(altitude)), 0.7 * np.sin(np.radians(altitude))
+    found = np.degrees(refraction_of_vectors_rad(level, up, air))
+    np.testing.assert_allclose(3600 * found, 3600 * wanted, rtol=0, atol=1e-8)
 
 
 def test_no_air_does_not_bend() -> None:
