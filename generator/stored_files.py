@@ -52,11 +52,16 @@ def file_problem(folder: Path, listed: StoredFile) -> str:
     return ""
 
 
-def problems_of_files(folder: Path, files: Iterable[StoredFile], progress: Callable[[str], None]) -> list[str]:
+def problems_of_files(
+    folder: Path,
+    files: Iterable[StoredFile],
+    progress: Callable[[str], None],
+    problem_of: Callable[[Path, StoredFile], str] = file_problem,
+) -> list[str]:
     """What is wrong with the files of a list, one line each; `progress` is called with each that has been read."""
     found = []
     for file in files:
-        if problem := file_problem(folder, file):
+        if problem := problem_of(folder, file):
             found.append(problem)
         progress(file.path)
     return found

@@ -21,7 +21,7 @@ from generator.errors import GeneratorError
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
-from generator.stored_files import StoredFile, file_problem, strange_files
+from generator.stored_files import StoredFile, file_problem, problems_of_files, strange_files
 
 OPTIONAL_MEMBERS = {"developed.png", "hud.png", "mask.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
@@ -44,11 +44,7 @@ def problems(folder: Path, progress: Callable[[str], None] = lambda path: None) 
         return [str(error)]
     found = _scenario_problems(folder, manifest)
     listed = {file.path for file in manifest.files}
-    for file in manifest.files:
-        problem = _file_problem(folder, file)
-        if problem:
-            found.append(problem)
-        progress(file.path)
+    found += problems_of_files(folder, manifest.files, progress, _file_problem)
     receipts, more = _receipt_problems(folder, manifest)
     found += more
     for stranger in strange_files(folder, listed | receipts | {MANIFEST}):

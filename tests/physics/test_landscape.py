@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from small_scenes import BASE
+from small_scenes import BASE, FISHEYE_CAMERA
 
 from generator.errors import ScenarioError
 from generator.frame.landscape import sky_light
@@ -19,23 +19,13 @@ from generator.ground.reflectance import primaries
 from generator.light.photometry import GRID_NM
 from generator.scenario.file import parse_scenario
 
-FISHEYE = {
-    "width": 400,
-    "height": 400,
-    "model": "equidistant",
-    "f_px": 120.0,
-    "aperture_mm": 4.0,
-    "bloom": {"share": 0},
-    "veiling_glare": 0,
-}
-
 
 def write_picture(folder, rgba, name="ground.png") -> None:
     Image.fromarray(rgba).save(folder / name)
 
 
 def scenario_in(folder, landscape, **overrides):
-    tree = BASE | {"camera": FISHEYE, "stars": {"limiting_magnitude": 5.0}} | overrides
+    tree = BASE | {"camera": FISHEYE_CAMERA, "stars": {"limiting_magnitude": 5.0}} | overrides
     tree = tree | {"foreground": {"landscape": landscape} if landscape else {}}
     return parse_scenario(yaml.safe_dump(tree), str(folder / "scene.yaml"))
 

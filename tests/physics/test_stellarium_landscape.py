@@ -11,22 +11,12 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from small_scenes import BASE
+from small_scenes import BASE, FISHEYE_CAMERA
 
 from generator.errors import ScenarioError
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.scenario.file import parse_scenario
-
-CAMERA = {
-    "width": 400,
-    "height": 400,
-    "model": "equidistant",
-    "f_px": 120.0,
-    "aperture_mm": 4.0,
-    "bloom": {"share": 0},
-    "veiling_glare": 0,
-}
 
 
 def png(rgba) -> bytes:
@@ -43,7 +33,7 @@ def pack(folder, ini: str, files=(), place="garden/", name="garden.zip"):
 
 
 def scenario_of(folder, **landscape):
-    tree = BASE | {"camera": CAMERA, "stars": {"limiting_magnitude": -2.0}}
+    tree = BASE | {"camera": FISHEYE_CAMERA, "stars": {"limiting_magnitude": -2.0}}
     tree |= {"foreground": {"landscape": {"file": "garden.zip"} | landscape}}
     return parse_scenario(yaml.safe_dump(tree), str(folder / "scene.yaml"))
 
@@ -145,7 +135,7 @@ def test_old_style_ground_has_south_on_the_right_and_east_at_the_top(tmp_path) -
     )
     pack(tmp_path, ini, {"a.png": png(np.zeros((64, 2000, 4), np.uint8)), "g.png": png(white)})
     tree = BASE | {
-        "camera": CAMERA,
+        "camera": FISHEYE_CAMERA,
         "stars": {"limiting_magnitude": -2.0},
         "foreground": {"landscape": {"file": "garden.zip"}},
     }
