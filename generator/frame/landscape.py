@@ -13,8 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.plan import FramePlan, dimming_atmosphere, field_radius_deg
-from generator.ground.lamp import KINDS, Lamp, apparent_v_mag, spectra, spectrum
-from generator.ground.lighting import SkyLight, irradiance, lamp_illuminance, reflected_signal, sky_directions
+from generator.ground.lamp import KINDS, Lamp, apparent_v_mag, extinction_per_km, spectra, spectrum
+from generator.ground.lighting import (
+    SkyLight,
+    airlight,
+    irradiance,
+    lamp_illuminance,
+    reflected_signal,
+    sky_directions,
+    transmission,
+)  # fmt: skip
 from generator.ground.panorama import Layers, Panorama, Window, reduced
 from generator.ground.reflectance import primaries
 from generator.light.atmosphere import airmass
@@ -22,7 +30,7 @@ from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.molecular_bands import depth_per_airmass
 from generator.light.photometry import GRID_NM
 from generator.plugins.scene_tensors import tensor
-from generator.scenario.ground.landscape_spec import landscape_panorama
+from generator.scenario.ground.landscape_spec import LandscapeSpec, landscape_panorama
 from generator.sky.component import SkyTable, blas_threads
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
 
@@ -109,17 +117,20 @@ def landscape_maps(
     spec = plan.spec.foreground.landscape
     if spec is None:
         return None
-    panorama = landscape_panorama(spec, plan.scenario.seed)
+    panorama = panorama_of(plan, spec)
     # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
     with blas_threads().limit(limits=1, user_api="blas"):
-        lit = irradiance(panorama, sky_light(plan, tables, component in (None, "moonlight")))
+        light = sky_light(plan, tables, component in (None, "moonlight"))
+        lit = irradiance(panorama, light)
 
         def drawn(whole: Layers, part: Window) -> LandscapeMaps:
             layers = whole.window(part)
             signal = reflected_signal(layers, lit, response)
             if component is None:
                 signal += own_light(plan, panorama, whole, part, response)
-            return LandscapeMaps(np.concatenate([layers.alpha[None], signal]), layers)
+            return LandscapeMaps(
+                np.concatenate([layers.alpha[None], _through_air(plan, layers, signal, light, response)]), layers
+            )
 
         return _in_both(plan, panorama, drawn)
 
@@ -140,14 +151,37 @@ def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
     spec = plan.spec.foreground.landscape
     if spec is None:
         return None
-    panorama = landscape_panorama(spec, plan.scenario.seed)
+    panorama = panorama_of(plan, spec)
 
     def drawn(whole: Layers, part: Window) -> LandscapeMaps:
         layers = whole.window(part)
         signal = own_light(plan, panorama, whole, part, response)
-        return LandscapeMaps(np.concatenate([layers.alpha[None], signal]), layers)
+        return LandscapeMaps(np.concatenate([layers.alpha[None], _through_air(plan, layers, signal)]), layers)
 
     return _in_both(plan, panorama, drawn)
+
+
+def panorama_of(plan: FramePlan, spec: LandscapeSpec) -> Panorama:
+    """A frame's landscape at its site."""
+    site = plan.spec.site
+    return landscape_panorama(spec, plan.scenario.seed, spec.place(site.latitude_deg, site.longitude_deg))
+
+
+def _through_air(
+    plan: FramePlan,
+    layers: Layers,
+    signal: NDArray[np.float32],
+    light: SkyLight | None = None,
+    response: Floats | None = None,
+) -> NDArray[np.float32]:
+    """Signal (channels, ny, nx) of a landscape behind the air before it, which shines where a sky's light is given."""
+    passed = transmission(layers, extinction_per_km(dimming_atmosphere(plan.spec.atmosphere)))
+    if passed is None:
+        return signal
+    signal *= passed
+    if light is not None and response is not None:
+        signal += airlight(layers, light, response)[:, None, :] * ((1 - passed) * layers.alpha)
+    return signal
 
 
 def own_light(
@@ -186,7 +220,7 @@ def frame_lamps(plan: FramePlan) -> tuple[Lamp, ...]:
     """Lamps in view: those of the scenario, then those of its skyline."""
     own = tuple(lamp.lamp() for lamp in plan.spec.foreground.lamps)
     spec = plan.spec.foreground.landscape
-    return own if spec is None else own + landscape_panorama(spec, plan.scenario.seed).lamps
+    return own if spec is None else own + panorama_of(plan, spec).lamps
 
 
 def lamps_dict(plan: FramePlan, lamps: tuple[Lamp, ...]) -> dict[str, Any]:

@@ -79,9 +79,14 @@ def apparent_v_mag(lamps: tuple[Lamp, ...], air: Atmosphere | None) -> Floats:
     lux = np.array([lamp.illuminance_lx for lamp in lamps])
     kilometres = np.array([lamp.distance_m for lamp in lamps]) / 1000
     magnitude = -2.5 * np.log10(lux / (LUMEN_PER_V_PHOTON * BESSELL_V.zero_point))
+    return np.asarray(magnitude + MAG_PER_OPTICAL_DEPTH * extinction_per_km(air) * kilometres)
+
+
+def extinction_per_km(air: Atmosphere | None) -> float:
+    """Of the air at the ground at VISUAL_NM; 0 without air."""
     if air is None:
-        return np.asarray(magnitude)
+        return 0.0
     nm, layers = np.array([VISUAL_NM]), BakedAir()
     gas = rayleigh_optical_depth(nm, air.pressure_hpa) / layers.rayleigh_height_km
     aerosol = aerosol_optical_depth(nm, air.aerosol_tau_550, air.angstrom_exponent) / layers.aerosol_height_km
-    return np.asarray(magnitude + MAG_PER_OPTICAL_DEPTH * float((gas + aerosol)[0]) * kilometres)
+    return float((gas + aerosol)[0])

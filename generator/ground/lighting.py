@@ -180,6 +180,35 @@ def reflected_signal(layers: Layers, lit: Floats, weights: Floats) -> NDArray[np
     return result
 
 
+def transmission(layers: Layers, extinction_per_km: float) -> NDArray[np.float32] | None:
+    """Part of a landscape's light that passes the air between it and the camera, (ny, nx) array; None: all of it.
+
+    Pictures whose distances nobody knows have the air of their own photograph.
+    """
+    if layers.distance_m is None or extinction_per_km == 0:
+        return None
+    return np.asarray(np.exp(np.float32(-extinction_per_km / 1000) * layers.distance_m))
+
+
+def airlight(layers: Layers, light: SkyLight, weights: Floats) -> NDArray[np.float32]:
+    """Signal of the sky at the horizon, to which that of far things tends: (c, nx) array.
+
+    The air between shines as much of it as it takes of the things' light (Koschmieder 1924; Middleton 1952, "Vision through
+    the atmosphere", chapter 4).
+
+    Parameters
+    ----------
+    layers : Layers
+    light : SkyLight
+    weights : (c, n) array
+        Response of each channel at GRID_NM.
+    """
+    lowest = light.maps.reshape(len(light.maps), -1, 2 * ROWS)[:, -1]
+    around = (weights @ light.spectra.T) @ lowest
+    cells = column_azimuths(2 * ROWS)
+    return np.array([np.interp(layers.azimuth_deg, cells, row, period=360) for row in around], np.float32)
+
+
 def lamp_illuminance(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float, float]) -> NDArray[np.float32]:
     """Illuminance of a landscape's surfaces by lamps near them, lx, (ny, nx) array.
 

@@ -20,6 +20,7 @@ from generator.places.times import Instant
 from generator.scenario.camera_presets import with_preset
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.foreground_spec import ForegroundSpec
+from generator.scenario.ground.landscape_spec import check_place
 from generator.scenario.gyro_log import check_motion
 from generator.scenario.lens.drift_spec import DriftSpec
 from generator.scenario.motion_spec import MotionSpec
@@ -295,6 +296,12 @@ class FrameSpec(SceneSpec):
     @model_validator(mode="after")
     def _motion_covers_the_exposure(self) -> FrameSpec:
         check_motion(self.motion, self.shutter_s)
+        return self
+
+    @model_validator(mode="after")
+    def _site_has_a_landscape(self) -> FrameSpec:
+        if self.foreground.landscape is not None:
+            check_place(self.foreground.landscape, self.site.latitude_deg, self.site.longitude_deg)
         return self
 
     @property

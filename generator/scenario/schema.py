@@ -123,4 +123,5 @@ def _with_varied_items(value: dict[str, Any]) -> dict[str, Any]:
 
 def _may_be_named(value: dict[str, Any]) -> bool:
     """Whether a value is a structure that a scenario may name instead."""
-    return value.get("type") == "array" or str(value.get("$ref", "")).endswith(("/Pointing", "/InputFile"))
+    named = str(value.get("$ref", "")).endswith(("/Pointing", "/InputFile"))
+    return named or value.get("type") == "array" or any(_may_be_named(option) for option in value.get("anyOf", ()))

@@ -23,7 +23,7 @@ REDUCTION = 6
 LENGTHS_PX = ("f_px", "cx_px", "cy_px", "image_circle_px")
 FEATURES = {
     "yale_projection", "thesis_mag", "bortle", "motion", "weather", "attitude", "calibration", "optics", "clutter", "horizon",
-    "sensor", "00_hello", "stray_light", "sequence",
+    "sensor", "00_hello", "stray_light", "sequence", "landscape", "hills",
 }  # fmt: skip
 
 

@@ -31,13 +31,16 @@ class Canvas:
     rng : Generator
     lamps : list of Lamp
         That belong to what is drawn.
+    grass : bool
+        Whether it begins with level grass up to the horizon.
     """
 
     rng: np.random.Generator
     lamps: list[Lamp] = field(default_factory=list)
+    grass: bool = True
 
     def __post_init__(self) -> None:
-        """Begin with grass to the horizon."""
+        """Begin with nothing, or with grass."""
         rows = round((TOP_DEG + 90) / 360 * COLUMNS)
         self.altitude_deg = row_altitudes(rows, TOP_DEG, -90.0)
         self.azimuth_deg = column_azimuths(COLUMNS)
@@ -45,6 +48,10 @@ class Canvas:
         self.colour: Singles = np.zeros((rows, COLUMNS, 3), np.float32)
         self.glow: Singles = np.zeros((rows, COLUMNS, 3), np.float32)
         self.distance: Singles = np.full((rows, COLUMNS), FARTHEST_M, np.float32)
+        if self.grass:
+            self._draw_grass()
+
+    def _draw_grass(self) -> None:
         below = self.altitude_deg < 0
         depth = np.minimum(EYE_HEIGHT_M / np.sin(np.radians(np.maximum(-self.altitude_deg[below], 1e-3))), FARTHEST_M)
         self.distance[below] = depth[:, None]
@@ -89,7 +96,8 @@ class Canvas:
         shine = 0.0 if glow is None else np.asarray(glow, np.float32)
         self.glow[place] = self.glow[place] * (1 - share) + shine * share
         nearer = np.broadcast_to(np.asarray(distance_m, np.float32), cover.shape)
-        self.distance[place] = np.where(cover > 0.5, nearer, self.distance[place])
+        # A texel's distance is that of the larger part of what covers it.
+        self.distance[place] = np.where(share[..., 0] > 0.5, nearer, self.distance[place])
         self.alpha[place] = whole
 
     def panorama(self, glow_cd_m2: float) -> Panorama:

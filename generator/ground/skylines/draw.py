@@ -25,6 +25,11 @@ SKYLINES: dict[str, Callable[[Canvas], None]] = {
 def skyline_panorama(names: Sequence[str], rng: np.random.Generator, glow_cd_m2: float) -> Panorama:
     """Panorama of skylines, drawn in the order of their names, each over those before it."""
     canvas = Canvas(rng)
+    draw_skylines(canvas, names)
+    return canvas.panorama(glow_cd_m2)
+
+
+def draw_skylines(canvas: Canvas, names: Sequence[str]) -> None:
+    """Draw skylines in the order of their names, each over what is there."""
     for name in names:
         SKYLINES[name](canvas)
-    return canvas.panorama(glow_cd_m2)

@@ -1,4 +1,4 @@
-"""A landscape around the camera: a picture, a package of Stellarium, or a skyline from random numbers."""
+"""A landscape around the camera: a picture, a package of Stellarium, hills of an elevation raster, or a skyline."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from generator.ground.panorama import Bytes, Panorama
 from generator.ground.picture import equirectangular, fisheye, read_picture
 from generator.ground.skylines.draw import skyline_panorama
 from generator.ground.stellarium.landscape import read_landscape
+from generator.ground.terrain.geotiff import Elevation, ElevationError, read_elevation
+from generator.ground.terrain.hills import terrain_panorama
 from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
 from generator.seeds import random_stream
 
@@ -29,8 +31,12 @@ class LandscapeSpec(Strict):
 
     file: File | None = None
     """Picture with transparency (PNG, TIFF, WebP), or a landscape package of Stellarium (.zip)."""
+    dem: File | None = None
+    """In place of a file: elevation raster (GeoTIFF, metres, in geographic or UTM coordinates) that holds the site; its
+    ground is drawn as it is seen from there."""
     skyline: Annotated[tuple[Skyline, ...], BeforeValidator(listed), Field(max_length=8)] = ()
-    """Without a file: what is drawn from random numbers, from far to near, of hills, forest, roofs, masts and street."""
+    """Without a file, or before an elevation raster: what is drawn from random numbers, from far to near, of hills, forest,
+    roofs, masts and street."""
     variant: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
     """Number of the skyline among those of the scenario's seed."""
     projection: Literal["equirectangular", "fisheye"] = "equirectangular"
@@ -52,14 +58,14 @@ class LandscapeSpec(Strict):
     glow_cd_m2: Annotated[float, Field(ge=0, le=1e6)] = 10.0
     """Luminance of that picture's white, cd/m^2."""
     eye_height_m: Annotated[float, Field(gt=0, le=10000)] = 1.6
-    """Of the camera over the ground, for the light of lamps on it, m."""
+    """Of the camera over the ground, for the light of lamps on it and for the view over an elevation raster, m."""
     distance_m: Annotated[float, Field(ge=1, le=1e6)] = 50.0
     """Of what stands above the horizon, for the light of lamps on it, m."""
 
     @model_validator(mode="after")
     def _readable(self) -> LandscapeSpec:
-        if (self.file is None) == (not self.skyline):
-            raise ValueError("give either file or skyline")
+        if (self.file is None) == (not self.skyline and self.dem is None):
+            raise ValueError("give either file, or skyline and dem, or one of these")
         extra = sorted(self.model_fields_set & OF_PICTURES)
         if extra and (self.file is None or self.is_package):
             raise ValueError(f"{extra[0]} belongs to a picture: leave it out")
@@ -67,7 +73,13 @@ class LandscapeSpec(Strict):
             raise ValueError(f"bottom_deg ({self.bottom_deg:g}) must be below top_deg ({self.top_deg:g})")
         if self.file is not None:
             landscape_panorama(self, 0)
+        if self.dem is not None:
+            elevation_of(self.dem)
         return self
+
+    def place(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float] | None:
+        """A site where the landscape depends on it, else None."""
+        return None if self.dem is None else (latitude_deg, longitude_deg)
 
     @property
     def is_package(self) -> bool:
@@ -76,14 +88,29 @@ class LandscapeSpec(Strict):
 
 
 @functools.lru_cache(maxsize=2)
-def landscape_panorama(spec: LandscapeSpec, seed: int) -> Panorama:
-    """The panorama of a landscape; of a skyline, by the scenario's seed (stream ``landscape``).
+def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float] | None = None) -> Panorama:
+    """The panorama of a landscape; what is drawn depends on the scenario's seed (stream ``landscape``).
+
+    Parameters
+    ----------
+    spec : LandscapeSpec
+    seed : int
+    place : (latitude, longitude)
+        Of the camera, deg, for an elevation raster.
 
     Raises
     ------
-    PictureError, PackageError
+    PictureError, PackageError, ElevationError
         A file that cannot be used.
     """
+    if spec.dem is not None:
+        if place is None:
+            raise ValueError("an elevation raster is seen from a place")
+        rng = random_stream(seed, "landscape", spec.variant)
+        panorama = terrain_panorama(
+            elevation_of(spec.dem), place, spec.eye_height_m, spec.skyline, rng, spec.glow_cd_m2
+        )
+        return dataclasses.replace(panorama, white_reflectance=spec.reflectance)
     if spec.file is None:
         return skyline_panorama(spec.skyline, random_stream(seed, "landscape", spec.variant), spec.glow_cd_m2)
     if spec.is_package:
@@ -105,3 +132,28 @@ def landscape_panorama(spec: LandscapeSpec, seed: int) -> Panorama:
 
 def _picture(file: InputFile) -> Bytes:
     return read_picture(Path(file.location).read_bytes(), file.path)
+
+
+@functools.lru_cache(maxsize=1)
+def elevation_of(file: InputFile) -> Elevation:
+    """An elevation raster.
+
+    Raises
+    ------
+    ElevationError
+    """
+    return read_elevation(Path(file.location).read_bytes(), file.path)
+
+
+def check_place(spec: LandscapeSpec, latitude_deg: float, longitude_deg: float) -> None:
+    """Check that an elevation raster has a height at the site.
+
+    Raises
+    ------
+    ElevationError
+    """
+    if spec.dem is not None and elevation_of(spec.dem).at_place(latitude_deg, longitude_deg) is None:
+        raise ElevationError(
+            f"foreground.landscape.dem: '{spec.dem.path}' has no height at the site, latitude {latitude_deg:g}, longitude "
+            f"{longitude_deg:g} deg; take a raster that holds the site"
+        )
