@@ -110,6 +110,14 @@ def test_nothing_runs_but_the_files_beside_the_pages(pages, root):
         assert not {"iframe", "object", "embed", "style", "base"} & set(outline.tags)
 
 
+def test_results_of_the_split_for_development_are_called_so(boards, pages, root):
+    named = [boards[0].file_name, "index.html"]
+    assert all("Development results." in pages[name] for name in named)
+    judged = [dataclasses.replace(board, split="test") for board in boards]
+    again = render_site(judged, [[] for _ in judged], [Pictures()] * len(judged), Places(root))
+    assert not any("Development results." in text for text in again.values())
+
+
 def test_words_from_results_are_escaped(pages):
     page = pages["solver-skybench.html"]
     assert "no &lt;b&gt;consensus&lt;/b&gt;" in page
