@@ -16,9 +16,19 @@ LARGEST_MEMBER_BYTES = 2_000_000_000
 """More than an image of the largest frame (16384 x 16384 pixels) and all its channels of expected electrons take."""
 FREE_BYTES = 1_000_000
 """Of a member, however few pixels its frame has."""
-BYTES_PER_PIXEL = {"png": 3, "jxl": 3, "exr": 64, "developed.png": 6, "hud.png": 3, "mask.png": 3}
-"""Of a member beyond that: more than its pixels take without any compression; of expected electrons 16 channels."""
-SUFFIXES = ("png", "jxl", "json", "exr", "developed.png", "hud.png", "mask.png")
+BYTES_PER_PIXEL = {
+    "png": 3,
+    "jxl": 3,
+    "exr": 64,
+    "developed.png": 6,
+    "hud.png": 3,
+    "mask.png": 3,
+    "stack.fits": 6,
+    "video.mp4": 512,
+}
+"""Of a member beyond that: more than its pixels take without any compression; of expected electrons 16 channels, of a video
+256 frames."""
+SUFFIXES = (*BYTES_PER_PIXEL, "json")
 """Members that a frame may have, in no order."""
 _MEMBER = re.compile(rf"(frame-\d{{5,8}})\.({'|'.join(re.escape(suffix) for suffix in SUFFIXES)})", re.ASCII)
 

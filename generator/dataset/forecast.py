@@ -14,7 +14,7 @@ from generator.dataset.images import encode
 from generator.dataset.table_writer import write_table
 from generator.frame.outlook import Outlook, outlook, warnings_of
 from generator.frame.record import frame_record, record_bytes
-from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
+from generator.frame.render import RenderedFrame, further_files, render_frame, write_exr
 from generator.mitsuba_runtime import set_threads
 from generator.scenario.file import Scenario
 
@@ -142,11 +142,10 @@ def _costs(scenario: Scenario, places: list[int]) -> _Costs:
 
 def _bytes_in_archive(frame: RenderedFrame) -> int:
     """Size of a frame's images and record."""
-    pictures = [frame.developed, None if frame.hud is None else hud_picture(frame.hud), frame.mask]
     members = [
         encode(frame.dn, "png"),
         record_bytes(frame_record(frame.plan, frame.expected, frame.stars)),
-        *(png_bytes(picture) for picture in pictures if picture is not None),
+        *further_files(frame).values(),
     ]
     return sum(len(member) for member in members)
 

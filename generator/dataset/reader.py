@@ -58,7 +58,7 @@ class ShardFrame:
     frame_id : str
     members : dict of str to bytes
         Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
-        ``hud.png``, ``mask.png``.
+        ``hud.png``, ``mask.png``, ``stack.fits``, ``video.mp4``.
     path : Path
         The archive, for messages.
     """

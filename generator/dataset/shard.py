@@ -24,7 +24,7 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA, VISIBLE_SNR, frame_record, record_bytes
-from generator.frame.render import RenderedFrame, hud_picture, png_bytes, render_frame, write_exr
+from generator.frame.render import RenderedFrame, further_files, render_frame, write_exr
 from generator.scenario.file import Scenario
 from generator.stored_files import StoredFile, stored_file
 
@@ -178,12 +178,8 @@ def _write_frames(
             _add(archive, f"{stem}.json", record_bytes(record))
             if spec.exr:
                 _add(archive, f"{stem}.exr", _exr_bytes(frame))
-            if frame.developed is not None:
-                _add(archive, f"{stem}.developed.png", png_bytes(frame.developed))
-            if frame.hud is not None:
-                _add(archive, f"{stem}.hud.png", png_bytes(hud_picture(frame.hud)))
-            if frame.mask is not None:
-                _add(archive, f"{stem}.mask.png", png_bytes(frame.mask))
+            for suffix, content in further_files(frame).items():
+                _add(archive, f"{stem}.{suffix}", content)
             rows.append(frame_row(record, shard.split, shard.stem, f"{stem}.{spec.codec}", image))
             truth.stars.add(frame.stars)
             truth.objects.add(frame.objects)

@@ -23,9 +23,11 @@ from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem, problems_of_files, strange_files
 
-OPTIONAL_MEMBERS = {"developed.png", "hud.png", "mask.png"}
+OPTIONAL_PICTURES = {"developed.png", "hud.png", "mask.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
-PNG_MEMBERS = {"png"} | OPTIONAL_MEMBERS
+OPTIONAL_MEMBERS = OPTIONAL_PICTURES | {"stack.fits", "video.mp4"}
+"""These, and members of a frame that is a stack of a video."""
+PNG_MEMBERS = {"png"} | OPTIONAL_PICTURES
 NOT_COVERED = "logs"
 
 

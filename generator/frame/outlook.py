@@ -100,10 +100,11 @@ def outlook(frame: RenderedFrame) -> Outlook:
     """Numbers of a rendered frame."""
     spec = frame.plan.spec
     camera, sensor = spec.camera, spec.sensor
+    exposures = sensor.exposures(spec.time.exposure_s)
     dark_e = sensor.mean_dark_e_s * spec.time.exposure_s
     range_e = converter_range_e(sensor)
     stars = frame.stars.filter(pc.greater(frame.stars["fraction_in_frame"], 0))
-    full = frame.expected.electrons + dark_e >= min(sensor.full_well_e, range_e)
+    full = (frame.expected.electrons + dark_e) / exposures >= min(sensor.full_well_e, range_e)
     hfov_deg, vfov_deg = field_of_view_deg(camera)
     return Outlook(
         hfov_deg=hfov_deg,

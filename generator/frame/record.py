@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from importlib.metadata import version
 from typing import Any
 
@@ -22,9 +23,11 @@ from generator.places.ephemeris import PLANET_ID_BASE
 from generator.reading.record import FORMAT
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.model import pointing_of
+from generator.scenario.sensor_spec import SensorSpec
 from generator.scenario.sequences.sequence import Passage
 from generator.sensor.detector import matched_filter_snr, saturation_e
 
+LARGEST_8_BIT = 255
 VISIBLE_SNR = 5.0
 """A star this far above its noise is found by any detector."""
 
@@ -104,20 +107,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
             "vignetting": list(camera.vignetting),
             "image_circle_px": camera.image_circle_px,
         },
-        "sensor": {
-            "bits": sensor.bits,
-            "gain_e_per_dn": sensor.gain_e_per_dn,
-            "black_level_dn": sensor.black_level_dn,
-            "full_well_e": sensor.full_well_e,
-            "read_noise_e": sensor.read_noise_e,
-            "dark_current_e_s": sensor.mean_dark_e_s,
-            "quantum_efficiency": [
-                {"channel": name, "curve": [list(point) for point in curve]} for name, curve in sensor.channels.items()
-            ],
-            "bayer_pattern": None if sensor.colour is None else sensor.colour.pattern,
-            "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
-            "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
-        },
+        "sensor": sensor_object(sensor, spec.time.exposure_s),
         "atmosphere": air.model_dump(),
         "sky": {
             "bortle": spec.sky.bortle,
@@ -164,6 +154,28 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
         "p": list(projection.full_p),
         **({"s": list(projection.full_s)} if any(projection.s) else {}),
         **({"tilt_rad": list(projection.full_tilt_rad)} if any(projection.tilt_rad) else {}),
+    }
+
+
+def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
+    """The sensor's part of a record: of a video, what holds for the mean of its frames, in electrons of all of them."""
+    video, frames = sensor.video, sensor.exposures(exposure_s)
+    # From DN to the image's values.
+    scale = 1.0 if video is None else LARGEST_8_BIT * video.exposure / (2**sensor.bits - 1)
+    return {
+        "bits": sensor.bits if video is None else 8,
+        "gain_e_per_dn": frames * sensor.gain_e_per_dn / scale,
+        "black_level_dn": round(sensor.black_level_dn * scale),
+        "full_well_e": frames * sensor.full_well_e,
+        "read_noise_e": math.sqrt(frames) * sensor.read_noise_e,
+        "dark_current_e_s": sensor.mean_dark_e_s,
+        "quantum_efficiency": [
+            {"channel": name, "curve": [list(point) for point in curve]} for name, curve in sensor.channels.items()
+        ],
+        "bayer_pattern": None if sensor.colour is None else sensor.colour.pattern,
+        "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
+        "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
+        **({} if video is None else {"video": {"frames": frames} | video.model_dump()}),
     }
 
 
@@ -271,7 +283,7 @@ def star_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
         ]
         for places in (expected.centroid_px, expected.light_px, expected.start_px, expected.end_px)
     )
-    saturating_e = saturation_e(sensor) - sensor.mean_dark_e_s * spec.time.exposure_s
+    saturating_e = saturation_e(sensor, spec.time.exposure_s) - sensor.mean_dark_e_s * spec.time.exposure_s
     places = plan.middle[rows]
     columns = {
         "index": np.full(len(rows), plan.index),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
+from generator.video.take import take_video
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
@@ -52,6 +53,8 @@ class RenderedFrame:
         Pixels that the head-up display covers.
     developed : (height, width[, 3]) uint8 array or None
         8-bit picture.
+    attached : dict of bytes
+        Further files by their suffix (``stack.fits``, ``video.mp4``).
     """
 
     plan: FramePlan
@@ -61,6 +64,7 @@ class RenderedFrame:
     objects: pa.Table
     hud: NDArray[np.bool_] | None = None
     developed: NDArray[np.uint8] | None = None
+    attached: dict[str, bytes] = field(default_factory=dict)
 
     @property
     def mask(self) -> NDArray[np.uint8] | None:
@@ -76,6 +80,10 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
     """
     plan = plan_frame(scenario, index)
     expected = render_expected(plan, layers, channels)
+    stars, objects = star_table(plan, expected), object_table(plan, expected)
+    if plan.spec.sensor.video is not None:
+        taken = take_video(plan, plan.spec.sensor.video)
+        return RenderedFrame(plan, expected, taken.image, stars, objects, attached=taken.files)
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
@@ -92,7 +100,7 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
         dn[hud] = 2**sensor.bits - 1
         if developed is not None:
             developed[hud] = 255
-    return RenderedFrame(plan, expected, dn, star_table(plan, expected), object_table(plan, expected), hud, developed)
+    return RenderedFrame(plan, expected, dn, stars, objects, hud, developed)
 
 
 def hud_lines(plan: FramePlan) -> tuple[str, ...]:
@@ -112,6 +120,16 @@ def png_bytes(pixels: NDArray[np.uint16] | NDArray[np.uint8]) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, format="PNG", compress_level=PNG_COMPRESSION)
     return stream.getvalue()
+
+
+def further_files(frame: RenderedFrame) -> dict[str, bytes]:
+    """Files of a frame beside its image, record and expected electrons, by their suffix."""
+    pictures = {
+        "developed.png": frame.developed,
+        "hud.png": None if frame.hud is None else hud_picture(frame.hud),
+        "mask.png": frame.mask,
+    }
+    return {suffix: png_bytes(picture) for suffix, picture in pictures.items() if picture is not None} | frame.attached
 
 
 def hud_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -153,12 +171,7 @@ def write_frame(folder: Path, frame: RenderedFrame, exr: bool = True) -> list[st
     """Write a frame's image, expected electrons and record, the record last; names of the files."""
     stem = frame.plan.frame_id
     contents = {f"{stem}.png": png_bytes(frame.dn)}
-    if frame.developed is not None:
-        contents[f"{stem}-developed.png"] = png_bytes(frame.developed)
-    if frame.hud is not None:
-        contents[f"{stem}-hud.png"] = png_bytes(hud_picture(frame.hud))
-    if frame.mask is not None:
-        contents[f"{stem}-mask.png"] = png_bytes(frame.mask)
+    contents |= {f"{stem}-{suffix}": content for suffix, content in further_files(frame).items()}
     contents[f"{stem}.json"] = record_bytes(frame_record(frame.plan, frame.expected, frame.stars))
     expected = write_exr(folder / f"{stem}.exr", frame) if exr else []
     for name, content in contents.items():

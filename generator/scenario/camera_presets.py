@@ -182,6 +182,42 @@ PRESETS: dict[str, CameraPreset] = {
             "hot_pixel_e_s": 85.0,
         },
     ),
+    "gmn-imx291": CameraPreset(
+        "Meteor camera of the Global Meteor Network: IP camera with a Sony IMX291, 720p at 25 frames/s, 4 mm f/0.95 lens",
+        "Sensor, lens, video and stacks of 256 frames as the network describes them (Vida et al. 2021, MNRAS 506, 5046); "
+        "the pitch is that of the sensor's 1920 columns of 2.9 um scaled to 1280. Measured on frames of one camera of the "
+        "network (docs/realism.md): the lens by 2489 stars (0.23 px), gain by their light, black level, fixed pattern, "
+        "noise reduction and bit rate by the noise of stacked frames.",
+        camera={
+            "model": "kannala_brandt",
+            "width": 1280,
+            "height": 720,
+            "f_px": 894.98,
+            "pixel_pitch_um": 4.35,
+            "cx_px": 625.24,
+            "cy_px": 395.93,
+            "k": [-0.13292, 0.01059, -0.00898],
+            "pupil": "cosine",
+            "aperture_mm": 4.2,
+            "transmission": 0.8,
+            "psf_sigma_px": 0.8,
+        },
+        sensor={
+            "full_well_e": 135.0,
+            "read_noise_e": 1.2,
+            "gain_e_per_dn": 0.033,
+            "black_level_dn": 80,
+            "bits": 12,
+            "dark_current_e_s": 2.0,
+            "prnu": 0.01,
+            "dsnu_e": 1.75,
+            "video": {
+                "frames_per_s": 25.0,
+                "denoise": {"sigma_px": 1.0, "threshold": 0.06, "temporal": 0.6},
+                "h264": {"bitrate_kbit_s": 4000.0},
+            },
+        },
+    ),
     "machine-vision-mono": CameraPreset(
         "Monochrome machine-vision camera of five megapixels with a global shutter and a 12 mm f/2 lens",
         "2448 x 2048 pixels of 3.45 um with figures of the size that EMVA 1288 data sheets of such cameras state (full well "

@@ -304,6 +304,14 @@ class FrameSpec(SceneSpec):
             check_place(self.foreground.landscape, self.site.latitude_deg, self.site.longitude_deg)
         return self
 
+    @model_validator(mode="after")
+    def _whole_video_frames(self) -> FrameSpec:
+        self.sensor.exposures(self.time.exposure_s)
+        odd = self.camera.width % 2 or self.camera.height % 2
+        if odd and self.sensor.video is not None and self.sensor.video.codec == "h264":
+            raise ValueError("sensor.video.codec: h264 needs an even camera.width and camera.height")
+        return self
+
     @property
     def shutter_s(self) -> float:
         """Time from the start of the exposure of the first row to the end of that of the last, s."""

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.scenario.strict import Curve, Fraction, Strict, listed
+from generator.scenario.video_spec import VideoSpec
 
 COLOURS = ("blue", "green", "red")
 """Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""
@@ -168,12 +169,26 @@ class SensorSpec(Strict):
     """Write an 8-bit developed picture as well."""
     hud: bool = False
     """Draw a head-up display over the picture, with its mask."""
+    video: VideoSpec | None = Field(default=None, exclude_if=lambda video: video is None)
+    """Take a video during the exposure; the image is the mean of its frames."""
 
     @model_validator(mode="after")
     def _black_level_fits(self) -> SensorSpec:
         if self.black_level_dn >= 2**self.bits - 1:
             raise ValueError(f"black_level_dn {self.black_level_dn} leaves no range below {2**self.bits - 1} DN")
         return self
+
+    @model_validator(mode="after")
+    def _video_by_itself(self) -> SensorSpec:
+        beside = {"colour": self.colour, "rolling_shutter": self.rolling_shutter, "develop": self.develop}
+        given = [name for name, value in (beside | {"hud": self.hud or None}).items() if value is not None]
+        if self.video is not None and given:
+            raise ValueError(f"video and {given[0]} exclude each other; leave one of them out")
+        return self
+
+    def exposures(self, exposure_s: float) -> int:
+        """Number of exposures that make up an image: the frames of its video, or 1."""
+        return 1 if self.video is None else self.video.count(exposure_s)
 
     @property
     def channels(self) -> dict[str, tuple[tuple[float, float], ...]]:

@@ -115,9 +115,16 @@ def expose(
     return signal.astype(np.uint16)
 
 
-def saturation_e(sensor: SensorSpec) -> float:
-    """Electrons at which a pixel reaches full well or the largest DN, whichever comes first."""
-    return min(sensor.full_well_e, (2**sensor.bits - 1 - sensor.black_level_dn) * sensor.gain_e_per_dn)
+def saturation_e(sensor: SensorSpec, exposure_s: float) -> float:
+    """Electrons of an exposure at which a pixel reaches full well or the largest value, whichever comes first.
+
+    Of a video, those of all its frames.
+    """
+    largest_dn = 2**sensor.bits - 1
+    if sensor.video is not None:
+        largest_dn = min(largest_dn, largest_dn / sensor.video.exposure)
+    one = min(sensor.full_well_e, (largest_dn - sensor.black_level_dn) * sensor.gain_e_per_dn)
+    return one * sensor.exposures(exposure_s)
 
 
 def matched_filter_snr(
@@ -148,10 +155,12 @@ def matched_filter_snr(
     (n,) array
     """
     area = 4 * np.pi * (psf_sigma_px**2 + 1 / 12) if area_px is None else area_px
+    exposures = sensor.exposures(exposure_s)
     lines = sensor.row_noise_e**2 + sensor.column_noise_e**2 + sum(w.amplitude_e**2 / 2 for w in sensor.interference)
     fixed = sensor.dsnu_e**2 + sensor.dsnu_row_e**2 + sensor.dsnu_column_e**2
-    readout = sensor.read_noise_e**2 + lines + fixed + sensor.gain_e_per_dn**2 / 12
-    per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + readout
+    # A fixed pattern adds up with the frames of a video, noise with their root.
+    readout = sensor.read_noise_e**2 + lines + exposures * fixed + sensor.gain_e_per_dn**2 / 12
+    per_pixel = sky_e_px + sensor.mean_dark_e_s * exposure_s + exposures * readout
     return star_e / np.sqrt(star_e + area * per_pixel)
 
 

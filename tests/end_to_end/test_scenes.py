@@ -23,7 +23,7 @@ REDUCTION = 6
 LENGTHS_PX = ("f_px", "cx_px", "cy_px", "image_circle_px")
 FEATURES = {
     "yale_projection", "thesis_mag", "bortle", "motion", "weather", "attitude", "calibration", "optics", "clutter", "horizon",
-    "sensor", "00_hello", "stray_light", "sequence", "landscape", "hills",
+    "sensor", "00_hello", "stray_light", "sequence", "landscape", "hills", "meteor",
 }  # fmt: skip
 
 
@@ -36,7 +36,8 @@ def reduced(path: Path) -> Scenario:
     template = copy.deepcopy(scenario.template)
     camera = template["camera"]
     for key in ("width", "height"):
-        camera[key] //= REDUCTION
+        # Even, for the codec of a video.
+        camera[key] = camera[key] // REDUCTION // 2 * 2
     if isinstance(template["time"].get("exposure_s"), float):
         template["time"]["exposure_s"] = min(template["time"]["exposure_s"], 1.0)
     for key in LENGTHS_PX:

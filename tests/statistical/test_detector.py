@@ -59,7 +59,7 @@ def test_saturates_at_full_well_and_at_the_largest_dn() -> None:
     assert np.unique(full).tolist() == [400 + 4000]
     spec, clipped = read_out(5e4, bits=12, full_well_e=1e6)
     assert np.unique(clipped).tolist() == [4095]
-    assert saturation_e(spec) == (4095 - 400) * 0.25
+    assert saturation_e(spec, 1.0) == (4095 - 400) * 0.25
 
 
 def test_without_noise_the_expected_signal_is_quantised() -> None:

@@ -106,7 +106,7 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
         for _ in range(COARSE_STEPS if blur_px else MOST_STEPS):
             model = stars.image(values, blur_px)
             step, information = _score(model.electrons, model.derivatives, observed, background, noise_variance,
-                                       saturation_e(plan.spec.sensor), blur_px)  # fmt: skip
+                                       saturation_e(plan.spec.sensor, plan.spec.time.exposure_s), blur_px)  # fmt: skip
             moved = _distance_px(spoiled(declared, values), declared, values + step, rays)
             values = values + step * min(1.0, LONGEST_STEP_PX / max(moved, 1e-9))
             steps += 1

@@ -1,0 +1,87 @@
+"""The scenario's ``sensor.video`` section: an exposure as a pile of video frames."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from generator.scenario.strict import Strict
+
+FEWEST_FRAMES, MOST_FRAMES = 3, 256
+"""Of a stack; its frame numbers have 8 bits."""
+
+
+class H264Spec(Strict):
+    """Coding by H.264."""
+
+    bitrate_kbit_s: Annotated[float, Field(ge=50, le=200000)] | None = None
+    """Constant bit rate, kbit/s; a constant quality unless given."""
+    crf: Annotated[int, Field(ge=0, le=51)] = 23
+    """Constant quality by x264's rate factor, where no bit rate is given: 0 is lossless, larger is coarser."""
+    keyframe_every: Annotated[int, Field(ge=1, le=1000)] = 50
+    """Frames from one that stands by itself to the next."""
+
+
+class SharpenSpec(Strict):
+    """Unsharp masking."""
+
+    amount: Annotated[float, Field(gt=0, le=5)] = 0.5
+    """Of the difference to the blurred picture that is added."""
+    sigma_px: Annotated[float, Field(ge=0.3, le=20)] = 1.0
+    """Of the blur, px."""
+
+
+class DenoiseSpec(Strict):
+    """Smoothing of what differs little from its surroundings: sigma filter with a Gaussian core."""
+
+    sigma_px: Annotated[float, Field(ge=0.3, le=20)] = 1.0
+    """Of the smoothing, px."""
+    strength: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Part of a small difference to the smoothed picture that is taken away."""
+    threshold: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Difference, as a share of white, at which half of that is left alone; everything is smoothed alike unless given."""
+
+
+class VideoDenoiseSpec(DenoiseSpec):
+    """The same of a video, which has earlier frames to average with."""
+
+    temporal: Annotated[float, Field(ge=0, le=0.95)] = 0.0
+    """Share of the frame before in each frame, where the two differ by less than the threshold."""
+
+
+class VideoSpec(Strict):
+    """Frames of a video within the exposure, and their stack in place of a single raw image."""
+
+    frames_per_s: Annotated[float, Field(ge=0.1, le=240)] = 25.0
+    """Frames per second; `time.exposure_s` times this is the number of frames, 3 to 256."""
+    exposure: Annotated[float, Field(gt=0, le=1e4)] = 1.0
+    """Factor before the 8-bit values; 1 maps the largest DN to 255."""
+    gamma: Annotated[float, Field(ge=1, le=4)] = 1.0
+    """Transfer curve: 8-bit value by the light to the power of 1 / gamma."""
+    denoise: VideoDenoiseSpec | None = None
+    """The camera's noise reduction and scaling, before the 8-bit values."""
+    sharpen: SharpenSpec | None = None
+    """After it."""
+    codec: Literal["h264", "none"] = "h264"
+    """The stack is made from decoded frames, or from frames that were never coded."""
+    h264: H264Spec = H264Spec()
+    keep: bool = False
+    """Whether the video is kept beside the stack."""
+
+    def count(self, exposure_s: float) -> int:
+        """Number of frames in an exposure.
+
+        Raises
+        ------
+        ValueError
+            It is not whole, or out of its limits.
+        """
+        frames = exposure_s * self.frames_per_s
+        whole = round(frames)
+        if abs(frames - whole) > 1e-6 * frames or not FEWEST_FRAMES <= whole <= MOST_FRAMES:
+            raise ValueError(
+                f"sensor.video: time.exposure_s {exposure_s:g} times frames_per_s {self.frames_per_s:g} is {frames:g}, "
+                f"expected a whole number of frames from {FEWEST_FRAMES} to {MOST_FRAMES}"
+            )
+        return whole

@@ -1,0 +1,215 @@
+"""The frames of a video within an exposure: expected light that follows the sky, and the sensor's noise in each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from generator.frame.flying_objects import FlyingObjects
+from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
+from generator.frame.scene import render_expected
+from generator.optics.motion import Motion
+from generator.scenario.model import SkySpec
+from generator.scenario.sensor_spec import SensorSpec
+from generator.scenario.video_spec import VideoSpec
+from generator.seeds import random_stream
+from generator.sensor.charge import PhotoResponse
+from generator.sensor.detector import effects
+from generator.sensor.effect import Effect, Exposure, Floats
+from generator.sensor.processing import averaged, denoised, sharpened
+from generator.sensor.readout import FixedLines, FixedOffset
+
+Picture = NDArray[np.uint8]
+
+SLICE_STEP_PX = 0.1
+"""Way of the sky during which a star stands still."""
+MOST_SLICES = 32
+
+
+def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
+    """The 8-bit frames of a video, before any codec, (height, width) uint8 arrays.
+
+    Stars and sky are rendered for as many parts of the exposure as keep their way below SLICE_STEP_PX; frames of one part
+    have one expectation and noise of their own. Trails, satellites and meteors are rendered for each frame in which they
+    shine.
+    """
+    count = spec.count(plan.spec.time.exposure_s)
+    resting = replace(plan, objects=_none_of(plan.objects))
+    slices = slice_count(plan, count)
+    seed, index = plan.scenario.seed, plan.index
+    sensor = plan.spec.sensor
+    frame_s = plan.spec.time.exposure_s / count
+    shape = (plan.spec.camera.height, plan.spec.camera.width)
+    sensing = _Sensing.of(sensor, shape, lambda name: random_stream(seed, f"unit.{name}", 0))
+    current, light, before = -1, np.zeros(shape, np.float32), None
+    for number in range(count):
+        part = number * slices // count
+        if part != current:
+            expected = render_expected(plan_part(resting, part / slices, (part + 1) / slices), channels=False)
+            light = expected.electrons * np.float32(slices / count)
+            current = part
+        moving = _moving_light(plan, number / count, (number + 1) / count)
+        electrons = light if moving is None else light + moving
+        stream = _frame_stream(seed, index, number)
+        exposure = Exposure(frame_s, stream, sensing.unit, plan.start_s + number * frame_s)
+        shares = sensing.dn(electrons, exposure) * np.float32(spec.exposure / (2**sensor.bits - 1))
+        before = averaged(denoised(shares, spec.denoise), before, spec.denoise)
+        yield eight_bit(before, spec)
+
+
+def slice_count(plan: FramePlan, count: int) -> int:
+    """Parts of an exposure in which the sky is taken to stand still: all frames, where the camera turns."""
+    if len(plan.motion.R_cam) > 1:
+        return count
+    way_px = math.radians(SKY_RATE_DEG_S * plan.spec.time.exposure_s) * plan.spec.camera.f_px
+    return int(np.clip(math.ceil(way_px / SLICE_STEP_PX), 1, min(MOST_SLICES, count)))
+
+
+def plan_part(plan: FramePlan, start: float, stop: float) -> FramePlan:
+    """The plan of a part of the exposure, from share `start` to `stop` of it, of a global shutter."""
+    exposure_s = (stop - start) * plan.spec.time.exposure_s
+    time = plan.spec.time.model_copy(update={"exposure_s": exposure_s})
+    objects = plan.objects
+    return replace(
+        plan,
+        spec=plan.spec.model_copy(update={"time": time}),
+        utc_start=plan.utc_start.plus(start * plan.spec.time.exposure_s),
+        directions=_within(plan.directions, start, stop),
+        motion=_motion_within(plan.motion, start, stop, exposure_s),
+        objects=replace(
+            objects,
+            directions=_within(objects.directions, start, stop),
+            light_curve=_curve_within(objects.light_curve, start, stop),
+        ),
+    )
+
+
+def _within(values: NDArray[np.float64], start: float, stop: float) -> NDArray[np.float64]:
+    """Samples (n, k, …), linear in between over the whole exposure, as k samples over a part of it."""
+    last = values.shape[1] - 1
+    if last < 1:
+        return values
+    place = np.linspace(start, stop, last + 1) * last
+    before = np.minimum(np.floor(place).astype(np.intp), last - 1)
+    weight = (place - before).reshape(1, -1, *([1] * (values.ndim - 2)))
+    return np.asarray((1 - weight) * values[:, before] + weight * values[:, before + 1])
+
+
+def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float) -> Motion:
+    """Attitudes over a part of the exposure, as many as over the whole."""
+    if len(motion.R_cam) == 1:
+        return motion
+    share = np.linspace(0, 1, len(motion.R_cam))
+    follow = Slerp(share, Rotation.from_matrix(motion.R_cam))
+    turned = follow(start + (stop - start) * share).as_matrix()
+    return replace(motion, time_s=exposure_s * share, R_cam=turned, R_mid=follow([(start + stop) / 2]).as_matrix()[0])
+
+
+def _curve_within(curve: NDArray[np.float64], start: float, stop: float) -> NDArray[np.float64]:
+    """Means of light curves (n, m) over as many equal parts of a part of the exposure."""
+    parts = curve.shape[1]
+    edges = np.linspace(0, 1, parts + 1)
+    summed = np.concatenate([np.zeros((len(curve), 1)), np.cumsum(curve, axis=1) / parts], axis=1)
+    places = np.linspace(start, stop, parts + 1)
+    at = np.stack([np.interp(places, edges, row) for row in summed]) if len(curve) else np.zeros((0, parts + 1))
+    return np.diff(at, axis=1) * parts / (stop - start)
+
+
+def _none_of(objects: FlyingObjects) -> FlyingObjects:
+    return _chosen(objects, np.zeros(len(objects), bool))
+
+
+def _chosen(objects: FlyingObjects, wanted: NDArray[np.bool_]) -> FlyingObjects:
+    return FlyingObjects(
+        objects.number[wanted],
+        tuple(kind for kind, chosen in zip(objects.kind, wanted, strict=True) if chosen),
+        objects.v_mag[wanted],
+        objects.bv_mag[wanted],
+        objects.directions[wanted],
+        objects.light_curve[wanted],
+    )
+
+
+def _moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
+    """Expected electrons of flying objects in a part of the exposure; None where none shines."""
+    if not len(plan.objects):
+        return None
+    part = plan_part(plan, start, stop)
+    shining = np.asarray((part.objects.light_curve > 0).any(axis=1), dtype=np.bool_)
+    if not shining.any():
+        return None
+    dark = part.spec.model_copy(update={"sky": SkySpec(components=())})
+    none = np.zeros(len(part.stars), bool)
+    alone = replace(
+        part,
+        spec=dark,
+        objects=_chosen(part.objects, shining),
+        stars=part.stars[none],
+        directions=part.directions[none],
+        airmass=part.airmass[none],
+        cloud_optical_depth=part.cloud_optical_depth[none],
+        cloud_transmission=part.cloud_transmission[none],
+        scintillation=part.scintillation[none],
+    )
+    return render_expected(alone, channels=False).electrons
+
+
+def _frame_stream(seed: int, index: int, number: int) -> Callable[[str], np.random.Generator]:
+    """Random streams of one frame of the video of frame `index`."""
+    return lambda name: random_stream(seed, f"video.{number}.{name}", index)
+
+
+@dataclass(frozen=True)
+class _Map:
+    """A fixed pattern, computed once: signal x factor + offset."""
+
+    factor: Any
+    offset: Any
+
+    def apply(self, signal: Floats, exposure: Exposure) -> Floats:
+        """Apply it."""
+        del exposure
+        return signal * self.factor + self.offset
+
+
+@dataclass(frozen=True)
+class _Sensing:
+    """A sensor's chain of effects with its fixed patterns as maps, for many exposures."""
+
+    chain: tuple[Effect, ...]
+    unit: Callable[[str], np.random.Generator]
+
+    @classmethod
+    def of(cls, sensor: SensorSpec, shape: tuple[int, int], unit: Callable[[str], np.random.Generator]) -> _Sensing:
+        """Compute the maps."""
+        once = Exposure(1.0, unit, unit)
+        chain: list[Effect] = []
+        for effect in effects(sensor):
+            if isinstance(effect, PhotoResponse):
+                chain.append(_Map(effect.apply(np.ones(shape, np.float32), once), np.float32(0)))
+            elif isinstance(effect, FixedOffset | FixedLines):
+                chain.append(_Map(np.float32(1), effect.apply(np.zeros(shape, np.float32), once)))
+            else:
+                chain.append(effect)
+        return cls(tuple(chain), unit)
+
+    def dn(self, electrons: Floats, exposure: Exposure) -> Floats:
+        """DN of one exposure."""
+        signal = electrons
+        for effect in self.chain:
+            signal = effect.apply(signal, exposure)
+        return signal
+
+
+def eight_bit(light: Floats, spec: VideoSpec) -> Picture:
+    """Shares of white (height, width) as 8-bit values, sharpened and by the camera's transfer curve."""
+    light = np.clip(sharpened(light, spec.sharpen), 0, 1)
+    if spec.gamma != 1:
+        light = light ** np.float32(1 / spec.gamma)
+    return np.rint(255 * light).astype(np.uint8)
