@@ -23,12 +23,12 @@ from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.png import png16
 from generator.frame.record import frame_record, record_bytes, star_table
 from generator.frame.scene import ExpectedFrame, render_expected
+from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
 from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
-from generator.video.take import take_video
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000

@@ -186,7 +186,7 @@ PRESETS: dict[str, CameraPreset] = {
         "Meteor camera of the Global Meteor Network: IP camera with a Sony IMX291, 720p at 25 frames/s, 4 mm f/0.95 lens",
         "Sensor, lens, video and stacks of 256 frames as the network describes them (Vida et al. 2021, MNRAS 506, 5046); "
         "the pitch is that of the sensor's 1920 columns of 2.9 um scaled to 1280. Measured on frames of one camera of the "
-        "network (docs/realism.md): the lens by 2489 stars (0.23 px), gain by their light, black level, fixed pattern, "
+        "network: the lens by 2489 stars (0.23 px), gain by their light, black level, fixed pattern, "
         "noise reduction and bit rate by the noise of stacked frames.",
         camera={
             "model": "kannala_brandt",
@@ -210,11 +210,11 @@ PRESETS: dict[str, CameraPreset] = {
             "bits": 12,
             "dark_current_e_s": 2.0,
             "prnu": 0.01,
-            "dsnu_e": 1.75,
+            "dsnu_e": 1.9,
             "video": {
                 "frames_per_s": 25.0,
-                "denoise": {"sigma_px": 1.0, "threshold": 0.06, "temporal": 0.6},
-                "h264": {"bitrate_kbit_s": 4000.0},
+                "denoise": {"sigma_px": 1.05, "threshold": 0.08, "temporal": 0.5},
+                "h264": {"bitrate_kbit_s": 3000.0},
             },
         },
     ),

@@ -63,6 +63,9 @@ def scenario_schema() -> dict[str, Any]:
     frame_time = definitions["SequenceTimeSpec"]
     frame_time["required"] = [key for key in frame_time["required"] if key in TimeSpec.model_fields]
     frame_time["dependentRequired"] = {"every_s": ["count"], "count": ["every_s"]}
+    # A named camera has what others need to give.
+    camera = definitions["CameraSpec"]
+    camera["anyOf"] = [{"required": camera.pop("required")}, {"required": ["preset"]}]
     schema = _with_variations(sequence)
     header = {
         "name": {"type": "string", "pattern": "^[a-z0-9][a-z0-9_-]{0,63}$", "description": "Name of the scenario."},

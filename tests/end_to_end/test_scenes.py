@@ -35,6 +35,10 @@ def reduced(path: Path) -> Scenario:
     scenario = load_scenario(path)
     template = copy.deepcopy(scenario.template)
     camera = template["camera"]
+    preset = PRESETS[camera["preset"]].camera if "preset" in camera else {}
+    for key in ("width", "height", *LENGTHS_PX):
+        if key in preset:
+            camera.setdefault(key, preset[key])
     for key in ("width", "height"):
         # Even, for the codec of a video.
         camera[key] = camera[key] // REDUCTION // 2 * 2

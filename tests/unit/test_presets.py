@@ -14,7 +14,8 @@ from generator.scenario.model import NAMED_ATTITUDES, FrameSpec
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
-FRAME = {key: BASE[key] for key in ("site", "time")}
+# A whole number of video frames.
+FRAME = {"site": BASE["site"], "time": BASE["time"] | {"exposure_s": 1.0}}
 
 
 def names_of(kind: str) -> set[str]:

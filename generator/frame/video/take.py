@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.plan import FramePlan
+from generator.frame.video.codec import decode, encode
+from generator.frame.video.exposures import video_frames
+from generator.frame.video.stack import fits_bytes, stack
 from generator.scenario.video_spec import VideoSpec
 from generator.seeds import random_stream
-from generator.video.codec import decode, encode
-from generator.video.exposures import video_frames
-from generator.video.stack import fits_bytes, stack
 
 STACK_SUFFIX, VIDEO_SUFFIX = "stack.fits", "video.mp4"
 CAMERA = "skybench"
