@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from generator.ground.linear_picture import read_linear
 from generator.ground.panorama import Bytes, Panorama
 from generator.ground.picture import equirectangular, fisheye, read_picture
 from generator.ground.skylines.draw import skyline_panorama
@@ -21,6 +22,7 @@ from generator.seeds import random_stream
 Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
+LEAST_REFLECTANCE = 1e-3
 Skyline = Literal["hills", "forest", "roofs", "masts", "street"]
 OF_PICTURES = {"projection", "azimuth_deg", "top_deg", "bottom_deg", "fov_deg", "mirrored", "glow_file"}
 """Keys that a package has of its own."""
@@ -30,7 +32,7 @@ class LandscapeSpec(Strict):
     """What stands around the camera: a picture whose transparent parts show the sky, or drawn; lit by the night."""
 
     file: File | None = None
-    """Picture with transparency (PNG, TIFF, WebP), or a landscape package of Stellarium (.zip)."""
+    """Picture with transparency (PNG, TIFF, WebP; OpenEXR of linear values), or a landscape package of Stellarium (.zip)."""
     dem: File | None = None
     """In place of a file: elevation raster (GeoTIFF, metres, in geographic or UTM coordinates) that holds the site; its
     ground is drawn as it is seen from there."""
@@ -52,11 +54,11 @@ class LandscapeSpec(Strict):
     mirrored: bool = False
     """Whether a fisheye picture has east on the right where north is up, as a map; else it is as one sees it looking up."""
     reflectance: Fraction = 1.0
-    """Of the picture's white, diffuse; its other colours in proportion."""
+    """Of the picture's white (of the value 1 in OpenEXR), diffuse; its other colours in proportion."""
     glow_file: File | None = None
     """Picture of the same size and projection, of the light that the landscape gives by itself (windows, signs)."""
     glow_cd_m2: Annotated[float, Field(ge=0, le=1e6)] = 10.0
-    """Luminance of that picture's white, cd/m^2."""
+    """Luminance of that picture's white (of the value 1 in OpenEXR), cd/m^2."""
     eye_height_m: Annotated[float, Field(gt=0, le=10000)] = 1.6
     """Of the camera over the ground, for the light of lamps on it and for the view over an elevation raster, m."""
     distance_m: Annotated[float, Field(ge=1, le=1e6)] = 50.0
@@ -116,8 +118,9 @@ def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float
     if spec.is_package:
         panorama = read_landscape(Path(spec.file.location), spec.file.path)
         return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
-    picture = _picture(spec.file)
-    glow = None if spec.glow_file is None else _picture(spec.glow_file)
+    # No surface reflects more light than it gets.
+    picture, white = _picture(spec.file, 1 / max(spec.reflectance, LEAST_REFLECTANCE))
+    glow, shine = (None, 1.0) if spec.glow_file is None else _picture(spec.glow_file, None)
     if glow is not None and spec.glow_file is not None and glow.shape != picture.shape:
         raise ValueError(
             f"'{spec.glow_file.path}' has {glow.shape[1]} x {glow.shape[0]} pixels, '{spec.file.path}' has "
@@ -127,11 +130,15 @@ def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float
         panorama = equirectangular(picture, spec.top_deg, spec.bottom_deg, spec.azimuth_deg, glow)
     else:
         panorama = fisheye(picture, spec.fov_deg, spec.azimuth_deg, spec.mirrored, glow)
-    return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
+    return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2 * shine, white_reflectance=spec.reflectance * white)
 
 
-def _picture(file: InputFile) -> Bytes:
-    return read_picture(Path(file.location).read_bytes(), file.path)
+def _picture(file: InputFile, most: float | None) -> tuple[Bytes, float]:
+    """A picture as encoded in sRGB, and the linear value of its white, 1 unless its format knows larger ones."""
+    if file.path.lower().endswith(".exr"):
+        linear = read_linear(Path(file.location), file.path, most)
+        return linear.rgba, linear.white
+    return read_picture(Path(file.location).read_bytes(), file.path), 1.0
 
 
 @functools.lru_cache(maxsize=1)
