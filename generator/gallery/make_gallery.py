@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from generator.gallery.fisheye import View, all_sky, plan_of
+from generator.gallery.landscape_views import landscapes
 from generator.gallery.light_plots import artificial_and_moon
 from generator.gallery.natural_plots import natural_sky
 from generator.gallery.twilight_plots import twilight_measured
@@ -57,6 +58,7 @@ def make_gallery(folder: Path) -> list[Path]:
         views.append((name, all_sky(plan_of(sky, AUTUMN_NIGHT), white_cd_m2=white)))
     pictures.append(sheet(views, 2, folder / "clouds.jpg", "The same thin cloud over a city and over a desert"))
     pictures.append(sheet(cloud_views(), 3, folder / "cloud_kinds.jpg", "Kinds of cloud over lamps and under the Moon"))
+    pictures.append(save(landscapes(), folder / "landscapes.jpg"))
     pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
     pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
     pictures.append(save(twilight_measured(), folder / "twilight_measured.jpg"))

@@ -103,7 +103,7 @@ def _check(header: dict[str, Any], name: str, library: Any) -> None:
     names = {channel.name for channel in channels}
     if len(channels) > MOST_CHANNELS or not ({"R", "G", "B"} <= names or "Y" in names):
         raise PictureError(
-            f"'{name}' has the channels {', '.join(sorted(names)[:8])}, expected R, G, B or Y, A, and no others"
+            f"'{name}' has the channels {', '.join(sorted(names)[:8])}, expected R, G, B or Y, and A alone"
         )
     if any((channel.xSampling, channel.ySampling) != (1, 1) for channel in channels):
         raise PictureError(f"'{name}' has channels of fewer pixels than the picture's, expected all of one size")

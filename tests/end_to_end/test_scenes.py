@@ -24,6 +24,7 @@ LENGTHS_PX = ("f_px", "cx_px", "cy_px", "image_circle_px")
 FEATURES = {
     "yale_projection", "thesis_mag", "bortle", "motion", "weather", "attitude", "calibration", "optics", "clutter", "horizon",
     "sensor", "00_hello", "stray_light", "sequence", "landscape", "hills", "meteor",
+    "fixed_camera", "constellations",
 }  # fmt: skip
 
 
