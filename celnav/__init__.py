@@ -8,6 +8,8 @@ Examples
 >>> fix = celnav.solve(detections, camera, utc="2020-01-01T00:00:00Z", attitude=R_cam)
 """
 
+from typing import TYPE_CHECKING, Any
+
 from celnav import errors
 from celnav.attitude import Attitude
 from celnav.camera import Camera
@@ -26,13 +28,21 @@ from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
 from celnav.track import Track, TrackConfig, TrackPoint
 
+if TYPE_CHECKING:
+    from celnav.calibrating.calibrate import calibrate
+    from celnav.calibrating.calibration import CameraCalibration
+    from celnav.calibrating.frames import CalibrationFrame
+    from celnav.calibrating.lens_form import LensForm
+
 __all__ = [
     "SOLVERS",
     "THESIS_ADAPTIVE",
     "THESIS_BASELINE",
     "Attitude",
     "Calibration",
+    "CalibrationFrame",
     "Camera",
+    "CameraCalibration",
     "CameraFile",
     "CelnavError",
     "DdrConfig",
@@ -43,6 +53,7 @@ __all__ = [
     "FloodFillConfig",
     "History",
     "LastKnown",
+    "LensForm",
     "Pointing",
     "PositionConfig",
     "Reason",
@@ -52,6 +63,7 @@ __all__ = [
     "TrackConfig",
     "TrackPoint",
     "Weather",
+    "calibrate",
     "ddr_solver",
     "detect",
     "errors",
@@ -62,3 +74,24 @@ __all__ = [
     "solvers",
     "usual_weather",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the calibration when it is first asked for: a position needs none of it, and starts sooner."""
+    if name == "calibrate":
+        from celnav.calibrating.calibrate import calibrate
+
+        return calibrate
+    if name == "CameraCalibration":
+        from celnav.calibrating.calibration import CameraCalibration
+
+        return CameraCalibration
+    if name == "CalibrationFrame":
+        from celnav.calibrating.frames import CalibrationFrame
+
+        return CalibrationFrame
+    if name == "LensForm":
+        from celnav.calibrating.lens_form import LensForm
+
+        return LensForm
+    raise AttributeError(f"module 'celnav' has no attribute {name!r}")

@@ -66,7 +66,10 @@ class Attitude:
 
     @classmethod
     def from_json(cls, path: str | Path) -> Attitude:
-        """Read ``R_cam`` from a JSON file: at the top, or a frame record's ``attitude.R_cam``."""
+        """Read ``R_cam`` from a JSON file: at the top, or under ``attitude`` as a frame record and a calibration have it.
+
+        ``tilt_sigma_deg`` and ``heading_sigma_deg`` beside it, which a calibration writes, make it an uncertain attitude.
+        """
         try:
             record = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
@@ -77,7 +80,10 @@ class Attitude:
             record = record["attitude"]
         if not isinstance(record, dict) or "R_cam" not in record:
             raise AttitudeError(f"attitude file {path} holds no R_cam; see docs/dataset_format.md")
-        return cls.exact(record["R_cam"])
+        if "tilt_sigma_deg" not in record and "heading_sigma_deg" not in record:
+            return cls.exact(record["R_cam"])
+        sigmas = {name: record.get(f"{name}_sigma_deg", 0.0) for name in ("tilt", "heading")}
+        return cls.with_sigma(record["R_cam"], tilt_deg=sigmas["tilt"], heading_deg=sigmas["heading"])
 
     @property
     def R_cam(self) -> NDArray[np.float64]:

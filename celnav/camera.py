@@ -126,6 +126,17 @@ class Camera:
             raise CameraError(f"camera file {path} must hold an object with model, width, height, f_px")
         return cls.from_dict(record)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of the frame record's ``camera`` object; coefficients that the lens does not have are left out."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in _NAMES}
+        for name in ("k", "p", "s", "tilt_rad"):
+            values[name] = list(values[name])
+        return {name: value for name, value in values.items() if name not in ("p", "s", "tilt_rad") or value}
+
+    def to_json(self) -> str:
+        """Return the camera as a JSON document that `from_json` reads, to the bit."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
     def to_rays(self, uv: ArrayLike) -> NDArray[np.float64]:
         """Unproject pixels.
 

@@ -20,18 +20,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     started_s = _process_started_s() if argv is None else time.perf_counter()
     arguments = parser().parse_args(argv)
+    status = EXIT_FIX
     try:
-        found = answer(arguments, started_s)
+        if arguments.command == "calibrate":
+            from celnav.command.calibrating import calibrate_files
+
+            text = calibrate_files(arguments)
+        else:
+            found = answer(arguments, started_s)
+            text = (json_of if arguments.json else text_of)(found, arguments.matches)
+            status = EXIT_FIX if found.fix.ok else EXIT_REFUSAL
     except CelnavError as error:
         print(f"celnav: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    text = (json_of if arguments.json else text_of)(found, arguments.matches)
     try:
         print(text, flush=True)
     except BrokenPipeError:
         # The reader closed the pipe. The rest must not be written again when the interpreter ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return EXIT_FIX if found.fix.ok else EXIT_REFUSAL
+    return status
 
 
 def _process_started_s() -> float:

@@ -39,3 +39,7 @@ class CatalogError(CelnavError):
 
 class ConfigError(CelnavError):
     """A solver that does not exist, or an option with a value out of range."""
+
+
+class CalibrationError(CelnavError):
+    """The frames do not determine the camera, or a calibration that is read makes no sense."""

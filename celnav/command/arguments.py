@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
+from celnav.command.calibrate_arguments import add_calibrate
 from celnav.solver import solvers
 
 _EXAMPLES = """\
@@ -42,7 +43,9 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    command.add_argument("image", metavar="IMAGE", help="PNG, JPEG or TIFF, 8 or 16 bits; pixels are used as stored")
+    command.add_argument(
+        "image", metavar="IMAGE", help="PNG, JPEG or TIFF of 8 or 16 bits, or FITS; pixels are used as stored"
+    )
     _time_options(command.add_argument_group("time"))
     _camera_options(command.add_argument_group("camera"))
     group = command.add_argument_group("attitude and air")
@@ -81,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
     group.add_argument("--json", action="store_true", help="print JSON")
     group.add_argument("--matches", action="store_true", help="also print every identified star")
     group.add_argument("--plot", metavar="FILE", help="draw the image and what was found in it; PNG")
+    add_calibrate(commands)
     return program
 
 

@@ -21,6 +21,7 @@ from celnav.errors import CameraError
 
 MAX_BYTES = 16_000_000
 _MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "k", "mtx")
+_PLATEPAR_NAMES = ("F_scale", "X_res", "Y_res")
 _DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d", "dist")
 _FISHEYE_NAMES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt")
 _PERSPECTIVE_NAMES = ("", "plumb_bob", "rational_polynomial", "brown_conrady", "none", "pinhole")
@@ -52,7 +53,7 @@ def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> C
     ----------
     path : str or Path
         JSON: a camera (with ``f_px`` or ``hfov_deg``) or a frame record; YAML or JSON: a calibration of OpenCV
-        (``FileStorage``, or plain lists under ``camera_matrix``) or a ``camera_info`` of ROS.
+        (``FileStorage``, or plain lists under ``camera_matrix``), a ``camera_info`` of ROS, or a platepar of RMS.
     size : tuple of int, optional
         Width and height of the image, for files that give none.
 
@@ -76,6 +77,8 @@ def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> C
             return CameraFile(_own(record, size), "camera", _size_assumed(record, "width"))
         if any(key in record for key in _MATRIX_NAMES):
             return _calibration(record, size)
+        if all(key in record for key in _PLATEPAR_NAMES):
+            return _platepar(record)
     except CameraError as error:
         raise CameraError(f"camera file {path}: {error}") from None
     raise CameraError(
@@ -220,6 +223,21 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
     prism, tilt = (tuple(part) if any(part) else () for part in (rest[:4], rest[4:]))
     camera = replace(lens, model="brown_conrady", k=(k1, k2, k3, k4, k5, k6), p=(p1, p2), s=prism, tilt_rad=tilt)
     return CameraFile(camera, "calibration of OpenCV", tuple(assumed))
+
+
+def _platepar(record: Mapping[str, Any]) -> CameraFile:
+    """Read a platepar of the Global Meteor Network's RMS: size and scale, a start for `celnav.calibrate`.
+
+    ``F_scale`` is in pixels per degree at the middle of the frame. The distortion polynomials map pixels to the gnomonic
+    plane and have no counterpart among the lens models here.
+    """
+    numbers = _numbers([record[name] for name in _PLATEPAR_NAMES], ", ".join(_PLATEPAR_NAMES))
+    scale, width, height = (float(number) for number in numbers)
+    if width != int(width) or height != int(height):
+        raise CameraError("X_res and Y_res must be whole numbers of pixels")
+    camera = Camera("equidistant", int(width), int(height), math.degrees(scale))
+    assumed = ("of the platepar the scale alone is used: its distortion is left to be fitted",)
+    return CameraFile(camera, "platepar of RMS", assumed)
 
 
 def _is_fisheye(record: Mapping[str, Any]) -> bool:

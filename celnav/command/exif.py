@@ -86,7 +86,7 @@ def refuse_raw(path: str | Path) -> None:
 
 
 def read_tags(path: str | Path) -> PhotoTags:
-    """Read the tags of a PNG, JPEG or TIFF.
+    """Read the tags of a PNG, JPEG or TIFF; of a FITS image, its size and the start and length of its exposure.
 
     Raises
     ------
@@ -95,6 +95,16 @@ def read_tags(path: str | Path) -> PhotoTags:
     """
     from PIL import Image
 
+    from celnav.detecting.fits_file import is_fits, read_fits
+
+    if is_fits(path):
+        found = read_fits(path)
+        height, width = found.pixels.shape
+        begun = None if found.middle is None else found.middle - timedelta(seconds=(found.exposure_s or 0.0) / 2)
+        taken = None if begun is None else begun.replace(tzinfo=None)
+        return PhotoTags(
+            width, height, taken, False, None if taken is None else timedelta(0), exposure_s=found.exposure_s
+        )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

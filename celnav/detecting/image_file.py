@@ -16,7 +16,7 @@ _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"
 
 
 def read_image(path: str | Path) -> NDArray[np.generic]:
-    """Read a PNG, JPEG or TIFF image of 8 or 16 bits.
+    """Read a PNG, JPEG or TIFF image of 8 or 16 bits, or a FITS image, plain or compressed (gzip, bzip2).
 
     Parameters
     ----------
@@ -35,6 +35,10 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     """
     from PIL import Image, UnidentifiedImageError
 
+    from celnav.detecting.fits_file import is_fits, read_fits
+
+    if is_fits(path):
+        return read_fits(path).pixels
     try:
         with warnings.catch_warnings():
             # The size is checked below, before any pixel is decoded.

@@ -1,0 +1,261 @@
+"""Joint adjustment of one lens and the attitudes of its frames to matched stars, by weighted least squares.
+
+Gauss-Newton on pixel residuals (Triggs et al. 2000, Bundle Adjustment: A Modern Synthesis, sections 4 and 6), the lens'
+columns by central differences, the attitudes' analytically through the projection. The loss is quadratic for stars taken as
+true, or Cauchy's (Holland & Welsch 1977, Commun. Stat. A 6(9) 813) while wrong matches are still among them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.lens_form import LensForm
+from celnav.errors import CameraError
+from celnav.identification.verification import rotation_of, turning_derivatives
+
+F8 = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_ROUNDS = 40
+# Of a step in standard deviations: its effect on any parameter is invisible.
+_SETTLED = 1e-3
+_CAUCHY = 3.0
+# Of directions that nothing determines, relative and absolute.
+_RIDGE, _TINY = 1e-11, 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Stars matched to detections.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        Measured positions.
+    dirs : ndarray, shape (n, 3)
+        Apparent directions, east-north-up.
+    sigma_px : ndarray, shape (n,)
+        Standard deviation of a measured position along each axis.
+    frame : ndarray, shape (n,)
+        Number of the frame.
+    detection, star : ndarray, shape (n,)
+        Rows of the frame's detections and of its sky.
+    pull_px : ndarray, shape (n,)
+        How far neighbours may pull the position.
+    """
+
+    uv: F8
+    dirs: F8
+    sigma_px: F8
+    frame: Rows
+    detection: Rows
+    star: Rows
+    pull_px: F8
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def take(self, rows: Rows | NDArray[np.bool_]) -> Observations:
+        """Return the chosen ones."""
+        return Observations(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A lens and attitudes.
+
+    Attributes
+    ----------
+    form : LensForm
+        What was fitted of the lens.
+    size : tuple of int
+        Width and height of the frames.
+    values : ndarray, shape (m,)
+        Parameters of the lens, in the order of `form.names`.
+    rotations : ndarray, shape (g, 3, 3)
+        East-north-up to camera, of each group of frames that shares one attitude.
+    cov : ndarray, shape (m, m), or None
+        Covariance of the lens' parameters, attitudes free.
+    turn_cov : ndarray, shape (g, 3, 3), or None
+        Covariance of a small rotation of each group in the camera frame, radians squared, the lens held.
+    """
+
+    form: LensForm
+    size: tuple[int, int]
+    values: F8
+    rotations: F8
+    cov: F8 | None = None
+    turn_cov: F8 | None = None
+
+    def predict(self, dirs: F8, group: Rows) -> F8:
+        """Project directions, shape (n, 3), east-north-up, with the attitude of each one's group."""
+        camera = self.form.camera(self.values, self.size)
+        return camera.project(np.einsum("nij,nj->ni", self.rotations[group], dirs))
+
+
+def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, prior: F8 | None = None) -> Bundle:
+    """Fit lens and attitudes.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        Start.
+    seen : Observations
+        n matched stars.
+    group : ndarray, shape (n,)
+        Which attitude each belongs to.
+    robust : bool
+        Cauchy's loss instead of squares.
+    prior : ndarray, shape (m,), optional
+        Weights, inverse variances, that hold parameters of the lens to their start. None: free.
+
+    Returns
+    -------
+    Bundle
+        With the covariance, the inverse of the information for the standard deviations given.
+    """
+    held = np.zeros(len(bundle.values)) if prior is None else prior
+    begun = bundle.values
+    order = np.argsort(group, kind="stable")
+    seen, group = seen.take(order), group[order]
+    first = np.searchsorted(group, np.arange(len(bundle.rotations) + 1))
+    cost = _cost(bundle, seen, group, robust) + float(held @ (bundle.values - begun) ** 2)
+    damping = 0.0
+    normal = _normal(bundle, seen, group, first, robust, held, begun)
+    for _ in range(_ROUNDS):
+        better = False
+        for _ in range(8):
+            step = normal.step(damping)
+            moved = _moved(bundle, step)
+            if moved is not None:
+                new = _cost(moved, seen, group, robust) + float(held @ (moved.values - begun) ** 2)
+                if new <= cost * (1 + 1e-9):
+                    better = True
+                    break
+            damping = max(10 * damping, 1e-6)
+        if not better or moved is None:
+            break
+        settled = float(np.concatenate((step[0], step[1].ravel())) @ normal.gradient) < _SETTLED**2
+        bundle, cost, damping = moved, new, damping / 10 if damping > 1e-9 else 0.0
+        normal = _normal(bundle, seen, group, first, robust, held, begun)
+        if settled:
+            break
+    return replace(bundle, cov=normal.lens_cov, turn_cov=normal.turn_cov)
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations in blocks: the lens (m, m), each attitude (g, 3, 3), between them (g, m, 3); gradients."""
+
+    lens: F8
+    turn: F8
+    cross: F8
+    of_lens: F8
+    of_turn: F8
+
+    @property
+    def gradient(self) -> F8:
+        """Of all parameters, shape (m + 3 g,)."""
+        return np.concatenate((self.of_lens, self.of_turn.ravel()))
+
+    def step(self, damping: float) -> tuple[F8, F8]:
+        """Solve by elimination of the attitudes (Schur's complement); directions that nothing determines stay."""
+        damped = (
+            self.turn + (damping + _RIDGE) * np.eye(3) * np.einsum("gii->gi", self.turn)[:, None, :] + _TINY * np.eye(3)
+        )
+        eliminated = np.linalg.solve(damped, np.swapaxes(self.cross, 1, 2))  # (g, 3, m)
+        of_turn = np.linalg.solve(damped, self.of_turn[:, :, None])[:, :, 0]
+        complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
+        gradient = self.of_lens - np.einsum("gmi,gi->m", self.cross, of_turn)
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
+        scaled = complement * scale[:, None] * scale + (damping + _RIDGE) * np.eye(len(scale))
+        of_lens = scale * np.linalg.solve(scaled, scale * gradient)
+        return of_lens, of_turn - np.einsum("gim,m->gi", eliminated, of_lens)
+
+    @property
+    def lens_cov(self) -> F8:
+        """Covariance of the lens, attitudes free."""
+        eliminated = np.linalg.solve(self.turn + _TINY * np.eye(3), np.swapaxes(self.cross, 1, 2))
+        complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
+        inverse = np.linalg.inv(complement * scale[:, None] * scale + _RIDGE * np.eye(len(scale)))
+        return np.asarray(inverse * scale[:, None] * scale)
+
+    @property
+    def turn_cov(self) -> F8:
+        """Covariance of each attitude, the lens held."""
+        return np.asarray(np.linalg.inv(self.turn + _TINY * np.eye(3)))
+
+
+def residuals(bundle: Bundle, seen: Observations, group: Rows) -> F8:
+    """Return measured minus predicted positions, shape (n, 2); NaN where the lens cannot show the direction."""
+    return np.asarray(seen.uv - bundle.predict(seen.dirs, group))
+
+
+def _moved(bundle: Bundle, step: tuple[F8, F8]) -> Bundle | None:
+    values = bundle.values + step[0]
+    try:
+        bundle.form.camera(values, bundle.size)
+    except CameraError:
+        return None
+    turned = np.stack([rotation_of(s) @ r for s, r in zip(step[1], bundle.rotations, strict=True)])
+    return Bundle(bundle.form, bundle.size, values, turned)
+
+
+def _square(residual: F8, sigma_px: F8) -> F8:
+    square = np.einsum("ni,ni->n", residual, residual) / sigma_px**2
+    # A star that the lens cannot show counts as one that is far away.
+    return np.nan_to_num(square, nan=1e6)
+
+
+def _cost(bundle: Bundle, seen: Observations, group: Rows, robust: bool) -> float:
+    square = _square(residuals(bundle, seen, group), seen.sigma_px)
+    if not robust:
+        return float(square.sum())
+    return float(np.sum(_CAUCHY**2 * np.log1p(square / _CAUCHY**2)))
+
+
+def _weights(residual: F8, sigma_px: F8, robust: bool) -> F8:
+    weight = 1 / sigma_px**2
+    if robust:
+        weight = weight / (1 + _square(residual, sigma_px) / _CAUCHY**2)
+    return np.where(np.isfinite(residual[:, 0]), weight, 0.0)
+
+
+def _linear(bundle: Bundle, seen: Observations, group: Rows) -> tuple[F8, F8, F8]:
+    """Residuals (n, 2), and derivatives of predictions by the lens (n, 2, m) and by a turn of the group (n, 2, 3)."""
+    turned = np.einsum("nij,nj->ni", bundle.rotations[group], seen.dirs)
+    camera = bundle.form.camera(bundle.values, bundle.size)
+    predicted, by_direction = camera.project_with_derivatives(turned)
+    of_lens = np.empty((len(seen), 2, len(bundle.values)))
+    for column, step in enumerate(bundle.form.steps(bundle.values)):
+        change = np.zeros(len(bundle.values))
+        change[column] = step
+        ahead = bundle.form.camera(bundle.values + change, bundle.size).project(turned)
+        behind = bundle.form.camera(bundle.values - change, bundle.size).project(turned)
+        of_lens[:, :, column] = (ahead - behind) / (2 * step)
+    of_turn = turning_derivatives(turned, by_direction)
+    return seen.uv - predicted, np.nan_to_num(of_lens), np.nan_to_num(of_turn)
+
+
+def _normal(bundle: Bundle, seen: Observations, group: Rows, first: Rows, robust: bool, held: F8, begun: F8) -> _Normal:
+    """Normal equations about a bundle; rows are sorted by group, `first` holds where each group begins."""
+    residual, of_lens, of_turn = _linear(bundle, seen, group)
+    weight = _weights(residual, seen.sigma_px, robust)
+    residual = np.nan_to_num(residual)
+    weighted = of_lens * weight[:, None, None]
+    m, n_groups = of_lens.shape[2], len(first) - 1
+    lens = weighted.reshape(-1, m).T @ of_lens.reshape(-1, m) + np.diag(held)
+    gradient = weighted.reshape(-1, m).T @ residual.ravel() - held * (bundle.values - begun)
+    turn, cross, turn_gradient = np.zeros((n_groups, 3, 3)), np.zeros((n_groups, m, 3)), np.zeros((n_groups, 3))
+    for g in range(n_groups):
+        part = slice(first[g], first[g + 1])
+        rows = of_turn[part].reshape(-1, 3)
+        w = np.repeat(weight[part], 2)[:, None]
+        turn[g] = rows.T @ (rows * w)
+        cross[g] = weighted[part].reshape(-1, m).T @ rows
+        turn_gradient[g] = (rows * w).T @ residual[part].ravel()
+    return _Normal(lens, turn, cross, gradient, turn_gradient)

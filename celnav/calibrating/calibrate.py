@@ -1,0 +1,185 @@
+"""`celnav.calibrate`: frames of stars at a known place and time in; lens, attitudes and their uncertainty out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.blind_start import Start
+from celnav.calibrating.bundle import adjust
+from celnav.calibrating.calibration import CameraCalibration, FrameAttitude, Residuals
+from celnav.calibrating.frames import CalibrationFrame, Site, nights_of, sky_over
+from celnav.calibrating.joint_fit import Field, JointFit, fit_all, refine
+from celnav.calibrating.lens_form import LAWS, LensForm
+from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
+from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
+from celnav.calibrating.residual_pattern import residual_pattern
+from celnav.camera import Camera
+from celnav.checking import finite_number
+from celnav.errors import CalibrationError, ConfigError
+from celnav.position import usual_weather
+
+F8 = NDArray[np.float64]
+Rows = NDArray[np.intp]
+MountChoice = Literal["auto", "night", "frame"]
+
+
+def calibrate(
+    frames: Sequence[CalibrationFrame],
+    lat_deg: float,
+    lon_deg: float,
+    *,
+    height_m: float = 0.0,
+    pressure_hpa: float | None = None,
+    temperature_c: float | None = None,
+    camera: Camera | None = None,
+    models: Sequence[str] | None = None,
+    form: LensForm | None = None,
+    opencv_only: bool = False,
+    mount: MountChoice = "auto",
+) -> CameraCalibration:
+    """Calibrate a camera from the stars.
+
+    Parameters
+    ----------
+    frames : sequence of CalibrationFrame
+        One or more frames of one camera, of one size.
+    lat_deg, lon_deg : float
+        Where it stands: geodetic, east positive.
+    height_m, pressure_hpa, temperature_c : float
+        Height above the sea and air, for refraction; the air is the height's unless given.
+    camera : Camera, optional
+        A guess whose focal length is within 6 %. Without one, field and law are searched.
+    models : sequence of str, optional
+        Laws to choose among; all of `celnav.calibrating.lens_form.LAWS` unless given.
+    form : LensForm, optional
+        The form to fit; nothing is then chosen.
+    opencv_only : bool
+        Choose among lenses that OpenCV can hold.
+    mount : str
+        ``night``: one attitude for all frames of a night; ``frame``: one for each frame; ``auto``: a night's, unless its
+        frames differ by more than chance (probability below 0.001) explains.
+
+    Returns
+    -------
+    CameraCalibration
+
+    Raises
+    ------
+    CalibrationError
+        When no frame can be identified, or too few stars remain.
+    ConfigError
+        For options that make no sense.
+    """
+    frames = list(frames)
+    _check(frames, mount)
+    site = Site(
+        finite_number(lat_deg, "lat_deg", ConfigError, -90, 90),
+        finite_number(lon_deg, "lon_deg", ConfigError, -360, 360),
+        usual_weather(height_m, pressure_hpa, temperature_c),
+    )
+    chosen_models = LAWS if models is None else tuple(models)
+    if unknown := [model for model in chosen_models if model not in LAWS]:
+        raise ConfigError(f"lens model {unknown[0]!r} is not known; known: {', '.join(LAWS)}")
+    skies = [sky_over(site, frame.utc) for frame in frames]
+    field = Field(frames, skies, [np.ones(len(frame.uv), dtype=bool) for frame in frames])
+    used, general = fit_all(field, None if camera is None else _guess(camera))
+    part = field.take(used)
+    night = nights_of(part.frames, site.lon_deg)
+    seen_group = general.group[general.seen.frame]
+    judged: list[Judged] = []
+    if form is None:
+        form, judged = choose_form(general.bundle, general.seen, seen_group, chosen_models, opencv_only=opencv_only)
+    elif opencv_only and not in_opencv(form):
+        raise ConfigError(f"OpenCV cannot hold a lens of the form {form.words}")
+    # Of another law the start has no distortion: it is fitted to the stars at hand before others are looked for.
+    lens = adjust(started(general.bundle, form), general.seen, seen_group, robust=False)
+    fit = refine(part, lens, general.group)
+    if mount != "frame":
+        fit = _by_night(part, fit, night, mount)
+    left_out = [frame.name for i, frame in enumerate(frames) if i not in used]
+    return _described(part, fit, form, judged, night, left_out)
+
+
+def _check(frames: list[CalibrationFrame], mount: str) -> None:
+    if not frames:
+        raise CalibrationError("no frames: a calibration needs at least one")
+    if len({frame.size for frame in frames}) > 1:
+        sizes = sorted({f"{width} x {height}" for width, height in (frame.size for frame in frames)})
+        raise CalibrationError(f"frames are of different sizes ({', '.join(sizes)}): calibrate each camera by itself")
+    if mount not in ("auto", "night", "frame"):
+        raise ConfigError(f"mount = {mount!r} must be auto, night or frame")
+
+
+def _guess(camera: Camera) -> Start:
+    """Take a camera as a start; its attitude is found by identification."""
+    return Start(camera, np.eye(3), math.hypot(camera.width, camera.height) / 2, 0)
+
+
+def _by_night(field: Field, fit: JointFit, night: Rows, mount: MountChoice) -> JointFit:
+    """Give the frames of a night one attitude, unless the choice is free and they differ."""
+    if len(np.unique(night)) == len(night):
+        return fit
+    assert fit.bundle.turn_cov is not None
+    if mount == "auto" and drift_chance(fit.bundle.rotations, fit.bundle.turn_cov, night) < LEAST_CHANCE:
+        return fit
+    rotations = np.stack([mean_rotation(fit.bundle.rotations[night == number]) for number in np.unique(night)])
+    return refine(field, replace(fit.bundle, rotations=rotations, cov=None), night)
+
+
+def _described(
+    field: Field, fit: JointFit, form: LensForm, judged: list[Judged], night: Rows, left_out: list[str]
+) -> CameraCalibration:
+    bundle = fit.bundle
+    assert bundle.cov is not None
+    assert bundle.turn_cov is not None
+    residual = fit.residual_px
+    group = fit.group[fit.seen.frame]
+    pattern = residual_pattern(fit.seen, residual, fit.bundle.size)
+    # The lens is held: who uses the attitude uses the lens published with it, and one makes good what the other is wrong by.
+    cov_of_group = bundle.turn_cov * pattern.inflation
+    group_night = np.array([night[np.flatnonzero(fit.group == g)[0]] for g in range(len(bundle.rotations))])
+    weight = 1 / fit.seen.sigma_px**2
+    square = (residual**2).sum(axis=1) / 2
+    attitudes = []
+    for i, (frame, match) in enumerate(zip(field.frames, fit.matches, strict=True)):
+        rows, g = np.flatnonzero(fit.seen.frame == i), fit.group[i]
+        R_cam = bundle.rotations[g]
+        about_axes = np.degrees(np.sqrt(np.diag(R_cam.T @ cov_of_group[g] @ R_cam)))
+        attitudes.append(
+            FrameAttitude(
+                frame.name,
+                frame.utc,
+                int(night[i]),
+                R_cam,
+                float(np.hypot(*about_axes[:2]) / math.sqrt(2)),
+                float(about_axes[2]),
+                len(rows),
+                math.sqrt(float(np.average(square[rows], weights=weight[rows]))) if len(rows) else math.nan,
+                match.limiting_mag,
+            )
+        )
+    stars = np.array([field.skies[f].star_id[s] for f, s in zip(fit.seen.frame, fit.seen.star, strict=True)])
+    return CameraCalibration(
+        camera=form.camera(bundle.values, bundle.size),
+        form=form,
+        values=bundle.values,
+        cov=bundle.cov * pattern.inflation,
+        attitudes=tuple(attitudes),
+        one_attitude_per="night" if len(bundle.rotations) < len(field.frames) else "frame",
+        mount=mount_of(bundle.rotations, cov_of_group, group_night),
+        noise=fit.noise,
+        rms_px=math.sqrt(float(np.average(square, weights=weight))),
+        plain_rms_px=math.sqrt(float(square.mean())),
+        median_px=float(np.median(np.hypot(*residual.T))),
+        pattern=pattern,
+        judged=tuple(judged),
+        left_out=tuple(left_out),
+        residuals=Residuals(fit.seen.uv, residual, fit.seen.sigma_px, fit.seen.frame, stars, group),
+        R_by_group=bundle.rotations,
+    )

@@ -1,0 +1,178 @@
+"""A camera's calibration: lens, attitudes, uncertainties, and a verdict in words."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.lens_form import LensForm
+from celnav.calibrating.model_choice import Judged
+from celnav.calibrating.mount import Mount
+from celnav.calibrating.noise import Noise
+from celnav.calibrating.residual_pattern import Pattern
+from celnav.camera import Camera
+from celnav.sky.utc import Utc
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameAttitude:
+    """Attitude of one frame.
+
+    Attributes
+    ----------
+    name, utc, night
+        Of the frame; nights are numbered in order of time.
+    R_cam : ndarray, shape (3, 3)
+        East-north-up to camera.
+    tilt_sigma_deg, heading_sigma_deg : float
+        Standard deviations about each horizontal axis and about the vertical, the lens taken as it is published.
+    stars : int
+        That it was fitted to.
+    rms_px : float
+        Weighted root mean square of the residuals along an axis.
+    limiting_mag : float
+        Magnitude down to which stars were matched.
+    """
+
+    name: str
+    utc: Utc
+    night: int
+    R_cam: F8
+    tilt_sigma_deg: float
+    heading_sigma_deg: float
+    stars: int
+    rms_px: float
+    limiting_mag: float
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Stars that were fitted: positions, measured minus predicted (n, 2), standard deviations, frame, star id, attitude."""
+
+    uv: F8
+    off_px: F8
+    sigma_px: F8
+    frame: NDArray[np.intp]
+    star_id: NDArray[np.int32]
+    group: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """What `celnav.calibrate` returns.
+
+    Attributes
+    ----------
+    camera : Camera
+        The lens.
+    form : LensForm
+        Which of its numbers were fitted; `form.names` are those of `values` and `cov`.
+    values : ndarray, shape (m,)
+        Their values.
+    cov : ndarray, shape (m, m)
+        Their covariance, attitudes free.
+    attitudes : tuple of FrameAttitude
+        Of each frame that could be used.
+    one_attitude_per : str
+        ``night`` or ``frame``.
+    mount : Mount
+        Of the fixed camera: mean attitude, and standard deviations for a night to come.
+    noise : Noise
+        Scatter of the measured positions.
+    rms_px, plain_rms_px : float
+        Root mean square of residuals along an axis: weighted by the stars' variances, and all alike.
+    median_px : float
+        Median distance, both axes together.
+    pattern : Pattern
+        What neighbours share.
+    judged : tuple of Judged
+        Forms that were compared, by held-out stars, best first; empty where the form was given.
+    left_out : tuple of str
+        Frames that could not be identified.
+    residuals : Residuals
+        Of every star.
+    R_by_group : ndarray, shape (g, 3, 3)
+        The attitudes that were fitted.
+    """
+
+    camera: Camera
+    form: LensForm
+    values: F8
+    cov: F8
+    attitudes: tuple[FrameAttitude, ...]
+    one_attitude_per: str
+    mount: Mount
+    noise: Noise
+    rms_px: float
+    plain_rms_px: float
+    median_px: float
+    pattern: Pattern
+    judged: tuple[Judged, ...]
+    left_out: tuple[str, ...]
+    residuals: Residuals
+    R_by_group: F8
+
+    @cached_property
+    def sigmas(self) -> Mapping[str, float]:
+        """Standard deviation of each parameter by its name."""
+        return dict(zip(self.form.names, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the calibration as JSON can hold it; `celnav solve` reads its camera and its attitude."""
+        mount = self.mount
+        return {
+            "camera": self.camera.to_dict(),
+            "attitude": {
+                "R_cam": mount.R_cam.tolist(),
+                "tilt_sigma_deg": mount.tilt_sigma_deg,
+                "heading_sigma_deg": mount.heading_sigma_deg,
+            },
+            "calibration": {
+                "parameters": list(self.form.names),
+                "values": self.values.tolist(),
+                "covariance": self.cov.tolist(),
+                "form": self.form.words,
+                "stars": len(self.residuals.uv),
+                "rms_px": self.rms_px,
+                "plain_rms_px": self.plain_rms_px,
+                "median_px": self.median_px,
+                "floor_px": self.noise.floor_px,
+                "centroid_sigma_factor": self.noise.factor,
+                "pattern_px": self.pattern.rms_px,
+                "wander_tilt_deg": _or_none(mount.wander_tilt_deg),
+                "wander_heading_deg": _or_none(mount.wander_heading_deg),
+                "one_attitude_per": self.one_attitude_per,
+                "frames": [
+                    {
+                        "name": one.name,
+                        "utc_mjd": one.utc.mjd,
+                        "night": one.night,
+                        "R_cam": one.R_cam.tolist(),
+                        "tilt_sigma_deg": one.tilt_sigma_deg,
+                        "heading_sigma_deg": one.heading_sigma_deg,
+                        "stars": one.stars,
+                        "rms_px": _or_none(one.rms_px),
+                        "limiting_mag": _or_none(one.limiting_mag),
+                    }
+                    for one in self.attitudes
+                ],
+                "left_out": list(self.left_out),
+            },
+        }
+
+    def to_json(self) -> str:
+        """Return the calibration as a JSON document."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

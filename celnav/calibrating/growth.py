@@ -1,0 +1,81 @@
+"""From a start that holds near the axis to the whole frame: the lens is fitted to a disk that grows outwards."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.blind_start import Start
+from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
+from celnav.calibrating.frames import CalibrationFrame, Sky
+from celnav.calibrating.lens_form import LensForm
+from celnav.calibrating.star_matching import Match, match_frame
+
+F8 = NDArray[np.float64]
+
+# Kannala-Brandt's odd polynomial is general: it follows any of the laws over the field that the law can show.
+GENERAL = LensForm("kannala_brandt", 4)
+GROWTH = 1.15
+_FIRST_MAG = 5.0
+_WIDEST_RADIUS_PX, _NARROWEST_RADIUS_PX = 6.0, 1.5
+# How far the terms may stray where few stars hold them. Those of the tangent, the steepest law, are 1/3, 2/15, 17/315, ...
+_TERM_SIGMAS = (0.3, 0.2, 0.1, 0.05)
+_CENTRE_SIGMA = 0.05  # of the frame's width
+FEWEST = 12
+
+
+def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
+    """Fit lens and attitude of one frame from its middle outwards."""
+    width, height = frame.size
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    form = GENERAL
+    camera = start.camera
+    values = np.array([math.sqrt(camera.f_px * camera.fy_px), camera.cx_px, camera.cy_px, 0.0, 0.0, 0.0, 0.0])
+    bundle = Bundle(form, frame.size, values, start.rotation[None])
+    corner, reach, radius = math.hypot(width, height) / 2, start.reach_px, _WIDEST_RADIUS_PX
+    while True:
+        for _ in range(2):
+            predicted = bundle.predict(sky.dirs, np.zeros(len(sky.dirs), dtype=np.intp))
+            match = match_frame(frame, sky, predicted, radius, faintest_mag=_FIRST_MAG + 1.5, region=(middle, reach))
+            if len(match.detection) < FEWEST:
+                break
+            seen = observations([frame], [sky], [match])
+            bundle = adjust(bundle, seen, seen.frame, robust=True, prior=held(form, frame.size))
+            spread = robust_sigma(residuals(bundle, seen, seen.frame))
+            radius = min(max(5 * spread, _NARROWEST_RADIUS_PX), _WIDEST_RADIUS_PX)
+        if reach >= corner:
+            return bundle
+        reach = min(reach * GROWTH, corner)
+        radius = min(1.6 * radius + 1.0, _WIDEST_RADIUS_PX)
+
+
+def held(form: LensForm, size: tuple[int, int]) -> F8:
+    """Weights, shape (m,), that hold the lens to the middle of the frame and to r = f theta where few stars say otherwise."""
+    weights = np.zeros(len(form.names))
+    for column, name in enumerate(form.names):
+        if name in ("cx_px", "cy_px"):
+            weights[column] = 1 / (_CENTRE_SIGMA * max(size)) ** 2
+        elif name.startswith("k"):
+            weights[column] = 1 / _TERM_SIGMAS[int(name[1:]) - 1] ** 2
+    return weights
+
+
+def observations(frames: list[CalibrationFrame], skies: list[Sky], matches: list[Match]) -> Observations:
+    """Gather the pairs of all frames, with standard deviations of one pixel."""
+    parts = list(enumerate(zip(frames, skies, matches, strict=True)))
+    return Observations(
+        np.concatenate([frame.uv[match.detection] for _, (frame, _, match) in parts]),
+        np.concatenate([sky.dirs[match.star] for _, (_, sky, match) in parts]),
+        np.ones(sum(len(match.star) for match in matches)),
+        np.concatenate([np.full(len(match.star), i, dtype=np.intp) for i, (_, _, match) in parts]),
+        np.concatenate([match.detection for match in matches]),
+        np.concatenate([match.star for match in matches]),
+        np.concatenate([match.pull_px for match in matches]),
+    )
+
+
+def robust_sigma(residual: F8) -> float:
+    """Return the standard deviation along an axis from the median of the residuals' sizes, shape (n, 2)."""
+    return 1.4826 * float(np.median(np.abs(residual[np.isfinite(residual[:, 0])])))

@@ -1,0 +1,203 @@
+"""Which lens: every form is judged by stars that it was not fitted to.
+
+The frame is divided into cells, and the cells are dealt at random into five folds, so that a star and its neighbours are held
+out together: what a form only borrows from the stars nearby does not help it. The loss of a star is its squared distance in
+standard deviations, at most 25. Of all forms whose mean loss exceeds the least one by no more than one standard error of the
+difference (of cells), the one with the fewest parameters is taken (the rule of one standard error: Breiman, Friedman,
+Olshen & Stone 1984, Classification and Regression Trees, section 3.4.3; here of paired differences).
+
+Forms are tried in two rounds: all laws with their radial terms; then decentring, tilt, thin prism and aspect on the laws that
+are best.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
+from celnav.calibrating.lens_form import LAWS, LensForm
+from celnav.camera import Camera
+
+F8 = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+FOLDS = 5
+MOST_LOSS = 25.0
+MOST_STARS = 3000
+# A form that fits the stars that it is fitted to no better is not folded: held out, it is worse still.
+HOPELESS_LOSS = 8.0
+_CELLS = 12  # along the longer side
+_SEED = 20240229
+_ADDED = (
+    ("aspect",),
+    ("decentring",),
+    ("tilt",),
+    ("decentring", "aspect"),
+    ("decentring", "tilt"),
+    ("decentring", "tilt", "prism"),
+    ("decentring", "tilt", "prism", "aspect"),
+)
+_LAWS_ADDED_TO = 2
+# The rational terms k4 to k6 of the perspective lens belong together.
+_RADIAL_TERMS = {"brown_conrady": (1, 2, 3, 6), "kannala_brandt": (1, 2, 3, 4)}
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A form and what it predicts.
+
+    Attributes
+    ----------
+    form : LensForm
+        The form.
+    loss : float
+        Mean loss of held-out stars; 2 where a form leaves nothing but the noise.
+    excess, excess_sigma : float
+        Loss above that of the best form, and the standard error of this difference.
+    held_out_px : float
+        Weighted root mean square distance along an axis of held-out stars, the distant ones at 5 standard deviations.
+    """
+
+    form: LensForm
+    loss: float
+    excess: float
+    excess_sigma: float
+    held_out_px: float
+
+
+def choose_form(
+    bundle: Bundle, seen: Observations, group: Rows, models: tuple[str, ...] = LAWS, *, opencv_only: bool = False
+) -> tuple[LensForm, list[Judged]]:
+    """Choose the lens' form.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        A general lens fitted to the stars.
+    seen : Observations
+        n matched stars with standard deviations.
+    group : ndarray, shape (n,)
+        Which attitude each belongs to.
+    models : tuple of str
+        Laws to choose among.
+    opencv_only : bool
+        Only forms that OpenCV has: perspective lenses with all additions, Kannala-Brandt's without any.
+
+    Returns
+    -------
+    The form, and all forms that were judged, best first.
+    """
+    if len(seen) > MOST_STARS:
+        rows = np.sort(np.random.default_rng(_SEED).permutation(len(seen))[:MOST_STARS])
+        seen, group = seen.take(rows), group[rows]
+    cell = _cells(seen.uv, bundle.size)
+    fold = np.random.default_rng(_SEED).permutation(int(cell.max()) + 1)[cell] % FOLDS
+    widest = _widest_rad(bundle, seen, group)
+    losses: dict[LensForm, F8] = {}
+
+    def judge(forms: list[LensForm]) -> None:
+        for form in forms:
+            if form not in losses and (in_opencv(form) or not opencv_only):
+                losses[form] = held_out_loss(bundle, form, seen, group, fold)
+
+    radial = radial_forms(widest, models)
+    judge(radial)
+    # Where decentring is large no radial form shows what it is worth without it.
+    judge([replace(form, decentring=True) for form in radial])
+    best_laws = sorted(
+        {f.model for f in losses}, key=lambda law: min(v.mean() for f, v in losses.items() if f.model == law)
+    )
+    for law in best_laws[:_LAWS_ADDED_TO]:
+        of_law = {form: loss for form, loss in losses.items() if form.model == law}
+        base = _simplest(of_law, cell)[0]
+        judge(
+            [
+                LensForm(law, base.radial, "aspect" in added, "decentring" in added, "prism" in added, "tilt" in added)
+                for added in _ADDED
+            ]
+        )
+    chosen, judged = _simplest(losses, cell)
+    weight = float(np.mean(1 / seen.sigma_px**2))
+    listed = [
+        Judged(form, float(losses[form].mean()), excess, sigma, math.sqrt(float(losses[form].mean()) / 2 / weight))
+        for form, excess, sigma in judged
+    ]
+    return chosen, sorted(listed, key=lambda one: one.loss)
+
+
+def in_opencv(form: LensForm) -> bool:
+    """Tell whether OpenCV can hold a lens of this form."""
+    if form.model in ("pinhole", "brown_conrady"):
+        return True
+    plain = not (form.decentring or form.prism or form.tilt)
+    return form.model in ("kannala_brandt", "equidistant") and plain
+
+
+def radial_forms(widest_rad: float, models: tuple[str, ...]) -> list[LensForm]:
+    """Return all laws with each number of radial terms; perspective laws only for fields that they can show."""
+    forms = []
+    for model in models:
+        if (model in ("pinhole", "brown_conrady") and widest_rad > 1.4) or (
+            model == "orthographic" and widest_rad > 1.5
+        ):
+            continue
+        forms += [LensForm(model, terms) for terms in _RADIAL_TERMS.get(model, (0,))]
+    return forms
+
+
+def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Rows, fold: Rows) -> F8:
+    """Return the loss of each star, shape (n,), under the lens fitted to the other folds."""
+    loss = np.full(len(seen), MOST_LOSS)
+    whole = adjust(started(bundle, form), seen, group, robust=False)
+    inside = _loss(whole, seen, group)
+    if float(inside.mean()) > HOPELESS_LOSS:
+        return inside
+    for number in range(FOLDS):
+        out = fold == number
+        if not out.any() or out.all():
+            continue
+        fitted = adjust(whole, seen.take(~out), group[~out], robust=False)
+        loss[out] = _loss(fitted, seen.take(out), group[out])
+    return loss
+
+
+def _loss(bundle: Bundle, seen: Observations, group: Rows) -> F8:
+    left = residuals(bundle, seen, group)
+    square = np.nan_to_num(np.einsum("ni,ni->n", left, left) / seen.sigma_px**2, nan=MOST_LOSS)
+    return np.asarray(np.minimum(square, MOST_LOSS))
+
+
+def started(bundle: Bundle, form: LensForm) -> Bundle:
+    """Return a bundle of another form, with the same attitudes and as much of the lens as both forms have."""
+    camera = bundle.form.camera(bundle.values, bundle.size)
+    same = form.model == bundle.form.model
+    near = Camera(form.model, *bundle.size, camera.f_px, camera.fy_px, camera.cx_px, camera.cy_px,
+                  k=camera.k[: form.radial] if same else (), p=camera.p, s=camera.s, tilt_rad=camera.tilt_rad)  # fmt: skip
+    return Bundle(form, bundle.size, form.values_of(near), bundle.rotations)
+
+
+def _simplest(losses: dict[LensForm, F8], cell: Rows) -> tuple[LensForm, list[tuple[LensForm, float, float]]]:
+    """Apply the rule of one standard error; also each form's excess over the best and its standard error."""
+    best = min(losses, key=lambda form: float(losses[form].mean()))
+    judged = []
+    for form, loss in losses.items():
+        difference = loss - losses[best]
+        by_cell = np.bincount(cell, weights=difference - difference.mean())
+        judged.append((form, float(difference.mean()), float(np.sqrt((by_cell**2).sum())) / len(loss)))
+    within = [form for form, excess, sigma in judged if excess <= sigma]
+    return min(within, key=lambda form: (len(form.names), float(losses[form].mean()))), judged
+
+
+def _cells(uv: F8, size: tuple[int, int]) -> Rows:
+    side = max(size) / _CELLS
+    column, row = np.clip(uv // side, 0, _CELLS - 1).astype(np.intp).T
+    return np.unique(column * _CELLS + row, return_inverse=True)[1]
+
+
+def _widest_rad(bundle: Bundle, seen: Observations, group: Rows) -> float:
+    turned = np.einsum("nj,nj->n", bundle.rotations[group][:, 2], seen.dirs)
+    return float(np.arccos(np.clip(turned.min(), -1, 1)))

@@ -1,0 +1,69 @@
+"""What a lens' form leaves: residuals that neighbours share, beyond what their noise would."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.bundle import Observations
+
+F8 = NDArray[np.float64]
+
+CELLS = 10
+"""Along the longer side of the frame."""
+FEWEST = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Means of residuals over cells of the frame.
+
+    Attributes
+    ----------
+    centre_px, mean_px : ndarray, shape (c, 2)
+        Middle of each cell with `FEWEST` stars or more; weighted mean of its residuals.
+    sigma_px : ndarray, shape (c,)
+        Standard deviation of that mean along an axis, from the stars' noise.
+    stars : ndarray, shape (c,)
+        Stars in it.
+    rms_px : float
+        Root mean square of the means along an axis with their noise taken off: what the lens' form leaves.
+    inflation : float
+        Mean square of the means over their noise, at least 1: the factor on covariances that count neighbours as independent.
+    """
+
+    centre_px: F8
+    mean_px: F8
+    sigma_px: F8
+    stars: NDArray[np.intp]
+    rms_px: float
+    inflation: float
+
+
+def residual_pattern(seen: Observations, residual: F8, size: tuple[int, int]) -> Pattern:
+    """Average residuals, shape (n, 2), over cells of a frame of `size`."""
+    side = max(size) / CELLS
+    at = np.floor((seen.uv + 0.5) / side).astype(np.intp)
+    cells, cell = np.unique(at, axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    weight = 1 / seen.sigma_px**2
+    total = np.bincount(cell, weights=weight)
+    sums = [np.bincount(cell, weights=weight * residual[:, axis]) for axis in (0, 1)]
+    mean = np.asarray(np.column_stack(sums) / total[:, None], dtype=np.float64)
+    stars = np.bincount(cell)
+    full = stars >= FEWEST
+    sigma = np.asarray(1 / np.sqrt(total), dtype=np.float64)
+    if not full.any():
+        return Pattern(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0, np.intp), 0.0, 1.0)
+    square = np.asarray((mean[full] ** 2).mean(axis=1), dtype=np.float64)
+    excess = float(np.average(square - sigma[full] ** 2, weights=stars[full]))
+    ratio = float(np.mean(square / sigma[full] ** 2))
+    # Beyond what as many cells of pure noise reach in one calibration of a hundred.
+    limit = 1 + 2.33 * math.sqrt(1 / full.sum())
+    centre = np.asarray((cells[full] + 0.5) * side - 0.5, dtype=np.float64)
+    return Pattern(
+        centre, mean[full], sigma[full], stars[full], math.sqrt(max(excess, 0.0)), ratio if ratio > limit else 1.0
+    )

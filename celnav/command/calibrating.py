@@ -1,0 +1,83 @@
+"""``celnav calibrate``: from its arguments to files and a report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.command.camera_file import read_camera_file
+from celnav.command.pointing import Pointing
+from celnav.detecting.image_file import read_image
+from celnav.errors import ConfigError
+
+
+def calibrate_files(arguments: argparse.Namespace) -> str:
+    """Calibrate from the frames that the arguments name, write what they ask for, and return the report.
+
+    Raises
+    ------
+    CelnavError
+        For input that cannot be used.
+    """
+    from celnav.calibrating.calibrate import calibrate
+    from celnav.calibrating.camera_output import opencv_text, scenario_text
+    from celnav.calibrating.verdict import report
+    from celnav.command.calibration_frames import read_frames
+    from celnav.command.residual_map import check_map_path, draw_residual_map
+
+    if arguments.map is not None:
+        check_map_path(arguments.map)
+    for option, path in (("--out", arguments.out), ("--opencv", arguments.opencv), ("--scenario", arguments.scenario)):
+        if path is not None and not Path(path).resolve().parent.is_dir():
+            raise ConfigError(f"{option} {path}: its folder does not exist")
+    mask: NDArray[np.bool_] | None = None
+    if arguments.mask is not None:
+        values = read_image(arguments.mask)
+        mask = np.asarray(values.astype(bool) if values.ndim == 2 else values.any(axis=2), dtype=np.bool_)
+    frames = read_frames(arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask)
+    guess = None if arguments.camera is None else read_camera_file(arguments.camera, frames[0].size).camera
+    found = calibrate(
+        frames,
+        arguments.lat,
+        arguments.lon,
+        height_m=arguments.height_m,
+        pressure_hpa=arguments.pressure_hpa,
+        temperature_c=arguments.temperature_c,
+        camera=guess,
+        models=arguments.models,
+        opencv_only=arguments.opencv_only or arguments.opencv is not None,
+        mount=arguments.mount,
+    )
+    _write(arguments.out, found.to_json())
+    if arguments.opencv is not None:
+        _write(arguments.opencv, opencv_text(found.camera, yaml=not arguments.opencv.lower().endswith(".json")))
+    if arguments.scenario is not None:
+        pointing = Pointing.of(found.mount.R_cam)
+        angles = {
+            "azimuth_deg": pointing.azimuth_deg,
+            "altitude_deg": pointing.altitude_deg,
+            "roll_deg": pointing.roll_deg,
+        }
+        site = {"latitude_deg": arguments.lat, "longitude_deg": arguments.lon, "height_m": arguments.height_m}
+        moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(found.attitudes[0].utc.mjd * 86400), "s")
+        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", 1.0))
+    if arguments.map is not None:
+        draw_residual_map(found, arguments.map)
+    return found.to_json().rstrip("\n") if arguments.json else report(found)
+
+
+def _write(path: str, text: str) -> None:
+    """Write a file that appears under its name only when it is complete."""
+    target = Path(path)
+    try:
+        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=target.resolve().parent, delete=False) as file:
+            file.write(text)
+        Path(file.name).chmod(0o644)
+        os.replace(file.name, target)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from None

@@ -1,0 +1,149 @@
+"""Frames of a calibration from files: images with their times, and the centroids of RMS' recalibrated platepars."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.calibrating.frames import CalibrationFrame
+from celnav.checking import finite_number
+from celnav.command.exif import read_tags, refuse_raw
+from celnav.command.exposure_time import Stamp, exposure_time
+from celnav.detecting.fits_file import block_middle, is_fits, read_fits
+from celnav.detecting.image_file import read_image
+from celnav.detection import Detections, detect
+from celnav.errors import CalibrationError, TimeError
+from celnav.sky.utc import parse_utc
+
+MAX_BYTES = 200_000_000
+MAX_FRAMES = 2000
+MAX_STARS = 100_000
+# RMS' blocks are 256 frames of video at 25 a second.
+_BLOCK_S = 10.24
+_FEWEST_NAMED = 20
+
+
+def read_frames(
+    paths: Sequence[str],
+    utc: Sequence[str] | None = None,
+    time_zone: str | None = None,
+    stamp: Stamp = "start",
+    mask: NDArray[np.bool_] | None = None,
+) -> list[CalibrationFrame]:
+    """Read images and detect their stars; or read a file of centroids.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Images; a ``platepars_all_recalibrated.json`` of RMS stands for all of its frames that RMS recalibrated.
+    utc : sequence of str, optional
+        Middle of each exposure, in the order of the images; else the time is that of the FITS header, of the frame record
+        beside the image (same name, ``.json``), or of the EXIF tags.
+    time_zone, stamp
+        Of EXIF tags, as for ``celnav solve``.
+    mask : ndarray of bool, optional
+        Pixels that are not used.
+    """
+    if utc is not None and len(utc) != len(paths):
+        raise TimeError(f"--utc is given {len(utc)} times for {len(paths)} frames: give one for each, in their order")
+    frames: list[CalibrationFrame] = []
+    for number, path in enumerate(paths):
+        if Path(path).suffix.lower() == ".json":
+            frames += read_rms_centroids(path)
+        else:
+            frames.append(_image_frame(path, None if utc is None else utc[number], time_zone, stamp, mask))
+        if len(frames) > MAX_FRAMES:
+            raise CalibrationError(f"more than {MAX_FRAMES} frames: choose some of them")
+    return frames
+
+
+def _image_frame(
+    path: str, utc: str | None, time_zone: str | None, stamp: Stamp, mask: NDArray[np.bool_] | None
+) -> CalibrationFrame:
+    refuse_raw(path)
+    if is_fits(path):
+        found = read_fits(path)
+        image, middle = found.pixels, None if found.middle is None else _written(found.middle)
+    else:
+        image, middle = read_image(path), _record_utc(Path(path).with_suffix(".json"))
+    moment = utc or middle
+    if moment is None:
+        if is_fits(path):
+            raise TimeError(
+                f"image {path}: its header has no DATE-OBS with an exposure time: give --utc, once for each image"
+            )
+        try:
+            moment = exposure_time(read_tags(path), None, time_zone, stamp).utc
+        except TimeError as error:
+            raise TimeError(f"image {path}: {error}") from None
+    height, width = image.shape[:2]
+    return CalibrationFrame(detect(image, mask), parse_utc(moment), (width, height), Path(path).name)
+
+
+def _written(moment: datetime) -> str:
+    return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def _record_utc(path: Path) -> str | None:
+    """Middle of the exposure by the frame record beside an image; None where there is none."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8")) if path.stat().st_size <= MAX_BYTES else None
+    except (OSError, ValueError, RecursionError):
+        return None
+    time = record.get("time") if isinstance(record, dict) else None
+    middle = time.get("utc_mid") if isinstance(time, dict) else None
+    return middle if isinstance(middle, str) else None
+
+
+def read_rms_centroids(path: str | Path) -> list[CalibrationFrame]:
+    """Read ``platepars_all_recalibrated.json``: of each frame that RMS recalibrated, the centroids that it measured.
+
+    The names and the poses that RMS gave are not used. Rows of ``star_list`` are Julian date, row, column, intensity, right
+    ascension, declination, magnitude. Frames with fewer than 20 stars are left out.
+    """
+    try:
+        if Path(path).stat().st_size > MAX_BYTES:
+            raise CalibrationError(f"{path} is larger than {MAX_BYTES // 1_000_000} MB")
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CalibrationError(f"cannot read {path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise CalibrationError(f"{path} is not JSON: {error}") from None
+    if not isinstance(content, dict) or not all(isinstance(value, dict) for value in content.values()):
+        raise CalibrationError(f"{path} must hold platepars by the names of their frames, as RMS writes them")
+    frames = []
+    for name, platepar in sorted(content.items()):
+        if platepar.get("auto_recalibrated") and len(platepar.get("star_list") or ()) >= _FEWEST_NAMED:
+            frames.append(_rms_frame(path, name, platepar))
+    if not frames:
+        raise CalibrationError(f"{path} has no recalibrated frame with {_FEWEST_NAMED} stars or more in its star_list")
+    return frames
+
+
+def _rms_frame(path: str | Path, name: str, platepar: dict[str, Any]) -> CalibrationFrame:
+    what = f"{path}: frame {name[:80]}"
+    width, height = (
+        int(finite_number(platepar.get(key), f"{what}: {key}", CalibrationError, 1, 100_000))
+        for key in ("X_res", "Y_res")
+    )
+    try:
+        rows = np.array(platepar["star_list"], dtype=np.float64)
+    except (TypeError, ValueError):
+        rows = np.empty(0)
+    if rows.ndim != 2 or rows.shape[1] < 4 or len(rows) > MAX_STARS or not np.isfinite(rows[:, :4]).all():
+        raise CalibrationError(f"{what}: star_list must be rows of Julian date, row, column, intensity, …")
+    rows = rows[np.argsort(-rows[:, 3], kind="stable")]
+    middle = block_middle(name, _BLOCK_S)
+    if middle is None:
+        # A Julian date in one double is good to 0.04 ms.
+        days = finite_number(float(rows[0, 0]), f"{what}: Julian date", CalibrationError, 2_400_000, 2_600_000)
+        middle = datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=days - 2451545.0)
+    detections = Detections(rows[:, [2, 1]].copy(), np.maximum(rows[:, 3], math.ulp(1.0)), (height, width), None)
+    return CalibrationFrame(detections, parse_utc(_written(middle)), (width, height), name)

@@ -1,0 +1,224 @@
+"""Calibration from the stars: forms of lenses, blind starts, what is refused, and what is written."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, fisheye_positions, frame_of, perspective_positions
+
+import celnav
+from celnav.calibrating.calibrate import calibrate
+from celnav.calibrating.camera_output import opencv_calibration, opencv_text, scenario_text
+from celnav.calibrating.fixed_detections import moving
+from celnav.calibrating.frames import CalibrationFrame
+from celnav.calibrating.lens_form import LAWS, LensForm, form_of
+from celnav.calibrating.mount import mean_rotation, turned, turns_deg
+from celnav.calibrating.noise import measure_noise
+from celnav.calibrating.verdict import report, verdict
+from celnav.command.pointing import Pointing
+from celnav.detection import Detections
+from celnav.errors import CalibrationError, CameraError, ConfigError
+from celnav.sky.utc import parse_utc
+
+UTC = "2021-08-05T05:30:00+00:00"
+SIZE = (1280, 720)
+WIDE = (880.0, 630.0, 352.0, -0.30, 0.10, 0.0008, -0.0006)
+
+
+@pytest.fixture(scope="module")
+def tilted():
+    """A perspective lens with distortion and decentring that looks at an altitude of 50 deg: its frame and the truth."""
+    R_cam = Pointing(200.0, 50.0, 4.0).R_cam
+    enu, v_mag = apparent_stars(UTC, 6.5)
+    front = (R_cam @ enu.T)[2] > 0.55  # beyond, the polynomial turns back
+    uv = perspective_positions(enu, R_cam, WIDE)
+    frame, _ = frame_of(UTC, uv, v_mag, SIZE, np.random.default_rng(3), sigma_px=0.1, visible=front)
+    return frame, R_cam
+
+
+@pytest.fixture(scope="module")
+def calibrated(tilted):
+    return calibrate([tilted[0]], LAT_DEG, LON_DEG, models=("brown_conrady", "kannala_brandt"), opencv_only=True)
+
+
+@pytest.mark.parametrize("model", LAWS)
+def test_form_and_camera_hold_the_same_numbers(model):
+    radial = {"brown_conrady": 3, "kannala_brandt": 2}.get(model, 0)
+    form = LensForm(model, radial, aspect=True, decentring=True, prism=True, tilt=True)
+    values = np.linspace(0.001, 0.01, len(form.names))
+    values[:4] = 500.0, 510.0, 320.0, 240.0
+    camera = form.camera(values, (640, 480))
+    assert form.values_of(camera) == pytest.approx(values, rel=1e-12)
+    assert form_of(camera) == form
+
+
+def test_blind_calibration_predicts_where_opencv_puts_the_stars(tilted, calibrated):
+    enu, _ = apparent_stars(UTC, 6.5)
+    R_cam = calibrated.attitudes[0].R_cam
+    truth = perspective_positions(enu, tilted[1], WIDE)
+    inside = ((tilted[1] @ enu.T)[2] > 0.55) & (truth > 20).all(axis=1) & (truth < np.array(SIZE) - 20).all(axis=1)
+    off = calibrated.camera.project(enu[inside] @ R_cam.T) - truth[inside]
+    assert np.sqrt((off**2).mean()) < 0.03
+    assert calibrated.rms_px == pytest.approx(0.1, rel=0.1)
+    assert calibrated.form.decentring
+    assert calibrated.form.model == "brown_conrady"
+
+
+def test_verdict_names_what_matters(calibrated):
+    assert "0.10 px rms" in verdict(calibrated)
+    assert "decentring" in verdict(calibrated)
+    assert "f_px" in report(calibrated)
+
+
+def test_radial_model_leaves_what_decentring_takes(tilted):
+    plain = calibrate([tilted[0]], LAT_DEG, LON_DEG, form=LensForm("brown_conrady", 2))
+    assert plain.rms_px > 0.12
+
+
+def test_solve_reads_the_calibration(tilted, calibrated, tmp_path):
+    path = tmp_path / "camera.json"
+    path.write_text(calibrated.to_json())
+    camera, attitude = celnav.read_camera_file(path).camera, celnav.Attitude.from_json(path)
+    assert camera == calibrated.camera
+    assert attitude.tilt_deg == pytest.approx(calibrated.mount.tilt_sigma_deg)
+    fix = celnav.solve(tilted[0].detections, camera, UTC, attitude)
+    assert fix.ok
+    assert fix.lat_deg == pytest.approx(LAT_DEG, abs=0.02)
+    assert fix.lon_deg == pytest.approx(LON_DEG, abs=0.02)
+    assert np.sqrt(fix.cov_km2[0, 0]) > 0.9  # a hundredth of a degree
+
+
+@pytest.mark.parametrize("yaml", [True, False])
+def test_opencv_reads_its_matrix_and_coefficients(calibrated, tmp_path, yaml):
+    path = tmp_path / ("lens.yml" if yaml else "lens.json")
+    path.write_text(opencv_text(calibrated.camera, yaml=yaml))
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    matrix, coefficients = file.getNode("camera_matrix").mat(), file.getNode("distortion_coefficients").mat()
+    camera = calibrated.camera
+    dirs = np.random.default_rng(1).normal([0, 0, 1.5], 0.25, (50, 3))
+    theirs = cv2.projectPoints(dirs, np.zeros(3), np.zeros(3), matrix, coefficients)[0][:, 0]
+    assert theirs == pytest.approx(camera.project(dirs), abs=1e-6)
+    again = celnav.read_camera_file(path).camera
+    assert again.project(dirs) == pytest.approx(camera.project(dirs), abs=1e-9)
+
+
+def test_opencv_fisheye_is_written_as_such_and_more_is_refused():
+    fisheye = celnav.Camera("kannala_brandt", 640, 480, 200.0, k=(0.01, -0.002))
+    matrix, coefficients, of_fisheye = opencv_calibration(fisheye)
+    assert of_fisheye
+    assert coefficients.tolist() == [0.01, -0.002, 0, 0]
+    assert matrix[0, 2] == 319.5
+    decentred = celnav.Camera("kannala_brandt", 640, 480, 200.0, p=(0.001, 0))
+    with pytest.raises(CameraError, match="--opencv-only"):
+        opencv_calibration(decentred)
+    with pytest.raises(CameraError, match="orthographic"):
+        opencv_calibration(celnav.Camera("orthographic", 640, 480, 200.0))
+
+
+def test_generator_takes_the_scenario(calibrated, tmp_path):
+    from generator.scenario.file import load_scenario
+
+    pointing = Pointing.of(calibrated.mount.R_cam)
+    angles = {"azimuth_deg": pointing.azimuth_deg, "altitude_deg": pointing.altitude_deg, "roll_deg": pointing.roll_deg}
+    site = {"latitude_deg": LAT_DEG, "longitude_deg": LON_DEG, "height_m": 100.0}
+    path = tmp_path / "scenario.yaml"
+    path.write_text(scenario_text(calibrated.camera, angles, site, "2021-08-05T05:30:00Z", 1.0))
+    frame = load_scenario(path).frame(0)
+    assert frame.camera.f_px == pytest.approx(calibrated.camera.f_px)
+    assert frame.R_cam == pytest.approx(calibrated.mount.R_cam, abs=1e-9)
+
+
+def test_mirrored_picture_is_named(tilted):
+    frame = tilted[0]
+    uv = frame.uv * [1, -1] + [0, SIZE[1] - 1]
+    flipped = CalibrationFrame(
+        Detections(uv, frame.detections.flux, SIZE[::-1], frame.detections.sigma_px), frame.utc, SIZE, "flipped"
+    )
+    with pytest.raises(CalibrationError, match="mirrored"):
+        calibrate([flipped], LAT_DEG, LON_DEG)
+
+
+def test_wrong_place_is_named(tilted):
+    with pytest.raises(CalibrationError, match="below the horizon"):
+        calibrate([tilted[0]], -LAT_DEG, LON_DEG + 180)
+
+
+def test_clutter_alone_is_refused():
+    rng = np.random.default_rng(5)
+    uv = rng.uniform(0, 1, (300, 2)) * (np.array(SIZE) - 1)
+    frame = CalibrationFrame(
+        Detections(uv, np.sort(rng.random(300))[::-1], SIZE[::-1], None), parse_utc(UTC), SIZE, "noise"
+    )
+    with pytest.raises(CalibrationError, match="no frame shows stars"):
+        calibrate([frame], LAT_DEG, LON_DEG)
+
+
+def test_options_are_checked(tilted):
+    with pytest.raises(CalibrationError, match="no frames"):
+        calibrate([], LAT_DEG, LON_DEG)
+    with pytest.raises(ConfigError, match="mount"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, mount="week")
+    with pytest.raises(ConfigError, match="not known"):
+        calibrate([tilted[0]], LAT_DEG, LON_DEG, models=("thin",))
+    with pytest.raises(ConfigError, match="lat_deg"):
+        calibrate([tilted[0]], 91.0, LON_DEG)
+    with pytest.raises(ConfigError, match="takes no"):
+        LensForm("kannala_brandt", 5)
+
+
+def test_turns_are_about_east_north_and_up():
+    R_cam = Pointing(30.0, 60.0, 10.0).R_cam
+    vector = np.array([0.02, -0.01, 0.03])
+    assert turns_deg(turned(R_cam, vector)[None], R_cam)[0] == pytest.approx(vector, abs=1e-9)
+    both = np.stack([turned(R_cam, vector), turned(R_cam, -vector)])
+    assert mean_rotation(both) == pytest.approx(R_cam, abs=1e-9)
+
+
+def test_noise_is_taken_apart():
+    # 20,000 pairs: the components are found within 5 % (five standard deviations).
+    rng = np.random.default_rng(4)
+    own, pull = rng.choice([0.05, 0.1, 0.2], 20000), rng.choice([0.0, 0.3], 20000)
+    sigma = np.sqrt(0.08**2 + (1.5 * own) ** 2 + (0.5 * pull) ** 2)
+    square = (rng.normal(0, 1, (20000, 2)) ** 2).sum(axis=1) * sigma**2
+    square[:300] = 25.0  # wrong matches
+    noise = measure_noise(square, own, pull)
+    assert [noise.floor_px, noise.factor, noise.blending] == pytest.approx([0.08, 1.5, 0.5], rel=0.05)
+
+
+def test_what_stands_still_is_no_star():
+    rng = np.random.default_rng(6)
+    still = rng.uniform(0, 1000, (10, 2))
+    frames = []
+    for hour in range(6):
+        uv = np.concatenate((still + rng.normal(0, 0.05, (10, 2)), rng.uniform(0, 1000, (200, 2))))
+        utc = parse_utc(f"2021-08-05T0{hour}:00:00Z")
+        frames.append(CalibrationFrame(Detections(uv, None, (1000, 1000), None), utc, (1000, 1000), str(hour)))
+    for kept in moving(frames, 500.0):
+        assert not kept[:10].any()
+        assert kept[10:].sum() >= 199  # one false alarm in a hundred sets
+
+
+def test_two_frames_of_one_fixed_camera_share_an_attitude():
+    R_cam = Pointing(180.0, 88.0, 5.0).R_cam
+    lens = (330.0, 612.0, 441.0, -0.012, 0.004, 0.0, 0.0)
+    frames = []
+    for number, utc in enumerate((UTC, "2021-08-05T08:10:00+00:00")):
+        enu, v_mag = apparent_stars(utc, 5.0)
+        uv = fisheye_positions(enu, R_cam, lens)
+        frames.append(
+            frame_of(utc, uv, v_mag, (1200, 900), np.random.default_rng(number), visible=(R_cam @ enu.T)[2] > 0)[0]
+        )
+    found = calibrate(frames, LAT_DEG, LON_DEG, form=LensForm("kannala_brandt", 2))
+    assert found.one_attitude_per == "night"
+    assert turns_deg(found.mount.R_cam[None], R_cam)[0] == pytest.approx(np.zeros(3), abs=0.02)
+    assert json.loads(found.to_json())["calibration"]["parameters"] == ["f_px", "cx_px", "cy_px", "k1", "k2"]
+
+
+def test_camera_writes_what_it_reads(tmp_path):
+    camera = celnav.Camera("kannala_brandt", 640, 480, 201.3, 201.4, k=(0.01,), p=(1e-3, 0), tilt_rad=(0.01, 0.02))
+    path = tmp_path / "camera.json"
+    path.write_text(camera.to_json())
+    assert celnav.Camera.from_json(path) == camera
