@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.camera import Camera
+from celnav import projection
+from celnav.camera import FISHEYE, Camera
 from celnav.errors import CameraError
 
 F8 = NDArray[np.float64]
@@ -64,17 +65,25 @@ def _matrix(values: F8) -> dict[str, Any]:
 
 
 def scenario_text(
-    camera: Camera, pointing: Mapping[str, float], site: Mapping[str, float], utc: str, exposure_s: float
+    camera: Camera,
+    pointing: Mapping[str, float],
+    site: Mapping[str, float],
+    utc: str,
+    exposure_s: float,
+    reach_px: float | None = None,
 ) -> str:
     """Write a scenario of the generator (YAML) with this camera, its attitude, place and time.
 
     The aperture, the sensor and the sky are not known to a calibration: the file has the generator's own, to be edited.
+    `reach_px`, the distance of the outermost star from the principal point, becomes a fisheye's image circle.
     """
     lens: dict[str, Any] = {"model": camera.model, "width": camera.width, "height": camera.height, "f_px": camera.f_px}
     if camera.fy_px != camera.f_px:
         lens["pixel_aspect"] = camera.fy_px / camera.f_px
     lens |= {"cx_px": camera.cx_px, "cy_px": camera.cy_px}
     lens |= {name: list(getattr(camera, name)) for name in ("k", "p", "s", "tilt_rad") if getattr(camera, name)}
+    if reach_px is not None and camera.model in FISHEYE:
+        lens["image_circle_px"] = round(min(reach_px + 1.0, _turning_px(camera) - 1.0), 1)
     lens["aperture_mm"] = 2.0
     sections: dict[str, Mapping[str, Any]] = {"site": site, "attitude": pointing, "camera": lens}
     lines = [
@@ -89,3 +98,10 @@ def scenario_text(
         lines += [f"{title}:", *(f"  {name}: {json.dumps(value)}" for name, value in section.items())]
     lines += ["sky:", "  bortle: 4"]
     return "\n".join(lines) + "\n"
+
+
+def _turning_px(camera: Camera) -> float:
+    """Distance from the principal point at which a fisheye's law stops growing."""
+    law = cast("projection.Law", camera.model)
+    limit = projection.largest_angle(law, camera.k)
+    return float(camera.f_px * projection.radius_of(law, np.array([limit]), camera.k)[0])

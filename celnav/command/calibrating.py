@@ -65,7 +65,9 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
         }
         site = {"latitude_deg": arguments.lat, "longitude_deg": arguments.lon, "height_m": arguments.height_m}
         moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(found.attitudes[0].utc.mjd * 86400), "s")
-        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", 1.0))
+        centre = np.array([found.camera.cx_px, found.camera.cy_px])
+        reach_px = float(np.hypot(*(found.residuals.uv - centre).T).max())
+        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", 1.0, reach_px))
     if arguments.map is not None:
         draw_residual_map(found, arguments.map)
     return found.to_json().rstrip("\n") if arguments.json else report(found)
