@@ -331,6 +331,12 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
     out: Annotated[Path | None, typer.Option("--out", help="Folder to write; default: DIR-show beside DIR.")] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, max=1000, help="Most frames on the page.")] = 48,
+    page: Annotated[
+        int | None,
+        typer.Option(
+            "--page", min=1, help="Show the frames in order, those of this page; default: evenly spread ones."
+        ),
+    ] = None,
     video: Annotated[
         Path | None,
         typer.Option("--video", metavar="FILE.mp4", help="Write a video of all frames instead of the page."),
@@ -343,6 +349,8 @@ def show(
 ) -> None:
     """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms; or a video."""
     if video is not None:
+        if page is not None:
+            fail(GeneratorError("--page: not with --video, which has all frames"))
         _show_video(folder, video, fps, truth, as_json)
         return
     if truth:
@@ -358,6 +366,7 @@ def show(
                 out or place.with_name(f"{place.name}-show"),
                 frames,
                 lambda done, of: progress.update(task, completed=done, total=of),
+                page,
             )
     except GeneratorError as error:
         fail(error)

@@ -24,6 +24,9 @@ SEED = 20260301
 FEWEST_CLUSTERS = 6
 """Fewer lie all on one side of a median with a probability above 5 %: they give no interval of a quantile."""
 _CHUNK_ELEMENTS = 4_000_000
+_CACHED_ELEMENTS = 250_000
+"""Of arrays that are worked on element by element: such pieces stay within a core's cache."""
+_BLOCK_FRAMES = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +75,17 @@ class Resamples:
 
     def cluster_sums(self, by_cluster: F8) -> F8:
         """Sum of per-cluster values, shape (n_clusters, k), in each resample, shape (n_resamples, k)."""
-        return np.concatenate([part.astype(np.float64) @ by_cluster for part in self._chunks(self.n_clusters)])
+        parts = self._chunks(self.n_clusters, _CHUNK_ELEMENTS)
+        return np.concatenate([part.astype(np.float64) @ by_cluster for part in parts])
 
     def frame_weights(self, order: NDArray[np.intp], function: Callable[[NDArray[np.uint8]], F8]) -> F8:
         """Apply `function` to the weights of frames in `order`, shape (chunk, n), in chunks that bound the memory."""
         cluster = self.cluster[order]
-        return np.concatenate([function(np.take(part, cluster, axis=1)) for part in self._chunks(len(order))])
+        parts = self._chunks(len(order), _CACHED_ELEMENTS)
+        return np.concatenate([function(np.take(part, cluster, axis=1)) for part in parts])
 
-    def _chunks(self, width: int) -> Iterator[NDArray[np.uint8]]:
-        step = max(1, _CHUNK_ELEMENTS // max(width, 1))
+    def _chunks(self, width: int, most: int) -> Iterator[NDArray[np.uint8]]:
+        step = max(1, most // max(width, 1))
         for start in range(0, self.n_resamples, step):
             yield self.weights[start : start + step]
 
@@ -88,16 +93,42 @@ class Resamples:
         """Quantile of per-frame values (+inf allowed) in each resample, by the definition of `intervals.quantile`."""
         x = np.asarray(values, dtype=np.float64)
         order = np.argsort(x, kind="stable")
-        ordered = x[order]
+        ordered, cluster = x[order], self.cluster[order]
+        reached = self._weight_after_blocks(cluster)
+        target = q * reached[:, -1]
+        # Where the weight reaches the target exactly, the value is the middle of this frame's and the next one's.
+        least = np.ceil(target - 1e-9).astype(np.int64)
+        most = np.floor(target + 1e-9).astype(np.int64) + 1
+        everywhere, apart = np.arange(self.n_resamples), np.flatnonzero(most > least)
+        lower = self._first_reaching(cluster, reached, everywhere, least)
+        upper = lower.copy()
+        upper[apart] = self._first_reaching(cluster, reached, apart, most[apart])
+        return np.asarray((ordered[lower] + ordered[upper]) / 2.0)
 
-        def of_weights(weights: NDArray[np.uint8]) -> F8:
+    def _weight_after_blocks(self, cluster: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Frames in each resample up to the end of each block of the ordered frames, shape (n_resamples, n_blocks)."""
+        n_blocks = -(-len(cluster) // _BLOCK_FRAMES)
+        place = cluster * n_blocks + np.arange(len(cluster)) // _BLOCK_FRAMES
+        counts = np.bincount(place, minlength=self.n_clusters * n_blocks).reshape(self.n_clusters, n_blocks)
+        return np.cumsum(self.cluster_sums(counts.astype(np.float64)), axis=1).astype(np.int64)
+
+    def _first_reaching(
+        self,
+        cluster: NDArray[np.intp],
+        reached: NDArray[np.int64],
+        rows: NDArray[np.intp],
+        count: NDArray[np.int64],
+    ) -> NDArray[np.intp]:
+        """First of the ordered frames with which each of some resamples (`rows`) has `count` frames."""
+        block = (reached[rows] < count[:, None]).sum(axis=1)
+        left = count - np.where(block > 0, reached[rows, block - 1], 0)
+        found = np.empty(len(rows), dtype=np.intp)
+        for one in np.unique(block):
+            here, start = np.flatnonzero(block == one), one * _BLOCK_FRAMES
+            weights = self.weights[np.ix_(rows[here], cluster[start : start + _BLOCK_FRAMES])]
             cumulated = np.cumsum(weights, axis=1, dtype=np.int32)
-            target = q * cumulated[:, -1:]
-            lower = np.argmax(cumulated >= target - 1e-9, axis=1)
-            upper = np.argmax(cumulated > target + 1e-9, axis=1)
-            return np.asarray((ordered[lower] + ordered[upper]) / 2.0)
-
-        return self.frame_weights(order, of_weights)
+            found[here] = start + (cumulated < left[here, None]).sum(axis=1)
+        return found
 
 
 @lru_cache(maxsize=4)
@@ -116,6 +147,7 @@ def _weights(n_clusters: int, n_resamples: int, seed: int) -> NDArray[np.uint8]:
     return found
 
 
+@lru_cache(maxsize=64)
 def expanded_levels(n_clusters: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Percentile levels whose interval has the width of a t interval instead of a normal one without n/(n - 1).
 
@@ -164,28 +196,35 @@ def mean_estimate(
     values: ArrayLike, resamples: Resamples, bounds: tuple[float, float] = (-math.inf, math.inf)
 ) -> Estimate:
     """Mean of per-frame values; NaN values take no part."""
-    x = np.asarray(values, dtype=np.float64)
-    known = ~np.isnan(x)
-    return ratio_estimate(np.where(known, x, 0.0), known, resamples, bounds)
+    return mean_estimates(np.asarray(values, dtype=np.float64)[:, None], resamples, bounds)[0]
 
 
-def ratio_estimate(
-    numerator: ArrayLike,
-    denominator: ArrayLike,
-    resamples: Resamples,
-    bounds: tuple[float, float] = (-math.inf, math.inf),
-) -> Estimate:
-    """Ratio of two sums over frames; NaN where the denominator is empty."""
-    top, bottom = np.asarray(numerator, dtype=np.float64), np.asarray(denominator, dtype=np.float64)
-    n = int(np.count_nonzero(bottom))
-    if n == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
+def mean_estimates(
+    values: F8, resamples: Resamples, bounds: tuple[float, float] = (-math.inf, math.inf)
+) -> list[Estimate]:
+    """Means of per-frame values, shape (n_frames, k), each as by `mean_estimate`, all on the same resamples."""
+    known = ~np.isnan(values)
+    if known.all():
+        return _ratio_estimates(values, np.ones((len(values), 1)), resamples, bounds)
+    return _ratio_estimates(np.where(known, values, 0.0), known.astype(np.float64), resamples, bounds)
+
+
+def _ratio_estimates(top: F8, bottom: F8, resamples: Resamples, bounds: tuple[float, float]) -> list[Estimate]:
+    """Ratios of sums over frames, shapes (n_frames, k) and (n_frames, k or 1); NaN where a denominator is empty."""
+    k = top.shape[1]
     sums = resamples.sums(np.column_stack((top, bottom)))
+    over, under = sums[:, :k], sums[:, k:]
     with np.errstate(invalid="ignore", divide="ignore"):
-        replicates = np.where(sums[:, 1] > 0, sums[:, 0] / sums[:, 1], np.nan)
-    return Estimate(
-        float(top.sum() / bottom.sum()), *percentile_interval(replicates, resamples.n_clusters, bounds), n=n
-    )
+        replicates = np.where(under > 0, over / under, np.nan)
+        # Added row by row of the transpose, for the rounding of a sum over one column alone.
+        values = np.ascontiguousarray(top.T).sum(axis=1) / np.ascontiguousarray(bottom.T).sum(axis=1)
+    counts = np.broadcast_to(np.count_nonzero(bottom, axis=0), k)
+    return [
+        Estimate(value, *percentile_interval(column, resamples.n_clusters, bounds), n=n)
+        if n
+        else Estimate(math.nan, math.nan, math.nan, 0)
+        for value, column, n in zip(values.tolist(), replicates.T, counts.tolist(), strict=True)
+    ]
 
 
 def proportion_estimate(successes: ArrayLike, trials: ArrayLike, resamples: Resamples) -> Estimate:

@@ -12,11 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.errors import ResultsError
-from benchmark.stats.clustered import Resamples, mean_estimate
-from benchmark.stats.frame_metrics import errors_km, fixed, resamples_of, sites, succeeded
+from benchmark.stats.clustered import Resamples, mean_estimates
+from benchmark.stats.frame_metrics import errors_km, fixed, sites, succeeded
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import SUCCESS_KM
-from benchmark.stats.paired_tests import PairedTest, holm, mcnemar_clustered, sign_flip
+from benchmark.stats.paired_tests import PairedTest, holm, mcnemar_clustered, sign_flips, sums_by_cluster
 from benchmark.stats.power import design_effect, minimum_detectable_difference
 
 F8 = NDArray[np.float64]
@@ -24,6 +24,7 @@ F8 = NDArray[np.float64]
 SMALLEST_ERROR_KM = 0.001
 """Errors below a metre count as a metre in a ratio, so that a perfect fix has one."""
 LEVEL = 0.05
+_MOST_ELEMENTS = 2_000_000
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,16 @@ class Rank:
     high: int
 
 
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """What one solver did on each frame, in an order of frames that all solvers share; each of shape (n_frames,)."""
+
+    site: NDArray[np.intp]
+    right: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
+    error_km: F8
+
+
 def paired(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Both tables in the order of the first's frames.
 
@@ -89,14 +100,14 @@ def paired(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.
         They are not of the same frames, or one has a frame twice.
     """
     for table in (first, second):
-        if table["frame_id"].duplicated().any():
+        if not table["frame_id"].is_unique:
             raise ResultsError("a table has a frame twice; run `skybench bench run` again")
-    if set(first["frame_id"]) != set(second["frame_id"]):
+    place = pd.Index(second["frame_id"]).get_indexer(pd.Index(first["frame_id"]))
+    if len(first) != len(second) or (place < 0).any():
         raise ResultsError(
             "solvers were scored on different frames and cannot be paired; run them on the same task and split"
         )
-    order = second.set_index("frame_id").loc[first["frame_id"]].reset_index()
-    return first.reset_index(drop=True), order
+    return first.reset_index(drop=True), second.iloc[place].reset_index(drop=True)
 
 
 def compare(
@@ -119,43 +130,81 @@ def compare(
         The tables are not of the same frames.
     """
     family = list(itertools.combinations(tables, 2)) if pairs is None else list(pairs)
-    found = [_compare(a, b, tables[a], tables[b], limit_km) for a, b in family]
+    if not family:
+        return ()
+    reference = tables[family[0][0]]
+    names = dict.fromkeys(itertools.chain.from_iterable(family))
+    answers = {name: _answers(paired(reference, tables[name])[1], limit_km) for name in names}
+    most = max(1, _MOST_ELEMENTS // max(len(reference), 1))
+    found: list[Comparison] = []
+    ratios: list[F8] = []
+    for first, group in itertools.groupby(family, key=lambda pair: pair[0]):
+        seconds = [second for _, second in group]
+        for start in range(0, len(seconds), most):
+            compared = _compare(first, seconds[start : start + most], answers)
+            found += [comparison for comparison, _ in compared]
+            ratios += [by_site for _, by_site in compared]
     success = holm([comparison.success_test.p for comparison in found])
-    error = holm([comparison.error_p for comparison in found])
+    error_p = sign_flips(ratios)
     return tuple(
-        replace(comparison, success_p_holm=p, error_p_holm=q)
-        for comparison, p, q in zip(found, success, error, strict=True)
+        replace(comparison, success_p_holm=p, error_p=q, error_p_holm=adjusted)
+        for comparison, p, q, adjusted in zip(found, success, error_p, holm(error_p), strict=True)
     )
 
 
-def _compare(first: str, second: str, one: pd.DataFrame, two: pd.DataFrame, limit_km: float) -> Comparison:
-    one, two = paired(one, two)
-    site, resamples = sites(one), resamples_of(one)
-    a, b = succeeded(one, limit_km), succeeded(two, limit_km)
-    gap = a.astype(np.float64) - b
-    both = fixed(one) & fixed(two)
-    log_ratio = np.full(len(one), math.nan)
-    errors = [np.maximum(errors_km(table), SMALLEST_ERROR_KM) for table in (one, two)]
-    log_ratio[both] = np.log(errors[0][both] / errors[1][both])
-    closer = np.where(errors[0] == errors[1], 0.5, errors[0] < errors[1])
-    return Comparison(
-        first,
-        second,
-        len(one),
-        resamples.n_clusters,
-        difference_estimate(gap, resamples),
-        mcnemar_clustered(a, b, site),
-        math.nan,
-        _exponential(mean_estimate(log_ratio, resamples)),
-        sign_flip(log_ratio[both], site[both]),
-        math.nan,
-        mean_estimate(closer, resamples, (0.0, 1.0)),
-        design_effect(gap, site),
+def _answers(table: pd.DataFrame, limit_km: float) -> _Answers:
+    return _Answers(
+        np.unique(sites(table), return_inverse=True)[1],
+        succeeded(table, limit_km),
+        fixed(table),
+        np.maximum(errors_km(table), SMALLEST_ERROR_KM),
     )
+
+
+def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]) -> list[tuple[Comparison, F8]]:
+    """One solver with others, before p-values of errors and adjustment; with each the log ratios of error by site."""
+    one, others = answers[first], [answers[name] for name in seconds]
+    resamples = Resamples.of(one.site)
+    gaps = np.column_stack([one.right.astype(np.float64) - other.right for other in others])
+    both = [one.fixed & other.fixed for other in others]
+    log_ratios = np.full(gaps.shape, math.nan)
+    for column, (known, other) in enumerate(zip(both, others, strict=True)):
+        log_ratios[known, column] = np.log(one.error_km[known] / other.error_km[known])
+    closer = np.column_stack(
+        [np.where(one.error_km == other.error_km, 0.5, one.error_km < other.error_km) for other in others]
+    )
+    differences = difference_estimates(gaps, resamples)
+    ratios = mean_estimates(log_ratios, resamples)
+    closest = mean_estimates(closer, resamples, (0.0, 1.0))
+    return [
+        (
+            Comparison(
+                first,
+                second,
+                len(one.site),
+                resamples.n_clusters,
+                differences[k],
+                mcnemar_clustered(one.right, others[k].right, one.site),
+                math.nan,
+                _exponential(ratios[k]),
+                math.nan,
+                math.nan,
+                closest[k],
+                design_effect(gaps[:, k], one.site),
+            ),
+            sums_by_cluster(log_ratios[both[k], k], one.site[both[k]]),
+        )
+        for k, second in enumerate(seconds)
+    ]
 
 
 def difference_estimate(gap: F8, resamples: Resamples) -> Estimate:
-    """Mean of paired differences -1, 0 or 1 with its clustered bootstrap interval.
+    """Mean of paired differences -1, 0 or 1 with its clustered bootstrap interval (`difference_estimates`)."""
+    return difference_estimates(np.asarray(gap, dtype=np.float64)[:, None], resamples)[0]
+
+
+def difference_estimates(gaps: F8, resamples: Resamples) -> list[Estimate]:
+    """Means of paired differences -1, 0 or 1, shape (n_frames, k), with their clustered bootstrap intervals.
 
     Two frames are added to the resampled ones, on one of which each solver alone succeeds: without them few
     differences would make the interval too short, and none would make it a point.
@@ -164,14 +213,17 @@ def difference_estimate(gap: F8, resamples: Resamples) -> Estimate:
     ----------
     D. G. Bonett, R. M. Price, J. Educational and Behavioral Statistics 37, 479-488, 2012 (the adjustment).
     """
-    n = len(gap)
+    n, k = gaps.shape
     if n == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
-    padded = np.concatenate((gap, [1.0, -1.0]))
+        return [Estimate(math.nan, math.nan, math.nan, 0)] * k
+    padded = np.concatenate((gaps, np.full((1, k), 1.0), np.full((1, k), -1.0)))
     cluster = np.concatenate((resamples.cluster, resamples.n_clusters + np.arange(2)))
     widened = Resamples(cluster, resamples.n_clusters + 2, resamples.n_resamples, resamples.seed)
-    found = mean_estimate(padded, widened, (-1.0, 1.0))
-    return Estimate(float(gap.mean()), min(found.low, float(gap.mean())), max(found.high, float(gap.mean())), n)
+    means = np.ascontiguousarray(gaps.T).mean(axis=1).tolist()
+    return [
+        Estimate(mean, min(found.low, mean), max(found.high, mean), n)
+        for mean, found in zip(means, mean_estimates(padded, widened, (-1.0, 1.0)), strict=True)
+    ]
 
 
 def _exponential(estimate: Estimate) -> Estimate:

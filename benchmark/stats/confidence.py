@@ -192,37 +192,52 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
         return RiskCoverage(np.empty(0), np.empty(0), 0, UNDEFINED)
     resamples = resamples_of(frames)
 
-    def areas(weights: NDArray[np.uint8]) -> F8:
-        return _curve(weights.astype(np.float64), wrong[order], block)[1]
+    wrong = wrong[order]
 
-    risk, area = _curve(np.ones((1, n)), wrong[order], block)
+    def areas(weights: NDArray[np.uint8]) -> F8:
+        return _curve(weights, wrong, block)[1]
+
+    risk, area = _curve(np.ones((1, n), dtype=np.uint8), wrong, block)
     low, high = percentile_interval(resamples.frame_weights(order, areas), resamples.n_clusters, (0.0, 1.0))
     coverage = np.arange(1, n + 1) / n
     return RiskCoverage(coverage, risk[0], int(fixed(frames).sum()), Estimate(float(area[0]), low, high, n))
 
 
-def _ranked(frames: pd.DataFrame) -> tuple[F8, NDArray[np.intp], NDArray[np.intp]]:
+def _ranked(frames: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
     """Which frames are wrong; their order from the most confident; where each block of equals starts in that order."""
     confidence, known = _confident(frames)
     rank = np.where(known, confidence, np.where(fixed(frames), -1.0, -2.0))
     order = np.argsort(-rank, kind="stable")
     block = np.flatnonzero(np.diff(rank[order], prepend=math.inf))
-    return (~succeeded(frames)).astype(np.float64), order, block
+    return ~succeeded(frames), order, block
 
 
-def _curve(weights: F8, wrong: F8, block: NDArray[np.intp]) -> tuple[F8, F8]:
+def _curve(weights: NDArray[np.uint8], wrong: Bools, block: NDArray[np.intp]) -> tuple[F8, F8]:
     """Risk after each frame, shape (k, n), and its mean by weight, shape (k,), for k weightings of the ordered frames."""
     if len(block) == 0:
-        return np.empty_like(weights), np.full(len(weights), math.nan)
-    bad = weights * wrong
-    if len(block) < len(wrong):
-        size = np.diff(np.append(block, len(wrong)))
-        total = np.add.reduceat(weights, block, axis=1)
-        share = np.add.reduceat(bad, block, axis=1) / np.maximum(total, 1.0)
-        bad = weights * np.repeat(share, size, axis=1)
-    accepted = np.cumsum(weights, axis=1)
-    risk = np.cumsum(bad, axis=1) / np.maximum(accepted, 1.0)
-    return risk, np.einsum("ij,ij->i", weights, risk) / accepted[:, -1]
+        return np.empty(weights.shape), np.full(len(weights), math.nan)
+    accepted, bad = _cumulated(weights), _cumulated(weights * wrong)
+    risk = bad[:, 1:] / np.maximum(accepted[:, 1:], 1)
+    size = np.diff(np.append(block, len(wrong)))
+    # Where a block of equals is all right or all wrong, its order does not matter; elsewhere all orders are averaged.
+    share = np.add.reduceat(wrong, block, dtype=np.intp) / size
+    mixed = (share > 0) & (share < 1)
+    if mixed.any():
+        size, start = size[mixed], block[mixed]
+        inside, inside_bad = (sums[:, start + size] - sums[:, start] for sums in (accepted, bad))
+        slope = np.repeat(inside_bad / np.maximum(inside, 1), size, axis=1)
+        before, before_bad = (np.repeat(sums[:, start], size, axis=1) for sums in (accepted, bad))
+        tied = np.flatnonzero(np.repeat(mixed, np.diff(np.append(block, len(wrong)))))
+        after = accepted[:, tied + 1]
+        risk[:, tied] = (before_bad + slope * (after - before)) / np.maximum(after, 1)
+    return risk, (risk * weights).sum(axis=1) / accepted[:, -1]
+
+
+def _cumulated(counts: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Sums along rows, from none to all, shape (k, n + 1)."""
+    sums = np.zeros((len(counts), counts.shape[1] + 1), dtype=np.int32)
+    np.cumsum(counts, axis=1, out=sums[:, 1:])
+    return sums
 
 
 CONFIDENCE_METRICS: tuple[Metric, ...] = (

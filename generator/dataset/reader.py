@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -218,17 +218,28 @@ class Dataset:
         """Files of a table (one of TABLES, or IMU) or of the images (``data``), in the order of the shards."""
         return [self._local(file) for file in self._listed(table)]
 
-    def table(self, name: str) -> pa.Table:
-        """The whole table ``frames``, ``stars``, ``objects`` or ``imu``. Raises GeneratorError."""
-        parts = [_table(name, path, *_state(path)) for path in self.paths(name)]
+    def table(self, name: str, columns: Collection[str] | None = None) -> pa.Table:
+        """The whole table ``frames``, ``stars``, ``objects`` or ``imu``, or those of its columns that there are.
+
+        Of other columns nothing is read, which takes a fraction of the memory.
+
+        Raises
+        ------
+        GeneratorError
+            A part is damaged or missing.
+        """
+        if columns is None:
+            parts = [_table(name, path, *_state(path)) for path in self.paths(name)]
+        else:
+            parts = [checked_table(name, path, columns=columns) for path in self.paths(name)]
         try:
             return pa.concat_tables(parts) if parts else SCHEMAS[name].empty_table()
         except pa.ArrowException as error:
             raise GeneratorError(f"{self.folder / name}: its parts differ ({error}); run `skybench verify`") from error
 
-    def frames(self) -> pa.Table:
-        """The table of frames."""
-        return self.table("frames")
+    def frames(self, columns: Collection[str] | None = None) -> pa.Table:
+        """The table of frames, or some of its columns."""
+        return self.table("frames", columns)
 
     def stars(self) -> pa.Table:
         """The table of stars."""
@@ -256,7 +267,7 @@ class Dataset:
     @functools.cached_property
     def _places(self) -> list[tuple[str, str]]:
         """Shard and name of the image of each frame."""
-        table = self.frames()
+        table = self.frames(("shard", "image"))
         try:
             return list(zip(table["shard"].to_pylist(), table["image"].to_pylist(), strict=True))
         except KeyError as error:
@@ -396,12 +407,19 @@ def _indexed(path: Path, size: int, changed_ns: int) -> dict[str, dict[str, Plac
     return frame_places(path)
 
 
-def checked_table(name: str, path: Path, most_rows: int | None = None) -> pa.Table:
-    """A part of a table (one of SCHEMAS), as stored. Raises GeneratorError."""
+def checked_table(
+    name: str, path: Path, most_rows: int | None = None, columns: Collection[str] | None = None
+) -> pa.Table:
+    """A part of a table (one of SCHEMAS) or some of its columns, as stored. Raises GeneratorError."""
     needed = NEVER_NULL if name == "frames" else ("index",) if name in TABLES else ()
     try:
         return read_table(
-            path, SCHEMAS[name], needed=needed, never_null=NEVER_NULL if name == "frames" else (), most_rows=most_rows
+            path,
+            SCHEMAS[name],
+            needed=needed,
+            columns=columns,
+            never_null=NEVER_NULL if name == "frames" else (),
+            most_rows=most_rows,
         )
     except GeneratorError as error:
         raise GeneratorError(f"{error}; run `skybench verify`") from error

@@ -134,12 +134,14 @@ def _check_size(path: Path, claimed: pq.FileMetaData, schema: pa.Schema, size: i
     rows = max(claimed.num_rows, sum(group.num_rows for group in groups))
     if most_rows is not None and rows > most_rows:
         raise GeneratorError(f"{path}: has {rows} rows, at most {most_rows} belong there")
-    values = [(group.column(place).num_values, group.column(place).total_uncompressed_size)
-              for group in groups for place in range(group.num_columns)]  # fmt: skip
+    # A list's column is named after the list: "R_cam.list.element".
+    stored = [group.column(place) for group in groups for place in range(group.num_columns)]
+    values = [(column.num_values, column.total_uncompressed_size)
+              for column in stored if column.path_in_schema.split(".")[0] in schema.names]  # fmt: skip
     lists = sum(_kind(kind).startswith("list") for kind in schema.types)
     if values and max(count for count, _ in values) > rows * (MOST_LIST_ITEMS if lists else 1):
         raise GeneratorError(f"{path}: a column claims more values than its {rows} rows can have")
-    unpacked = max(rows * sum(_width(kind) for kind in schema.types), sum(stored for _, stored in values))
+    unpacked = max(rows * sum(_width(kind) for kind in schema.types), sum(size_of for _, size_of in values))
     if unpacked > _most_bytes(size):
         raise GeneratorError(
             f"{path}: claims {rows} rows, which take {unpacked // 10**6} MB, in a file of {size / 1e6:.1f} MB; "

@@ -1,6 +1,7 @@
 """`skybench show`: the page in a real browser (headless Chromium), from disk, without a network."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from small_scenes import BASE, small_scenario
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
-from benchmark.report.show.page import write_page
-from benchmark.report.show.source import open_source, spread
+from benchmark.report.show.page import paged, spread, write_page
+from benchmark.report.show.source import open_source
 from benchmark.report.show.star_names import star_name
 from celnav.sky.star_names import PROPER_NAMES
 from generator.dataset.generate import generate
@@ -260,6 +261,24 @@ def test_a_large_dataset_is_sampled_and_large_frames_are_reduced(dataset, tmp_pa
     assert (frame["width"], frame["height"], frame["block"]) == (120, 80, 2)
     assert spread(1000, 5) == [0, 250, 500, 749, 999]
     assert spread(2, 48) == [0, 1]
+
+
+def test_a_large_dataset_is_turned_page_by_page(dataset, tmp_path) -> None:
+    """Every frame is on one page."""
+    found = []
+    for number, words in ((1, "Frames 1 to 4 of 6, page 1 of 2."), (2, "Frames 5 to 6 of 6, page 2 of 2.")):
+        words_of = ["show", str(dataset), "--out", str(tmp_path / "page"), "--frames", "4", "--page", str(number)]
+        done = CliRunner().invoke(app, words_of)
+        assert done.exit_code == 0, done.output
+        text = (tmp_path / "page/index.html").read_text()
+        assert words in text
+        found += re.findall(r'"id": "(frame-\d{5})"', text)
+    assert found == [f"frame-{index:05d}" for index in range(6)]
+    assert len(list((tmp_path / "page/frames").iterdir())) == 2
+    assert paged(100_000, 48, 2084) == range(99_984, 100_000)
+    refused = CliRunner().invoke(app, ["show", str(dataset), "--out", str(tmp_path / "page"), "--page", "2"])
+    assert refused.exit_code == 2
+    assert "--page 2: 6 frames fill 1 pages of 48" in refused.output
 
 
 def test_command_says_what_to_open(dataset, tmp_path) -> None:

@@ -8,7 +8,7 @@ import base64
 import json
 import shutil
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from benchmark.frames.preview import preview_webp
-from benchmark.report.show.source import Source, open_source, spread
+from benchmark.report.show.source import Source, open_source
 from benchmark.report.show.star_names import star_name
 from benchmark.report.templates import read_sheet, render_page
 from generator.errors import GeneratorError
@@ -80,7 +80,11 @@ class Written:
 
 
 def write_page(
-    folder: Path, out: Path, most: int = DEFAULT_FRAMES, progress: Callable[[int, int], None] = lambda done, of: None
+    folder: Path,
+    out: Path,
+    most: int = DEFAULT_FRAMES,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+    number: int | None = None,
 ) -> Written:
     """Write the page of a dataset.
 
@@ -94,31 +98,55 @@ def write_page(
         Frames on the page; of a larger dataset so many, evenly spread.
     progress : callable
         Called with the number of frames done and of all.
+    number : int, optional
+        Of a larger dataset the frames in order instead, so many to a page: those of this page, from 1.
 
     Raises
     ------
     GeneratorError
-        The dataset is unfinished or damaged, or the folder cannot be used.
+        The dataset is unfinished or damaged, the folder cannot be used, or there are fewer pages.
     """
-    source = open_source(folder)
-    positions = spread(len(source.frames), most)
+    source = open_source(folder, ["utc_mid", *(condition.column for condition in (*NUMBERS, *CHOICES))])
+    positions = spread(len(source.frames), most) if number is None else paged(len(source.frames), most, number)
     try:
         _prepare(out)
         shown, size = [], 0
-        for number, position in enumerate(positions):
+        for place, position in enumerate(positions):
             image = source.image(position)
-            script = frame_script(number, image, source.stars(position), source.objects(position))
-            write_bytes(out / FRAMES_FOLDER / f"{number}.js", script)
+            script = frame_script(place, image, source.stars(position), source.objects(position))
+            write_bytes(out / FRAMES_FOLDER / f"{place}.js", script)
             shown.append(_card(source.frames.iloc[position], image))
             size += len(script)
-            progress(number + 1, len(positions))
-        page = _page(source, shown).encode()
+            progress(place + 1, len(positions))
+        page = _page(source, shown, _words(positions, len(source.frames), most, number)).encode()
         write_bytes(out / PAGE, page)
     except OSError as error:
         raise GeneratorError(
             f"{error.filename or out}: writing failed ({error.strerror}); choose another --out"
         ) from error
     return Written(out / PAGE, len(positions), len(source.frames), size + len(page))
+
+
+def spread(count: int, most: int) -> Sequence[int]:
+    """At most `most` of `count` positions, evenly spread, first and last among them where there are two."""
+    return [int(position) for position in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
+
+
+def paged(count: int, most: int, number: int) -> Sequence[int]:
+    """Positions of the frames on a page, from 1, of `most` frames each. Raises GeneratorError where there are fewer."""
+    pages = -(-count // most)
+    if not 1 <= number <= pages:
+        raise GeneratorError(f"--page {number}: {count} frames fill {pages} pages of {most}; choose one of them")
+    return range((number - 1) * most, min(number * most, count))
+
+
+def _words(positions: Sequence[int], count: int, most: int, number: int | None) -> str:
+    """Which of the frames are shown."""
+    if len(positions) == count:
+        return f"All {count} frames"
+    if number is None:
+        return f"{len(positions)} of {count} frames, evenly spread"
+    return f"Frames {positions[0] + 1} to {positions[-1] + 1} of {count}, page {number} of {-(-count // most)}"
 
 
 def _prepare(out: Path) -> None:
@@ -235,7 +263,7 @@ def _choice(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _page(source: Source, shown: list[dict[str, Any]]) -> str:
+def _page(source: Source, shown: list[dict[str, Any]], words: str) -> str:
     content = {
         "frames": shown,
         "numbers": [_histogram(source.frames, condition) for condition in _varying(source.frames, NUMBERS)],
@@ -253,7 +281,7 @@ def _page(source: Source, shown: list[dict[str, Any]]) -> str:
         scenario=source.scenario,
         sha256=source.scenario_sha256,
         total=len(source.frames),
-        shown=len(shown),
+        shown=words,
         most_stars=MOST_STARS,
         content=content,
         style=Markup(read_sheet("show.css")),

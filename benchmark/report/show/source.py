@@ -1,6 +1,6 @@
 """What `skybench show` draws from: a dataset in shards, or a folder that `skybench render` wrote."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ class Source(Protocol):
     ----------
     scenario, scenario_sha256, made_with : str
     frames : DataFrame
-        One row per frame (columns: generator.dataset.frame_columns.FRAME_SCHEMA), by index.
+        One row per frame, by index; at least the columns asked for of generator.dataset.frame_columns.FRAME_SCHEMA.
     """
 
     @property
@@ -61,8 +61,14 @@ class Source(Protocol):
         """Its truth of flying objects and the Moon."""
 
 
-def open_source(folder: Path) -> Source:
+def open_source(folder: Path, columns: Collection[str] = ()) -> Source:
     """Open a dataset or a folder of frames.
+
+    Parameters
+    ----------
+    folder : Path
+    columns : collection of str
+        Of the table of frames, those that are needed beside ``frame_id``; a dataset may have many frames.
 
     Raises
     ------
@@ -70,7 +76,7 @@ def open_source(folder: Path) -> Source:
         Neither is there, or it is unfinished or damaged.
     """
     if (folder / MANIFEST).is_file():
-        return ShardSource.open(folder)
+        return ShardSource.open(folder, columns)
     if (folder / STARS_FILE).is_file():
         return FolderSource.open(folder)
     raise GeneratorError(
@@ -89,10 +95,10 @@ class ShardSource:
     frames: pd.DataFrame
 
     @classmethod
-    def open(cls, folder: Path) -> "ShardSource":
+    def open(cls, folder: Path, columns: Collection[str] = ()) -> "ShardSource":
         """Open it by its manifest. Raises GeneratorError."""
         dataset = Dataset.open(folder)
-        frames = dataset.frames().to_pandas()
+        frames = dataset.frames(("frame_id", *columns)).to_pandas()
         return cls(dataset, dataset.manifest.scenario, dataset.manifest.scenario_sha256, frames)
 
     def image(self, position: int) -> NDArray[np.uint16]:
@@ -197,8 +203,3 @@ def damage_named(path: Path) -> Iterator[None]:
         yield
     except (OSError, ValueError, KeyError, TypeError, SyntaxError, pa.ArrowException) as error:
         raise GeneratorError(f"{path}: cannot be read ({type(error).__name__}: {error}); make it again") from error
-
-
-def spread(count: int, most: int) -> Sequence[int]:
-    """At most `most` of `count` positions, evenly spread, first and last among them where there are two."""
-    return [int(position) for position in np.unique(np.linspace(0, count - 1, min(count, most)).round())]

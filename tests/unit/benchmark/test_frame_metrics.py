@@ -1,5 +1,6 @@
 """Metrics of a table of frames against numbers worked out by hand."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 
 from benchmark.errors import ResultsError
 from benchmark.stats.break_point import break_point, crossing, discrimination, isotonic
-from benchmark.stats.clustered import Resamples, expanded_levels, quantile_estimate
+from benchmark.stats.clustered import Resamples, expanded_levels, mean_estimate, mean_estimates, quantile_estimate
 from benchmark.stats.comparison import compare, detectable, paired, ranks
 from benchmark.stats.confidence import (
+    _curve,
     calibration_error,
     expected_calibration_error,
     overconfidence,
@@ -28,7 +30,7 @@ from benchmark.stats.frame_metrics import (
     sites,
 )
 from benchmark.stats.intervals import quantile, wilson
-from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
+from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip, sign_flips
 from benchmark.stats.power import design_effect, minimum_detectable_difference
 
 
@@ -318,6 +320,52 @@ def test_sign_flips_of_few_clusters():
     p = sign_flip([1.0, 2.0, 3.0, 4.0], [1, 2, 3, 4], n_flips=9999)
     assert p == pytest.approx(2 / 16, abs=5 * math.sqrt(0.125 * 0.875 / 9999))
     assert sign_flip([], []) == 1.0
+
+
+def test_many_sign_flips_at_once_are_those_of_each_by_itself():
+    """Against flips drawn one set after another; sets of equally many clusters share theirs."""
+
+    def direct(sums, n_flips, seed):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(sums),)))
+        signs = 1 - 2 * rng.integers(0, 2, (n_flips, len(sums)), dtype=np.int8).astype(float)
+        return (1 + np.count_nonzero(np.abs(signs @ sums) >= abs(sums.sum()) * (1 - 1e-12))) / (n_flips + 1)
+
+    rng = np.random.default_rng(np.random.SeedSequence(9))
+    sums = [rng.normal(0.3, 1.0, n) for n in (7, 13, 7, 101, 13)]
+    assert sign_flips([*sums, np.empty(0)], 399, 5) == [*(direct(one, 399, 5) for one in sums), 1.0]
+
+
+def test_bootstrap_quantiles_and_means_against_repeated_frames(monkeypatch):
+    """Each resample written out frame by frame; blocks of frames so small that quantiles lie in several."""
+    monkeypatch.setattr("benchmark.stats.clustered._BLOCK_FRAMES", 8)
+    rng = np.random.default_rng(np.random.SeedSequence(10))
+    cluster = rng.integers(0, 25, 90)
+    values = np.where(rng.uniform(size=90) < 0.3, math.inf, np.round(rng.lognormal(0.0, 1.0, 90), 1))
+    drawn = Resamples.of(cluster, 60)
+    repeated = [np.repeat(np.arange(90), weights[drawn.cluster]) for weights in drawn.weights]
+    for q in (0.03, 0.25, 0.5, 0.9):
+        assert drawn.quantiles(values, q).tolist() == [quantile(values[frames], q) for frames in repeated]
+    columns = np.column_stack((rng.normal(size=90), np.where(rng.uniform(size=90) < 0.5, math.nan, 1.0)))
+    found = mean_estimates(columns, drawn)
+    assert found == [mean_estimate(column, drawn) for column in columns.T]
+    means = np.sort([columns[frames, 0].mean() for frames in repeated])
+    low, high = expanded_levels(drawn.n_clusters)
+    assert found[0].low == pytest.approx(np.quantile(means, low, method="lower"))
+    assert found[0].high == pytest.approx(np.quantile(means, high, method="higher"))
+
+
+def test_the_area_of_ties_is_the_mean_over_their_orders():
+    wrong, block = np.array([False, True, False, True, True]), np.array([0, 1, 4])
+    orders = [np.cumsum(wrong[[0, *order, 4]]) / np.arange(1, 6) for order in itertools.permutations([1, 2, 3])]
+    risk, area = _curve(np.ones((1, 5), dtype=np.uint8), wrong, block)
+    assert risk[0].tolist() == pytest.approx(np.mean(orders, axis=0).tolist())
+    assert area[0] == pytest.approx(np.mean(orders))
+    # A resample: frames two and three are drawn twice and not at all; all three that are tied are wrong.
+    risk, area = _curve(np.array([[1, 2, 0, 1, 1]], dtype=np.uint8), wrong, block)
+    assert risk[0].tolist() == pytest.approx([0.0, 2 / 3, 2 / 3, 3 / 4, 4 / 5])
+    assert area[0] == pytest.approx((2 * 2 / 3 + 3 / 4 + 4 / 5) / 5)
+    risk, _ = _curve(np.array([[1, 1, 2, 1, 1]], dtype=np.uint8), wrong, block)
+    assert risk[0].tolist() == pytest.approx([0.0, 0.5 / 2, 1.5 / 4, 2 / 5, 3 / 6])
 
 
 def test_ranks_say_no_more_than_the_tests():
