@@ -23,7 +23,15 @@ def apparent_stars(utc: str, v_max: float, lat_deg: float = LAT_DEG, lon_deg: fl
     stars = stars.take(np.flatnonzero(stars.v_mag <= v_max))
     earth = earth_orientation(parse_utc(utc))
     moment = datetime.fromisoformat(utc)
-    jd1, jd2 = erfa.dtf2d("UTC", moment.year, moment.month, moment.day, moment.hour, moment.minute, moment.second)
+    jd1, jd2 = erfa.dtf2d(
+        "UTC",
+        moment.year,
+        moment.month,
+        moment.day,
+        moment.hour,
+        moment.minute,
+        moment.second + moment.microsecond / 1e6,
+    )
     years = 2000.0 - stars.epoch_jyear
     pm_ra = stars.pm_ra_mas_yr * erfa.DMAS2R / np.cos(stars.dec_rad)
     pm_dec = stars.pm_dec_mas_yr * erfa.DMAS2R

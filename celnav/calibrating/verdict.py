@@ -39,8 +39,9 @@ def report(found: CameraCalibration) -> str:
         ),
         (
             "noise",
-            f"{found.noise.floor_px:.3f} px floor, {found.noise.factor:.2f} x the centroids' own standard deviations; "
-            f"pattern that neighbours share {found.pattern.rms_px:.3f} px",
+            f"{found.noise.floor_px:.3f} px floor"
+            + (f", {found.noise.factor:.2f} x the centroids' own standard deviations" if found.noise.factor else "")
+            + f"; pattern that neighbours share {found.pattern.rms_px:.3f} px",
         ),
         ("held out", _choice(found)),
         ("mount", _attitude_words(found)),
@@ -106,9 +107,9 @@ def _choice(found: CameraCalibration) -> str:
         one for one in found.judged if not (one.form.decentring or one.form.tilt or one.form.prism or one.form.aspect)
     ]
     words = f"{own.held_out_px:.3f} px with this form"
-    if best.form != own.form:
+    if best.form != own.form and best.held_out_px < own.held_out_px:
         words += f", {best.held_out_px:.3f} with {best.form.words} (within one standard error)"
-    if plain and plain[0].form != own.form:
+    if plain and plain[0].form not in (own.form, best.form):
         words += f", {plain[0].held_out_px:.3f} with {plain[0].form.words}"
     return f"{words}; {len(found.judged)} forms compared"
 
