@@ -23,6 +23,7 @@ BYTES_PER_PIXEL = {
     "developed.png": 6,
     "hud.png": 3,
     "mask.png": 3,
+    "photo.jpg": 6,
     "stack.fits": 6,
     "video.mp4": 512,
 }

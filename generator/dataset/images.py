@@ -21,6 +21,7 @@ JXL_EFFORT = 1
 DEPTHS = ("I;16", "I;16B")
 """Modes of Pillow for 16 bits and one channel."""
 PICTURE_MODES = ("L", "RGB")
+PHOTO_SUFFIX = "photo.jpg"
 
 
 def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
@@ -78,6 +79,27 @@ def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uin
     """Decode an 8-bit PNG with one or three channels; `shape` as of :func:`decode`. Raises GeneratorError."""
     with _png(data, shape, PICTURE_MODES) as image:
         return np.array(image, dtype=np.uint8)
+
+
+def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Decode a JPEG with one or three channels, as stored, whatever its tag of orientation; `shape` as of :func:`decode`.
+
+    Raises
+    ------
+    GeneratorError
+        It is damaged, or of another size.
+    """
+    try:
+        with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
+            # Nothing is unpacked before its size is known.
+            wrong = max(image.size) > LARGEST_SIDE_PX if shape is None else image.size != (shape[1], shape[0])
+            if wrong:
+                raise GeneratorError(f"a JPEG of {image.width} x {image.height} pixels")
+            if image.mode not in PICTURE_MODES:
+                raise GeneratorError(f"a JPEG of mode {image.mode}, not {' or '.join(PICTURE_MODES)}")
+            return np.array(image, dtype=np.uint8)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise GeneratorError(f"damaged JPEG ({error})") from error
 
 
 @contextmanager

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from generator.dataset.archive import Place, StoredFrame, check_sizes, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.images import decode, picture
+from generator.dataset.images import PHOTO_SUFFIX, decode, photo, picture
 from generator.dataset.layout import CODECS, IMU, MANIFEST, TABLES
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.target import open_target
@@ -58,7 +58,7 @@ class ShardFrame:
     frame_id : str
     members : dict of str to bytes
         Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
-        ``hud.png``, ``mask.png``, ``stack.fits``, ``video.mp4``.
+        ``hud.png``, ``mask.png``, ``photo.jpg``, ``stack.fits``, ``video.mp4``.
     path : Path
         The archive, for messages.
     """
@@ -101,6 +101,14 @@ class ShardFrame:
     def mask(self) -> NDArray[np.uint8] | None:
         """What is not sky, (height, width): 255 where none of a pixel is, 0 where all is; None without a foreground."""
         return self._picture("mask.png")
+
+    @functools.cached_property
+    def photo(self) -> NDArray[np.uint8] | None:
+        """Pixels of the photograph's file, (height, width) or (height, width, 3); None where the scenario asks for none."""
+        if PHOTO_SUFFIX not in self.members:
+            return None
+        with _Damage(self):
+            return photo(self.members[PHOTO_SUFFIX], image_shape(self.record))
 
     def file(self, suffix: str) -> bytes:
         """A member as it is stored; of a PNG only if it is one of the camera's size. Raises GeneratorError."""
@@ -359,8 +367,8 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     Returns
     -------
     array, dict or None
-        uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png``, ``hud.png`` and ``mask.png``, the record
-        for ``json``; None for others, which webdataset then leaves as they are.
+        uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png``, ``hud.png``, ``mask.png`` and
+        ``photo.jpg``, the record for ``json``; None for others, which webdataset then leaves as they are.
 
     Raises
     ------
@@ -372,6 +380,8 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
         return decode(data, suffix)
     if suffix in ("developed.png", "hud.png", "mask.png"):
         return picture(data)
+    if suffix == PHOTO_SUFFIX:
+        return photo(data)
     return read_record(data, key) if suffix == "json" else None
 
 

@@ -160,6 +160,7 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
 def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
     """The sensor's part of a record: of a video, what holds for the mean of its frames, in electrons of all of them."""
     video, frames = sensor.video, sensor.exposures(exposure_s)
+    photo = None if sensor.develop is None else sensor.develop.photo
     # From DN to the image's values.
     scale = 1.0 if video is None else LARGEST_8_BIT * video.exposure / (2**sensor.bits - 1)
     return {
@@ -176,6 +177,7 @@ def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
         "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
         "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
         **({} if video is None else {"video": {"frames": frames} | video.model_dump()}),
+        **({} if photo is None else {"photo": photo.model_dump()}),
     }
 
 

@@ -25,10 +25,12 @@ from generator.frame.record import frame_record, record_bytes, star_table
 from generator.frame.scene import ExpectedFrame, render_expected
 from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
+from generator.scenario.model import pointing_of
 from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
+from generator.sensor.photo import PHOTO_SUFFIX, Taken, photo_bytes
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
@@ -54,7 +56,7 @@ class RenderedFrame:
     developed : (height, width[, 3]) uint8 array or None
         8-bit picture.
     attached : dict of bytes
-        Further files by their suffix (``stack.fits``, ``video.mp4``).
+        Further files by their suffix (``photo.jpg``, ``stack.fits``, ``video.mp4``).
     """
 
     plan: FramePlan
@@ -100,7 +102,12 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
         dn[hud] = 2**sensor.bits - 1
         if developed is not None:
             developed[hud] = 255
-    return RenderedFrame(plan, expected, dn, stars, objects, hud, developed)
+    photo = None if sensor.develop is None else sensor.develop.photo
+    attached = {}
+    if photo is not None and developed is not None:
+        taken_as = Taken(plan.spec, plan.utc_start.isoformat(), pointing_of(plan.motion.R_mid))
+        attached[PHOTO_SUFFIX] = photo_bytes(developed, taken_as, photo)
+    return RenderedFrame(plan, expected, dn, stars, objects, hud, developed, attached)
 
 
 def hud_lines(plan: FramePlan) -> tuple[str, ...]:

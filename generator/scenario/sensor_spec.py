@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from generator.scenario.processing.develop_spec import DevelopSpec
+from generator.scenario.processing.video_spec import VideoSpec
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.scenario.strict import Curve, Fraction, Strict, listed
-from generator.scenario.video_spec import VideoSpec
 
 COLOURS = ("blue", "green", "red")
 """Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""
-LARGEST_FACTOR = 1e4
-"""Of a developed picture's exposure."""
 
 
 class ColourSpec(Strict):
@@ -85,22 +84,6 @@ class CosmicRaySpec(Strict):
     """Mean charge left per pixel of track, electrons."""
     length_px: Annotated[float, Field(gt=0, le=1000)] = 4.0
     """Mean length of a track, px."""
-
-
-Exposure = Annotated[
-    Annotated[float, Field(gt=0, le=LARGEST_FACTOR), Tag("#factor")] | Annotated[Literal["auto"], Tag("#auto")],
-    Discriminator(lambda value: "#auto" if isinstance(value, str) else "#factor"),
-]
-
-
-class DevelopSpec(Strict):
-    """An 8-bit picture beside the raw one: demosaicing, white balance, transfer curve."""
-
-    white_balance: Annotated[tuple[float, float, float], BeforeValidator(listed)] | None = None
-    """Factors on red, green, blue; grey-world factors unless given."""
-    exposure: Exposure = 1.0
-    """Factor before the transfer curve; 1 maps the largest DN to white; ``auto`` chooses one from the frame's own light."""
-    gamma: Literal["srgb", "linear"] = "srgb"
 
 
 class SensorSpec(Strict):

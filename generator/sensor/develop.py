@@ -1,4 +1,4 @@
-"""From raw DN to an 8-bit picture: black level, demosaicing, white balance, exposure, transfer curve."""
+"""From raw DN to an 8-bit picture: black level, demosaicing, white balance, exposure, noise, transfer curve, sharpness."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.colour_science import colour_demosaicing, srgb_encoded
-from generator.scenario.sensor_spec import LARGEST_FACTOR, SensorSpec
+from generator.scenario.processing.develop_spec import LARGEST_FACTOR, DevelopSpec
+from generator.scenario.sensor_spec import SensorSpec
+from generator.sensor.processing import denoised, sharpened
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +35,7 @@ def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
     Returns
     -------
     (height, width, 3) uint8 array, or (height, width) for a monochrome sensor
-        Red, green, blue; sRGB's transfer curve (IEC 61966-2-1) unless linear.
+        Red, green, blue; by sRGB's transfer curve (IEC 61966-2-1) unless the section has another.
 
     Raises
     ------
@@ -50,13 +52,21 @@ def develop(dn: NDArray[np.uint16], sensor: SensorSpec) -> NDArray[np.uint8]:
         balance = np.array(sensor.develop.white_balance or grey_world(light))
     exposure = sensor.develop.exposure
     gain = balance * (automatic_exposure(light * balance) if exposure == "auto" else exposure)
-    picture = np.empty(light.shape, np.uint8)
+    if sensor.develop.denoise is not None:
+        light = denoised((light * gain).astype(np.float32), sensor.develop.denoise).astype(np.float64)
+        gain = np.ones(1)
+    shown = np.empty(light.shape, np.float32)
     for start in range(0, len(light), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
-        linear = np.clip(light[rows] * gain, 0, 1)
-        shown = srgb_encoded(linear) if sensor.develop.gamma == "srgb" else linear
-        picture[rows] = np.rint(255 * shown)
-    return picture
+        shown[rows] = transferred(np.clip(light[rows] * gain, 0, 1), sensor.develop)
+    return np.rint(255 * np.clip(sharpened(shown, sensor.develop.sharpen), 0, 1)).astype(np.uint8)
+
+
+def transferred(linear: Floats, spec: DevelopSpec) -> Floats:
+    """Values from 0 to 1 after the transfer curve, of linear values from 0 to 1."""
+    if spec.gamma == "srgb":
+        return srgb_encoded(linear)
+    return linear if spec.gamma == "linear" else linear ** (1 / float(spec.gamma))
 
 
 def automatic_exposure(light: Floats) -> float:

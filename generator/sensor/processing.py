@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from generator.scenario.video_spec import DenoiseSpec, SharpenSpec, VideoDenoiseSpec
+from generator.scenario.processing.video_spec import DenoiseSpec, SharpenSpec, VideoDenoiseSpec
 
 Floats = NDArray[np.float32]
 

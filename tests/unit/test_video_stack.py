@@ -14,7 +14,7 @@ from generator.frame.scene import render_expected
 from generator.frame.video.codec import decode, encode
 from generator.frame.video.exposures import plan_part, video_frames
 from generator.frame.video.stack import PICTURES, fits_bytes, stack
-from generator.scenario.video_spec import H264Spec, SharpenSpec, VideoDenoiseSpec
+from generator.scenario.processing.video_spec import H264Spec, SharpenSpec, VideoDenoiseSpec
 from generator.sensor.processing import averaged, denoised, sharpened
 
 VIDEO = {"bits": 10, "gain_e_per_dn": 2.0, "black_level_dn": 20, "video": {"frames_per_s": 10, "keep": True}}

@@ -16,7 +16,8 @@ from benchmark.report.show.source import Source, damage_named, open_source
 from benchmark.report.show.truth_overlay import draw_truth
 from generator.errors import GeneratorError
 from generator.files import atomic_path
-from generator.scenario.sensor_spec import ColourSpec, DevelopSpec, SensorSpec
+from generator.scenario.processing.develop_spec import DevelopSpec
+from generator.scenario.sensor_spec import ColourSpec, SensorSpec
 from generator.sensor.develop import develop
 
 LARGEST_PX = (3840, 2160)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.errors import GeneratorError
-from generator.scenario.video_spec import H264Spec
+from generator.scenario.processing.video_spec import H264Spec
 
 Picture = NDArray[np.uint8]
 

@@ -16,8 +16,8 @@ from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
 from generator.frame.scene import render_expected
 from generator.optics.motion import Motion
 from generator.scenario.model import SkySpec
+from generator.scenario.processing.video_spec import VideoSpec
 from generator.scenario.sensor_spec import SensorSpec
-from generator.scenario.video_spec import VideoSpec
 from generator.seeds import random_stream
 from generator.sensor.charge import PhotoResponse
 from generator.sensor.detector import effects

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.scenario.video_spec import FEWEST_FRAMES, MOST_FRAMES
+from generator.scenario.processing.video_spec import FEWEST_FRAMES, MOST_FRAMES
 
 Picture = NDArray[np.uint8]
 

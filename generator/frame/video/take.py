@@ -11,7 +11,7 @@ from generator.frame.plan import FramePlan
 from generator.frame.video.codec import decode, encode
 from generator.frame.video.exposures import video_frames
 from generator.frame.video.stack import fits_bytes, stack
-from generator.scenario.video_spec import VideoSpec
+from generator.scenario.processing.video_spec import VideoSpec
 from generator.seeds import random_stream
 
 STACK_SUFFIX, VIDEO_SUFFIX = "stack.fits", "video.mp4"

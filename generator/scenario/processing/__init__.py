@@ -1,0 +1,1 @@
+"""What the camera makes of its raw values: videos, developed pictures, photographs."""

@@ -1,0 +1,115 @@
+"""A developed frame as a photograph's file: JPEG with the tags that a camera writes.
+
+Source of the tags: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32"; of the
+equivalent focal length CIPA DCG-001 (equal diagonals).
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from generator.scenario.model import FrameSpec, Pointing
+from generator.scenario.processing.develop_spec import PhotoSpec
+
+PHOTO_SUFFIX = "photo.jpg"
+SUBSAMPLINGS = {"4:4:4": 0, "4:2:2": 1, "4:2:0": 2}
+EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+DIAGONAL_35MM = math.hypot(36.0, 24.0)
+CENTIMETRE = 3
+"""Unit of the focal plane's resolution."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """How a photograph was taken.
+
+    Attributes
+    ----------
+    spec : FrameSpec
+        Of the frame; its camera is the true one.
+    utc_start : str
+        Start of the exposure, ISO 8601 with microseconds and Z.
+    pointing : Pointing
+        At mid-exposure.
+    """
+
+    spec: FrameSpec
+    utc_start: str
+    pointing: Pointing
+
+
+def photo_bytes(picture: NDArray[np.uint8], taken: Taken, spec: PhotoSpec) -> bytes:
+    """A developed picture, (height, width) or (height, width, 3), as a file; the same bytes with the same libjpeg-turbo."""
+    stored = io.BytesIO()
+    image = Image.fromarray(picture)
+    chosen = {} if picture.ndim == 2 else {"subsampling": SUBSAMPLINGS[spec.subsampling]}
+    image.save(stored, format="JPEG", quality=spec.quality, optimize=True, exif=tags(taken, spec).tobytes(), **chosen)
+    return stored.getvalue()
+
+
+def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
+    """The tags of a frame's photograph: its time is the start of the exposure, by the camera's clock."""
+    camera, site = taken.spec.camera, taken.spec.site
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110], exif[0x0112] = spec.make, spec.camera, spec.orientation
+    true = _clock(taken.utc_start.removesuffix("Z"))
+    hours, minutes = int(spec.utc_offset[1:3]), int(spec.utc_offset[4:])
+    offset = timedelta(hours=hours, minutes=minutes) * (-1 if spec.utc_offset[0] == "-" else 1)
+    shown = true + offset + timedelta(seconds=spec.clock_error_s)
+    photo: dict[int, Any] = exif.get_ifd(EXIF_IFD)
+    exif[0x0132] = photo[0x9003] = shown.strftime("%Y:%m:%d %H:%M:%S")
+    photo[0x9291] = f"{shown.microsecond:06d}"
+    photo[0x9010] = photo[0x9011] = spec.utc_offset
+    photo[0x829A] = _rational(taken.spec.time.exposure_s, 1_000_000)
+    photo[0xA002], photo[0xA003] = camera.width, camera.height
+    photo[0xA405] = round(camera.f_px * DIAGONAL_35MM / math.hypot(camera.width, camera.height))
+    if camera.pixel_pitch_um is not None:
+        focal_mm = camera.f_px * camera.pixel_pitch_um / 1000
+        photo[0x920A] = _rational(focal_mm, 10_000)
+        photo[0x829D] = _rational(focal_mm / camera.aperture_mm, 100)
+        photo[0xA20E] = _rational(10_000 / camera.pixel_pitch_um, 1000)
+        photo[0xA20F] = _rational(10_000 * camera.pixel_aspect / camera.pixel_pitch_um, 1000)
+        photo[0xA210] = CENTIMETRE
+    if spec.lens is not None:
+        photo[0xA434] = spec.lens
+    where: dict[int, Any] = exif.get_ifd(GPS_IFD)
+    if spec.gps:
+        where[1], where[2] = "NS"[site.latitude_deg < 0], _sexagesimal(site.latitude_deg)
+        where[3], where[4] = "EW"[site.longitude_deg < 0], _sexagesimal(site.longitude_deg)
+        where[5], where[6] = bytes([site.height_m < 0]), _rational(abs(site.height_m), 100)
+        seconds = true.second + true.microsecond / 1e6
+        where[7] = (IFDRational(true.hour), IFDRational(true.minute), _rational(seconds, 1_000_000))
+        where[29] = true.strftime("%Y:%m:%d")
+    if spec.pointing:
+        photo[0x9405] = _rational(taken.pointing.altitude_deg, 100)
+        where[16], where[17] = "T", _rational(taken.pointing.azimuth_deg % 360, 100)
+    return exif
+
+
+def _clock(text: str) -> datetime:
+    """A time that a clock can show; during a leap second it shows the second after."""
+    if text[17:19] != "60":
+        return datetime.fromisoformat(text)
+    return datetime.fromisoformat(f"{text[:17]}59{text[19:]}") + timedelta(seconds=1)
+
+
+def _rational(value: float, denominator: int) -> IFDRational:
+    """A number to a step of one over the denominator."""
+    return IFDRational(round(value * denominator), denominator)
+
+
+def _sexagesimal(angle_deg: float) -> tuple[IFDRational, IFDRational, IFDRational]:
+    """Degrees, minutes and seconds of an angle's size, to 1e-4 arcsec."""
+    whole = round(abs(angle_deg) * 36_000_000)
+    degrees, rest = divmod(whole, 36_000_000)
+    minutes, left = divmod(rest, 600_000)
+    return IFDRational(degrees), IFDRational(minutes), IFDRational(left, 10_000)
