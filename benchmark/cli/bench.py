@@ -152,7 +152,7 @@ def report(
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
-    from benchmark.report.site.terminal import boards_document, result_table
+    from benchmark.report.site.terminal import boards_document, result_tables
     from generator.files import write_bytes
 
     try:
@@ -160,7 +160,7 @@ def report(
             task = bar.add_task("comparing", total=None)
             boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
         if not as_json:
-            print_tables(result_table(boards))
+            print_tables(*result_tables(boards))
         if figure is not None:
             write_bytes(figure, render_figure(boards, Places(out, data or DEFAULT_DATA), figure).encode())
         with working("writing the pages"):

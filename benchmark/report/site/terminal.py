@@ -12,25 +12,32 @@ from benchmark.report.site.boards import Board
 from benchmark.report.site.site_view import matrices_of, tasks_of
 from benchmark.stats.intervals import Estimate
 
+SIDE_BY_SIDE = 4
+"""Solvers that fit beside one another into a terminal of 80 letters."""
 
-def result_table(boards: Sequence[Board]) -> Table:
+
+def result_tables(boards: Sequence[Board]) -> list[Table]:
     """What the terminal shows: all numbers of one board, or the successes of several."""
-    return board_table(boards[0]) if len(boards) == 1 else leaderboard_table(boards)
+    return board_tables(boards[0]) if len(boards) == 1 else [leaderboard_table(boards)]
 
 
-def board_table(board: Board) -> Table:
-    """All numbers of one board with their intervals, for the terminal."""
+def board_tables(board: Board) -> list[Table]:
+    """All numbers of one board with their intervals, for the terminal, SIDE_BY_SIDE solvers to a table."""
     title = f"{board.task.title} ({board.title}): {board.n_frames} frames (95 % intervals in brackets)"
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("", no_wrap=True)
-    for entry in board.entries:
-        table.add_column(escape(entry.label), justify="left", overflow="fold")
-    for column in columns.HEADLINE:
-        shown = [(column.value(entry), column.interval(entry)) for entry in board.entries]
-        table.add_row(column.heading, *(_with_limits(value, limits) for value, limits in shown))
-    counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in board.entries]
-    table.add_row("fixes, refused, errors", *counts)
-    return table
+    tables = []
+    for first in range(0, len(board.entries), SIDE_BY_SIDE):
+        entries = board.entries[first : first + SIDE_BY_SIDE]
+        table = Table(title=None if first else escape(title), title_justify="left")
+        table.add_column("", no_wrap=True)
+        for entry in entries:
+            table.add_column(escape(entry.label), justify="left", overflow="fold")
+        for column in columns.HEADLINE:
+            shown = [(column.value(entry), column.interval(entry)) for entry in entries]
+            table.add_row(column.heading, *(_with_limits(value, limits) for value, limits in shown))
+        counts = [", ".join(str(count) for count in entry.statuses.values()) for entry in entries]
+        table.add_row("fixes, refused, errors", *counts)
+        tables.append(table)
+    return tables
 
 
 def _with_limits(value: str, limits: str) -> str:

@@ -1,6 +1,7 @@
 """The report over a tree of results: what it says, and that what it is given cannot harm it."""
 
 import dataclasses
+import io
 import itertools
 import json
 import math
@@ -16,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from rich.console import Console
 from typer.testing import CliRunner
 from unit.benchmark.fake_results import SOLVERS, TASKS, write_frames, write_results
 
@@ -31,6 +33,7 @@ from benchmark.report.site.pages import render_figure, render_site, write_site
 from benchmark.report.site.pictures import Pictures
 from benchmark.report.site.scales import level_scale, log_scale
 from benchmark.report.site.site_view import detectable_words, make_styles, site_verdict
+from benchmark.report.site.terminal import result_tables
 from benchmark.report.site.tree import read_tree
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
@@ -116,6 +119,21 @@ def test_results_of_the_split_for_development_are_called_so(boards, pages, root)
     judged = [dataclasses.replace(board, split="test") for board in boards]
     again = render_site(judged, [[] for _ in judged], [Pictures()] * len(judged), Places(root))
     assert not any("Development results." in text for text in again.values())
+
+
+def test_a_terminal_shows_any_number_of_solvers(boards):
+    board = dataclasses.replace(boards[0], entries=tuple(itertools.islice(itertools.cycle(boards[0].entries), 30)))
+    tables = result_tables([board])
+    assert [len(table.columns) for table in tables] == [5] * 7 + [3]
+    assert sum(table.title is not None for table in tables) == 1
+    console = Console(width=80, file=io.StringIO(), record=True)
+    for table in tables:
+        console.print(table)
+    lines = console.export_text().splitlines()
+    assert max(map(len, lines)) <= 80
+    values = [line.strip("│").split("│")[1:] for line in lines if "success" in line]
+    assert all(re.match(r" \d+(\.\d)? % ", value) for row in values for value in row)
+    assert sum(map(len, values)) == 30
 
 
 def test_words_from_results_are_escaped(pages):
