@@ -65,7 +65,8 @@ depth 0.75 in the mean, 0.61 in the median, seen from 0.03 (Sassen & Comstock 20
 and 23: the definition of types by the International Satellite Cloud Climatology Project (Rossow & Schiffer 1999, Bull. Am.
 Meteorol. Soc. 80, 2261); stratocumulus has its median in their middle. Cumulus: 5.8 to 8.0 in one cloud (Barker & Liu 1995,
 J. Climate 8, 2620). Droplets of 20 um (Luo et al. 1994, J. Geophys. Res. 99, 3685: radius 9.3 to 10.2 um). Covers, spreads of
-droplet clouds, cells, the stretch of bands, fog and winds are skybench's choice of an ordinary case."""
+droplet clouds, cells, the stretch of bands, fog and winds are skybench's choice of an ordinary case. The numbers of Sassen's
+papers and the limits of the types are quoted from memory of these papers, not checked against their text."""
 
 ICE_FROM_KM = 6.0
 """Cloud without a kind is of ice from this height on."""

@@ -135,7 +135,7 @@ PRESETS: dict[str, CameraPreset] = {
         "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 764 stars of one frame (0.26 px rms an axis), throughput by stars of V 2.5 to 5, "
         "gain, read noise and hot pixels by the sky and the dark corners, wings around stars to 38 px. "
-        "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most.",
+        "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most, not from a data sheet of the ICX205.",
         camera={
             "model": "kannala_brandt",
             "width": 1392,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, simpson
 
+from generator.gallery.light_plots import krisciunas_schaefer
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
 from generator.light.disk_scattering import disk_nodes, disk_single
@@ -229,6 +230,20 @@ def moonlight_nanolambert(rho, moon_zenith, zenith, phase, k) -> float:
 def test_moonlight_of_krisciunas_and_schaefer(rho, moon_zenith, zenith, phase, k, published) -> None:
     """Krisciunas & Schaefer 1991, PASP 103, 1033: within 30 % (their own accuracy is 8 to 23 %)."""
     assert moonlight_nanolambert(rho, moon_zenith, zenith, phase, k) == pytest.approx(published, rel=0.30)
+
+
+@pytest.mark.parametrize(
+    ("rho", "least", "most"), [(3, 0.6, 1.0), (5, 0.8, 1.2), (10, 0.8, 1.3), (20, 0.8, 1.3), (45, 0.7, 1.2)]
+)
+def test_aureole_of_the_moon(rho, least, most) -> None:
+    """Full Moon at 45 deg of altitude, the same altitude beside it, over the law of Krisciunas & Schaefer 1991, which has no
+    limit towards the Moon: the haze's forward peak holds it to 3 deg. Henyey and Greenstein's function has two fifths
+    of the haze's value at 3 deg."""
+    published = krisciunas_schaefer(rho, 45.0, 45.0, 0.172)
+    assert least < moonlight_nanolambert(rho, 45, 45, 0, 0.172) / published < most
+    g, cosine = 0.69, math.cos(math.radians(3))
+    henyey_greenstein = (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
+    assert henyey_greenstein < 0.5 * float(aerosol_phase(cosine))
 
 
 def test_full_moon_lights_the_ground_with_a_quarter_lux() -> None:

@@ -1,7 +1,8 @@
 """Houses around a yard, and a street between rows of houses with lamps; some of their windows are lit.
 
-Street lamps: luminaires of 6,000 lm on poles of 8 m every 30 m. Their intensity by the angle from the nadir is the most that
-class G*5 of EN 13201-2 allows: 350 cd/klm at 70 deg, 100 at 80 and 10 at 90, none above. That a third of the windows are lit,
+Street lamps: luminaires of 6,000 lm on poles of 8 m every 30 m. Their intensity by the angle from the nadir, 350 cd/klm at
+70 deg, 100 at 80, 10 at 90 and none above, is of the order of the limits of the stricter classes of EN 13201-2 (G*); it has
+not been checked against the standard's text. That a third of the windows are lit,
 and how brightly each, is skybench's own choice.
 """
 

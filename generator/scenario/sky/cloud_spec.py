@@ -62,8 +62,9 @@ class CloudSpec(Strict):
 
 
 GROUND_ALBEDO = {"land": DEFAULT_ALBEDO, "snow": 0.8, "water": 0.06, "desert": 0.3}
-"""Grey albedos by name. Source: Oke 1987, "Boundary Layer Climates", table 1.1: fresh snow 0.80 to 0.95, deserts 0.20 to
-0.45, crops and grass 0.16 to 0.26, asphalt 0.05 to 0.20, water under a high Sun 0.03 to 0.10."""
+"""Grey albedos by name, within the ranges that textbooks of climatology give, among them Oke 1987, "Boundary Layer Climates"
+(whose table has not been checked): fresh snow 0.7 to 0.95, deserts 0.2 to 0.45, crops and grass 0.1 to 0.26, asphalt 0.05 to
+0.20, water 0.03 to 0.10. They are of all sunlight; leaves are darker in visible light and brighter beyond 700 nm."""
 
 
 def _named_ground(value: object) -> object:
