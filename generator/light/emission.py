@@ -59,19 +59,22 @@ def lamp_patterns(cosine: ArrayLike) -> Floats:
     return np.where(np.asarray(cosine) > 0, np.stack([up / np.pi, horizon, built_up(angle) / built_up_output()]), 0.0)
 
 
+@functools.cache
+def built_up_direct() -> float:
+    """Part of a built-up area's upward light that its lamps send up themselves, by a Gauss-Legendre quadrature."""
+    node, weight = np.polynomial.legendre.leggauss(200)
+    psi = (node + 1) * np.pi / 4
+    lost = np.exp(-FRONTAL_AREA_INDEX * np.tan(psi)) * np.sin(psi) * weight * np.pi / 4
+    return DIRECT_SHARE * GARSTANG_NORMALISATION * float(np.sum(psi**4 * lost)) / built_up_output()
+
+
 def output_over_ground(horizon_share: float | None, albedo: Floats) -> Floats:
     """Light that leaves a city upwards over ground of an albedo, per light that leaves it over REFLECTED_SHARE.
 
     What lamps send up themselves stays, what the ground reflects goes with its albedo: Garstang's near-horizontal light is
     the former, Lambert's the latter; of a built-up area each has its own part. Its pattern is kept.
     """
-    if horizon_share is None:
-        node, weight = np.polynomial.legendre.leggauss(200)
-        psi = (node + 1) * np.pi / 4
-        lost = np.exp(-FRONTAL_AREA_INDEX * np.tan(psi)) * np.sin(psi) * weight * np.pi / 4
-        direct = DIRECT_SHARE * GARSTANG_NORMALISATION * float(np.sum(psi**4 * lost)) / built_up_output()
-    else:
-        direct = horizon_share
+    direct = built_up_direct() if horizon_share is None else horizon_share
     return direct + (1 - direct) * np.asarray(albedo, float) / REFLECTED_SHARE
 
 

@@ -145,7 +145,7 @@ def _under_cloud(
 
 def _hemisphere_mean(layer: SkyTable) -> Floats:
     """Mean radiance over the hemisphere, weighted by the cosine of the zenith angle, (n,) array."""
-    return (layer.maps.mean(axis=2) @ irradiance_weights()) @ layer.spectra
+    return (layer.azimuth_mean @ irradiance_weights()) @ layer.spectra
 
 
 def whole_sky(layers: dict[str, SkyTable]) -> SkyTable:

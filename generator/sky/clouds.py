@@ -20,7 +20,7 @@ from generator.light.lamps import City
 from generator.light.photometry import GRID_NM
 from generator.places.earth import EQUATORIAL_RADIUS_KM
 from generator.sky.city_light import upward_spectrum
-from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, total
+from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, side_by_side
 from generator.sky.directions import sky_grid
 from generator.sky.zodiacal import upsampled
 
@@ -335,10 +335,10 @@ def cloud_light(
         fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
         output = upward_spectrum(city, ground_albedo) * again
         from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
-    below = total(from_below)
+    below = side_by_side(from_below)
     # What is not passed on is reflected: 1 less the transmission.
-    parts = [below, below.scaled(-1.0).behind(CloudVeil(clouds))]
+    veiled = [(CloudVeil(clouds), below.scaled(-1.0))]
     if moon_sine > 0:
         moon = above_the_air(even, moon_sine * moon_irradiance, atmosphere)
-        parts.append(moon.behind(CloudVeil(clouds, moon_sine)))
-    return total(parts)
+        veiled.append((CloudVeil(clouds, moon_sine), moon))
+    return dataclasses.replace(below, veiled=tuple(veiled))

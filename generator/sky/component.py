@@ -114,6 +114,24 @@ class SkyTable:
         return self.parts if self.across is None else self.parts @ self.across
 
     @property
+    def azimuth_mean(self) -> Floats:
+        """Mean of each map over azimuth, without the veiled light, (k, ny) array."""
+        if self.pattern is None:
+            across = None if self.across is None else self.across.mean(axis=1)
+            return np.asarray(self.parts.mean(axis=2) if across is None else self.parts @ across, dtype=np.float64)
+        patterns = self.pattern.reshape(-1, *self.pattern.shape[-2:])
+        if self.across is not None:
+            patterns = patterns @ self.across.T
+        each = len(self.parts) // len(patterns)
+        groups = self.parts.reshape(len(patterns), each, *self.parts.shape[1:])
+        if self.parts.shape[2] == 1:
+            means = groups[..., 0] * patterns.mean(axis=2)[:, None]
+        else:
+            columns = sky_grid().shape[1] if self.across is not None else self.parts.shape[2]
+            means = np.einsum("pkrm,prm->pkr", groups, np.broadcast_to(patterns, groups[:, 0].shape)) / columns
+        return np.asarray(means.reshape(len(self.parts), -1), dtype=np.float64)
+
+    @property
     def _pattern_by_part(self) -> NDArray[np.float32]:
         """The pattern, one for each map if there are several; only where there is one."""
         assert self.pattern is not None
@@ -207,6 +225,16 @@ def total(tables: Sequence[SkyTable]) -> SkyTable:
     wide = [np.broadcast_to(part, (*part.shape[:2], width)) for part in parts]
     veiled = tuple((veil, total(behind)) for veil, behind in by_veil(tables))
     return SkyTable(np.concatenate(wide), np.concatenate([t.spectra for t in tables]), veiled=veiled)
+
+
+def side_by_side(tables: Sequence[SkyTable]) -> SkyTable:
+    """Sum of components of equally many parts that do not depend on the azimuth, each with its pattern, nothing veiled."""
+    patterns = [np.ones((1, 1), np.float32) if table.pattern is None else table.pattern for table in tables]
+    return SkyTable(
+        np.concatenate([table.parts for table in tables]),
+        np.concatenate([table.spectra for table in tables]),
+        np.stack([np.broadcast_to(pattern, sky_grid().shape) for pattern in patterns]),
+    )
 
 
 def by_veil(tables: Sequence[SkyTable]) -> list[tuple[Veil, list[SkyTable]]]:

@@ -8,7 +8,7 @@ from small_scenes import small_scenario
 from generator import plugins
 from generator.frame.plan import field_radius_deg, plan_frame
 from generator.frame.record import _around, _brightness_order
-from generator.frame.scene import render_expected, scene_dict
+from generator.frame.scene import frame_layers, render_expected, scene_dict
 from generator.frame.star_truth import share_within
 from generator.light.atmosphere import Atmosphere, optical_depth
 from generator.light.photometry import GRID_NM
@@ -241,3 +241,17 @@ def test_a_coarse_map_is_interpolated_along_both_axes() -> None:
     )
     wanted = closed(np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1))
     np.testing.assert_allclose(upsampled(coarse, rows, columns, grid.shape), wanted, rtol=1e-6)
+
+
+def test_means_over_azimuth_are_those_of_the_whole_maps() -> None:
+    """Of components with few columns, with patterns, with both and with neither, below and above cloud."""
+    values = {"time": {"utc_start": "2020-01-09T17:15:00Z", "exposure_s": 1.0}, "sky": {"bortle": 4}}
+    plan = plan_frame(small_scenario(**values, sky__clouds={"mean_optical_depth": 0.3, "coverage": 0.5}), 0)
+    tables = [
+        part for table in frame_layers(plan).values() for part in (table, *(behind for _, behind in table.veiled))
+    ]
+    assert any(table.across is not None and table.pattern is None for table in tables)
+    assert any(table.across is not None and table.pattern is not None for table in tables)
+    for table in tables:
+        whole = table.maps.astype(float).mean(axis=2)
+        np.testing.assert_allclose(table.azimuth_mean, whole, rtol=2e-5, atol=1e-6 * np.abs(whole).max())
