@@ -127,7 +127,7 @@ def landscape_maps(
             layers = whole.window(part)
             signal = reflected_signal(layers, lit, response)
             if component is None:
-                signal += own_light(plan, panorama, whole, part, response)
+                signal += own_light(plan, panorama, whole, part, response, layers)
             return LandscapeMaps(
                 np.concatenate([layers.alpha[None], _through_air(plan, layers, signal, light, response)]), layers
             )
@@ -155,7 +155,7 @@ def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
 
     def drawn(whole: Layers, part: Window) -> LandscapeMaps:
         layers = whole.window(part)
-        signal = own_light(plan, panorama, whole, part, response)
+        signal = own_light(plan, panorama, whole, part, response, layers)
         return LandscapeMaps(np.concatenate([layers.alpha[None], _through_air(plan, layers, signal)]), layers)
 
     return _in_both(plan, panorama, drawn)
@@ -185,10 +185,12 @@ def _through_air(
 
 
 def own_light(
-    plan: FramePlan, panorama: Panorama, whole: Layers, part: Window, response: Floats
+    plan: FramePlan, panorama: Panorama, whole: Layers, part: Window, response: Floats, layers: Layers
 ) -> NDArray[np.float32]:
-    """Light of windows and of lamps on a part of a landscape, through the camera's response, (channels, ny, nx) array."""
-    layers = whole.window(part)
+    """Light of windows and of lamps on a part of a landscape, through the camera's response, (channels, ny, nx) array.
+
+    `layers` are those of the part.
+    """
     total = np.zeros((len(response), *layers.alpha.shape), np.float32)
     if layers.glow is not None:
         # cd/m^2 is lm m^-2 sr^-1, and the spectrum has a V-band mean of 1.
@@ -199,7 +201,7 @@ def own_light(
     for kind in KINDS:
         shining = tuple(lamp for lamp in frame_lamps(plan) if lamp.kind == kind and lamp.downward_cd > 0)
         if shining:
-            lux = _lamps_on(whole, shining, (spec.eye_height_m, spec.distance_m))[part.rows][:, part.columns]
+            lux = part.of(_lamps_on(whole, shining, (spec.eye_height_m, spec.distance_m)))
             light = _by_channel(layers.reflectance, spectrum(kind) / (np.pi * LUMEN_PER_V_PHOTON), response)
             total += light * lux
     return total

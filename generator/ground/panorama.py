@@ -72,6 +72,14 @@ class Window:
     rows: slice
     columns: NDArray[np.intp]
 
+    def of(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """That part of values (ny, nx, ...); a view of them unless it passes north."""
+        first, count, around = int(self.columns[0]), len(self.columns), values.shape[1]
+        rows = values[self.rows]
+        if first + count <= around:
+            return rows[:, first : first + count]
+        return np.concatenate([rows[:, first:], rows[:, : first + count - around]], axis=1)
+
 
 @dataclass(frozen=True, eq=False)
 class Layers:
@@ -122,7 +130,7 @@ class Layers:
         """The rows and columns of a window."""
 
         def cut(values: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-            return None if values is None else values[part.rows][:, part.columns]
+            return None if values is None else part.of(values)
 
         step = (self.bottom_deg - self.top_deg) / len(self.alpha)
         alpha, reflectance = cut(self.alpha), cut(self.reflectance)

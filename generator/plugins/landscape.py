@@ -10,8 +10,8 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.plugins.scene_tensors import array
-
+PACKETS = (mi.Float, mi.Vector2f, mi.Vector3f, mi.Vector4f)
+"""Types of one to four values."""
 PIXEL_SAMPLES = (-0.25, 0.25)
 """Places along each axis, px from a pixel's middle, at which it is looked at."""
 
@@ -30,7 +30,7 @@ class LandscapeTexture:
 
     def __init__(
         self,
-        maps: NDArray[np.float64],
+        maps: NDArray[np.float32],
         top_deg: float,
         bottom_deg: float,
         first_column: int = 0,
@@ -42,14 +42,19 @@ class LandscapeTexture:
         self.margin = 0.5 * (self.whole - self.columns)
         self.first = first_column - self.margin
         self.top, self.span = math.radians(top_deg), math.radians(top_deg - bottom_deg)
-        above = maps[:, :1] if top_deg >= 90 else np.zeros_like(maps[:, :1])
-        below = maps[:, -1:] if bottom_deg <= -90 else np.zeros_like(maps[:, -1:])
-        padded = np.concatenate([above, maps, below], axis=1)
-        left, right = (
-            (padded[:, :, -1:], padded[:, :, :1]) if not whole_columns else (padded[:, :, :1], padded[:, :, -1:])
-        )
-        wrapped = np.concatenate([left, padded, right], axis=2)
-        self.values = mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1), dtype=np.float32).ravel())
+        # Planes of a texel are read in packets, whose sizes are powers of two.
+        self.packet = min(1 << (self.planes - 1).bit_length(), len(PACKETS))
+        self.packets = math.ceil(self.planes / self.packet)
+        texels = np.zeros((self.rows + 2, self.columns + 2, self.packets * self.packet), np.float32)
+        inner = texels[..., : self.planes]
+        inner[1:-1, 1:-1] = np.moveaxis(maps, 0, -1)
+        if top_deg >= 90:
+            inner[0] = inner[1]
+        if bottom_deg <= -90:
+            inner[-1] = inner[-2]
+        before, after = (1, -2) if whole_columns else (-2, 1)
+        inner[:, 0], inner[:, -1] = inner[:, before], inner[:, after]
+        self.values = mi.Float(texels.ravel())
 
     def place(self, direction: Any) -> tuple[Any, Any]:
         """Row and column (Floats) of unit vectors (Vector3f, ENU), in texels from the middle of the first."""
@@ -70,14 +75,19 @@ class LandscapeTexture:
         r0 = dr.minimum(mi.UInt32(row), self.rows)
         c0 = dr.minimum(mi.UInt32(column), self.columns)
         wr, wc = row - mi.Float(r0), column - mi.Float(c0)
-        first = (r0 * (self.columns + 2) + c0) * self.planes
-        below = first + (self.columns + 2) * self.planes
-        corners = (first, first + self.planes, below, below + self.planes)
-        result = []
-        for plane in range(planes):
-            a, b, c, d = (dr.gather(mi.Float, self.values, corner + plane) for corner in corners)
-            result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
-        return result
+        first = r0 * (self.columns + 2) + c0
+        below = first + (self.columns + 2)
+        corners = (first, first + 1, below, below + 1)
+        result: list[Any] = []
+        while len(result) < planes:
+            place, kind = len(result) // self.packet, PACKETS[self.packet - 1 if planes > 1 else 0]
+            if planes == 1:
+                read = [[dr.gather(mi.Float, self.values, corner * (self.packets * self.packet))] for corner in corners]
+            else:
+                read = [dr.gather(kind, self.values, corner * self.packets + place) for corner in corners]
+            for a, b, c, d in zip(*read, strict=True):
+                result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
+        return result[:planes]
 
     def hidden(self, direction: Any, width_rad: float) -> Any:
         """Part of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
@@ -97,6 +107,7 @@ def texture(props: Any, name: str) -> LandscapeTexture | None:
     """A landscape of an integrator's properties, whose names begin with `name`; None without one."""
     if f"{name}_maps" not in props:
         return None
-    maps = array(props[f"{name}_maps"], 3)
+    maps = np.array(props[f"{name}_maps"])
+    maps = maps[0] if maps.ndim == 4 else maps
     part = (int(props.get(f"{name}_first_column", 0)), int(props.get(f"{name}_whole_columns", 0)))
     return LandscapeTexture(maps, float(props[f"{name}_top_deg"]), float(props[f"{name}_bottom_deg"]), *part)
