@@ -23,8 +23,8 @@ _ROUNDS = 40
 # Of a step in standard deviations: its effect on any parameter is invisible.
 _SETTLED = 1e-3
 _CAUCHY = 3.0
-# Of directions that nothing determines, relative and absolute.
-_RIDGE, _TINY = 1e-11, 1e-12
+# Weight of directions that nothing determines, relative and absolute: without it their equations would be singular.
+_RIDGE, _TINY = 1e-11, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +163,7 @@ class _Normal:
 
     def step(self, damping: float) -> tuple[F8, F8]:
         """Solve by elimination of the attitudes (Schur's complement); directions that nothing determines stay."""
-        damped = (
-            self.turn + (damping + _RIDGE) * np.eye(3) * np.einsum("gii->gi", self.turn)[:, None, :] + _TINY * np.eye(3)
-        )
+        damped = self._turn(damping)
         eliminated = np.linalg.solve(damped, np.swapaxes(self.cross, 1, 2))  # (g, 3, m)
         of_turn = np.linalg.solve(damped, self.of_turn[:, :, None])[:, :, 0]
         complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
@@ -175,10 +173,16 @@ class _Normal:
         of_lens = scale * np.linalg.solve(scaled, scale * gradient)
         return of_lens, of_turn - np.einsum("gim,m->gi", eliminated, of_lens)
 
+    def _turn(self, damping: float = 0.0) -> F8:
+        """Return the attitudes' blocks, damped, and regular where stars leave a direction undetermined."""
+        diagonal = np.einsum("gii->gi", self.turn)
+        ridge = damping * diagonal + _RIDGE * diagonal.sum(axis=1)[:, None] + _TINY
+        return np.asarray(self.turn + ridge[:, :, None] * np.eye(3))
+
     @property
     def lens_cov(self) -> F8:
         """Covariance of the lens, attitudes free."""
-        eliminated = np.linalg.solve(self.turn + _TINY * np.eye(3), np.swapaxes(self.cross, 1, 2))
+        eliminated = np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2))
         complement = self.lens - np.einsum("gmi,gin->mn", self.cross, eliminated)
         scale = 1 / np.sqrt(np.maximum(np.diag(self.lens), 1e-300))
         inverse = np.linalg.inv(complement * scale[:, None] * scale + _RIDGE * np.eye(len(scale)))
@@ -187,7 +191,7 @@ class _Normal:
     @property
     def turn_cov(self) -> F8:
         """Covariance of each attitude, the lens held."""
-        return np.asarray(np.linalg.inv(self.turn + _TINY * np.eye(3)))
+        return np.asarray(np.linalg.inv(self._turn()))
 
 
 def residuals(bundle: Bundle, seen: Observations, group: Rows) -> F8:

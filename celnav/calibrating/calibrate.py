@@ -100,10 +100,12 @@ def calibrate(
     # Of another law the start has no distortion: it is fitted to the stars at hand before others are looked for.
     lens = adjust(started(general.bundle, form), general.seen, seen_group, robust=False)
     fit = refine(part, lens, general.group)
-    if mount != "frame":
-        fit = _by_night(part, fit, night, mount)
+    assert fit.bundle.turn_cov is not None
+    steady = drift_chance(fit.bundle.rotations, fit.bundle.turn_cov, night) >= LEAST_CHANCE
+    if len(np.unique(night)) < len(night) and (mount == "night" or (mount == "auto" and steady)):
+        fit = _by_night(part, fit, night)
     left_out = [frame.name for i, frame in enumerate(frames) if i not in used]
-    return _described(part, fit, form, judged, night, left_out)
+    return _described(part, fit, form, judged, night, left_out, steady)
 
 
 def _check(frames: list[CalibrationFrame], mount: str) -> None:
@@ -121,19 +123,20 @@ def _guess(camera: Camera) -> Start:
     return Start(camera, np.eye(3), math.hypot(camera.width, camera.height) / 2, 0)
 
 
-def _by_night(field: Field, fit: JointFit, night: Rows, mount: MountChoice) -> JointFit:
-    """Give the frames of a night one attitude, unless the choice is free and they differ."""
-    if len(np.unique(night)) == len(night):
-        return fit
-    assert fit.bundle.turn_cov is not None
-    if mount == "auto" and drift_chance(fit.bundle.rotations, fit.bundle.turn_cov, night) < LEAST_CHANCE:
-        return fit
+def _by_night(field: Field, fit: JointFit, night: Rows) -> JointFit:
+    """Give the frames of a night one attitude."""
     rotations = np.stack([mean_rotation(fit.bundle.rotations[night == number]) for number in np.unique(night)])
-    return refine(field, replace(fit.bundle, rotations=rotations, cov=None), night)
+    return refine(field, replace(fit.bundle, rotations=rotations, cov=None, turn_cov=None), night)
 
 
 def _described(
-    field: Field, fit: JointFit, form: LensForm, judged: list[Judged], night: Rows, left_out: list[str]
+    field: Field,
+    fit: JointFit,
+    form: LensForm,
+    judged: list[Judged],
+    night: Rows,
+    left_out: list[str],
+    steady: bool,
 ) -> CameraCalibration:
     bundle = fit.bundle
     assert bundle.cov is not None
@@ -172,6 +175,7 @@ def _described(
         cov=bundle.cov * pattern.inflation,
         attitudes=tuple(attitudes),
         one_attitude_per="night" if len(bundle.rotations) < len(field.frames) else "frame",
+        steady=steady,
         mount=mount_of(bundle.rotations, cov_of_group, group_night),
         noise=fit.noise,
         rms_px=math.sqrt(float(np.average(square, weights=weight))),

@@ -84,6 +84,8 @@ class CameraCalibration:
         Of each frame that could be used.
     one_attitude_per : str
         ``night`` or ``frame``.
+    steady : bool
+        Whether the frames of each night differ in attitude by no more than chance explains.
     mount : Mount
         Of the fixed camera: mean attitude, and standard deviations for a night to come.
     noise : Noise
@@ -110,6 +112,7 @@ class CameraCalibration:
     cov: F8
     attitudes: tuple[FrameAttitude, ...]
     one_attitude_per: str
+    steady: bool
     mount: Mount
     noise: Noise
     rms_px: float
@@ -151,6 +154,7 @@ class CameraCalibration:
                 "wander_tilt_deg": _or_none(mount.wander_tilt_deg),
                 "wander_heading_deg": _or_none(mount.wander_heading_deg),
                 "one_attitude_per": self.one_attitude_per,
+                "steady": self.steady,
                 "frames": [
                     {
                         "name": one.name,

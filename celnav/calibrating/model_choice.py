@@ -152,7 +152,10 @@ def radial_forms(widest_rad: float, models: tuple[str, ...]) -> list[LensForm]:
 def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Rows, fold: Rows) -> F8:
     """Return the loss of each star, shape (n,), under the lens fitted to the other folds."""
     loss = np.full(len(seen), MOST_LOSS)
-    whole = adjust(started(bundle, form), seen, group, robust=False)
+    try:
+        whole = adjust(started(bundle, form), seen, group, robust=False)
+    except np.linalg.LinAlgError:  # a law that cannot show the field at all
+        return loss
     inside = _loss(whole, seen, group)
     if float(inside.mean()) > HOPELESS_LOSS:
         return inside

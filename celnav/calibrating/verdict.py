@@ -82,7 +82,11 @@ def _mount_words(found: CameraCalibration) -> list[str]:
         moved = float(np.linalg.norm(means[i] - means[j]))
         return [f"mount moved by {moved:.3f} deg between {_date(found, nights[j])} and {_date(found, nights[i])}"]
     if found.one_attitude_per == "night":
-        return ["mount steady through the night"]
+        return [
+            "mount steady through the night"
+            if found.steady
+            else "mount moved through the night, which has one attitude"
+        ]
     turns = turns_deg(np.stack([one.R_cam for one in attitudes]), found.mount.R_cam)
     hours = (attitudes[-1].utc.mjd - attitudes[0].utc.mjd) * 24
     return [f"mount moved within {float(np.ptp(turns, axis=0).max()):.3f} deg in {abs(hours):.1f} h"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ def draw_residual_map(found: CameraCalibration, path: str) -> None:
     from matplotlib.patches import Circle
 
     camera, seen, pattern = found.camera, found.residuals, found.pattern
-    figure = Figure(figsize=(13, 2.2 + 6.2 * camera.height / camera.width), dpi=110, layout="constrained")
+    figure = Figure(figsize=(13, 1.9 + 6.0 * camera.height / camera.width), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     size = np.hypot(*seen.off_px.T)
@@ -37,14 +38,14 @@ def draw_residual_map(found: CameraCalibration, path: str) -> None:
         *seen.uv.T, *(seen.off_px * _STAR_SCALE).T, size, angles="xy", scale_units="xy", scale=1, width=0.0016,
         cmap="viridis", clim=(0, float(np.quantile(size, 0.98))),
     )  # fmt: skip
-    figure.colorbar(arrows, ax=left, label="residual, px", shrink=0.8)
-    left.set_title(f"{len(size)} stars, x {_STAR_SCALE:.0f}")
+    figure.colorbar(arrows, ax=left, label="residual, px", location="bottom", shrink=0.6, aspect=40)
+    left.set_title(f"{len(size)} stars, arrows x {_STAR_SCALE:.0f}")
     right.quiver(
         *pattern.centre_px.T, *(pattern.mean_px * _MEAN_SCALE).T, angles="xy", scale_units="xy", scale=1, width=0.003
     )
     for (u, v), sigma in zip(pattern.centre_px.tolist(), pattern.sigma_px.tolist(), strict=True):
         right.add_patch(Circle((u, v), sigma * _MEAN_SCALE, fill=False, color="0.7", linewidth=0.7))
-    right.set_title(f"means of cells, x {_MEAN_SCALE:.0f}; circles: one standard deviation of their noise")
+    right.set_title(f"means of cells, arrows x {_MEAN_SCALE:.0f}; circles: their standard deviation")
     for axes in (left, right):
         axes.set_xlim(-0.5, camera.width - 0.5)
         axes.set_ylim(camera.height - 0.5, -0.5)
@@ -52,5 +53,5 @@ def draw_residual_map(found: CameraCalibration, path: str) -> None:
         axes.set_xlabel("u, px")
         axes.plot(camera.cx_px, camera.cy_px, "+", color="tab:red")
     left.set_ylabel("v, px")
-    figure.suptitle(verdict(found))
+    figure.suptitle(textwrap.fill(verdict(found), 130), fontsize=11)
     figure.savefig(path)

@@ -213,8 +213,29 @@ def test_two_frames_of_one_fixed_camera_share_an_attitude():
         )
     found = calibrate(frames, LAT_DEG, LON_DEG, form=LensForm("kannala_brandt", 2))
     assert found.one_attitude_per == "night"
+    assert "mount steady" in verdict(found)
     assert turns_deg(found.mount.R_cam[None], R_cam)[0] == pytest.approx(np.zeros(3), abs=0.02)
     assert json.loads(found.to_json())["calibration"]["parameters"] == ["f_px", "cx_px", "cy_px", "k1", "k2"]
+
+
+def test_mount_that_moves_within_a_night_is_noticed():
+    # A fiftieth of a degree is 0.1 px, as much as one centroid scatters, and thirty standard deviations of an attitude.
+    lens = (330.0, 612.0, 441.0, -0.012, 0.004, 0.0, 0.0)
+    first = Pointing(180.0, 88.0, 5.0).R_cam
+    moved = turned(first, np.array([0.02, 0.0, 0.0]))
+    frames = []
+    for number, (utc, R_cam) in enumerate(((UTC, first), ("2021-08-05T08:10:00+00:00", moved))):
+        enu, v_mag = apparent_stars(utc, 5.0)
+        uv = fisheye_positions(enu, R_cam, lens)
+        rng, front = np.random.default_rng(number), (R_cam @ enu.T)[2] > 0
+        frames.append(frame_of(utc, uv, v_mag, (1200, 900), rng, sigma_px=0.1, visible=front)[0])
+    found = calibrate(frames, LAT_DEG, LON_DEG, form=LensForm("kannala_brandt", 2))
+    assert found.one_attitude_per == "frame"
+    move = turns_deg(np.stack([one.R_cam for one in found.attitudes]), found.mount.R_cam)
+    assert move[1] - move[0] == pytest.approx([0.02, 0, 0], abs=0.005)
+    assert "mount moved within 0.0" in verdict(found)
+    together = calibrate(frames, LAT_DEG, LON_DEG, form=LensForm("kannala_brandt", 2), mount="night")
+    assert "has one attitude" in verdict(together)
 
 
 def test_camera_writes_what_it_reads(tmp_path):
