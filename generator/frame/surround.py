@@ -99,7 +99,7 @@ def hemisphere_light(
     mean, lit = (even * part for part in weighted(from_axis, light))
     for emitter, electrons in per_emitter:
         arriving = electrons * (pixel_sr * unhidden(scene, integrator, emitter))[:, None]
-        more_mean, more_lit = weighted(_middle_directions(emitter) @ rotation.T, arriving)
+        more_mean, more_lit = weighted(emitter.directions_at_middle @ rotation.T, arriving)
         mean, lit = mean + more_mean, lit + more_lit
     return mean, lit
 
@@ -108,19 +108,13 @@ def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -
     """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
     if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):
         return np.ones(emitter.count)
-    direction = mi.Vector3f(np.ascontiguousarray(_middle_directions(emitter).T, dtype=np.float32))
+    direction = mi.Vector3f(np.ascontiguousarray(emitter.directions_at_middle.T, dtype=np.float32))
     free = np.ones(emitter.count)
     if scene.shapes():
         free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))
     if integrator.surroundings is not None:
         free = free * (1 - np.array(integrator.surroundings.at(*integrator.surroundings.place(direction), 1)[0]))
     return free
-
-
-def _middle_directions(emitter: StarEmitter) -> Floats:
-    """Unit vectors (east, north, up) of an emitter's points near mid-exposure, (n, 3) array."""
-    middle = emitter.keyframes // 2
-    return np.stack([np.array(part)[middle :: emitter.keyframes] for part in emitter.components], axis=1)
 
 
 def _seen(

@@ -11,9 +11,9 @@ import skyfield_data
 from skyfield.api import Loader, Star, wgs84
 from small_scenes import small_scenario
 
-from generator.frame.plan import plan_frame
+from generator.frame.plan import LONGEST_CHORD_S, plan_frame, refracting_air
 from generator.frame.scene import render_expected
-from generator.places.astrometry import MAS_TO_RAD
+from generator.places.astrometry import MAS_TO_RAD, Site, apparent_places
 from generator.places.catalogue import load_catalogue
 from generator.places.times import Instant, earth_orientation
 
@@ -39,6 +39,21 @@ def scenario_at(latitude, longitude, utc, **more):
         stars={"limiting_magnitude": 5.0},
         **more,
     )
+
+
+def test_places_midway_are_those_of_mid_exposure() -> None:
+    """The longest exposure whose middle is midway: within 0.2 mas from 5 deg up, 2 mas at the horizon, on the equator."""
+    values = {"camera__hfov_deg": 170, "camera__model": "equidistant", "time__exposure_s": LONGEST_CHORD_S}
+    plan = plan_frame(scenario_at(0.0, 30.0, "2021-03-04T01:00:00Z", **values), 0)
+    spec = plan.spec
+    site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
+    wanted = apparent_places(plan.stars, site, plan.utc_mid, plan.orientation, refracting_air(spec.atmosphere))
+    apart_mas = np.linalg.norm(plan.middle.enu - wanted.enu, axis=1) / MAS_TO_RAD
+    high = wanted.altitude_deg > 5
+    assert high.sum() > 500
+    assert (~high).sum() > 20
+    assert 0 < apart_mas[high].max() < 0.2
+    assert apart_mas.max() < 2
 
 
 @pytest.mark.parametrize(("latitude", "longitude", "utc"), PLACES)
