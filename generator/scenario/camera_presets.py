@@ -186,8 +186,8 @@ PRESETS: dict[str, CameraPreset] = {
         "Meteor camera of the Global Meteor Network: IP camera with a Sony IMX291, 720p at 25 frames/s, 4 mm f/0.95 lens",
         "Sensor, lens, video and stacks of 256 frames as the network describes them (Vida et al. 2021, MNRAS 506, 5046); "
         "the pitch is that of the sensor's 1920 columns of 2.9 um scaled to 1280. Measured on frames of one camera of the "
-        "network: the lens by 2489 stars (0.23 px), gain by their light, black level, fixed pattern, "
-        "noise reduction and bit rate by the noise of stacked frames.",
+        "network: the lens by 2489 stars (0.23 px), gain, point spread and wings by their light, "
+        "black level, fixed pattern, noise reduction and bit rate by the noise of stacked frames.",
         camera={
             "model": "kannala_brandt",
             "width": 1280,
@@ -199,8 +199,9 @@ PRESETS: dict[str, CameraPreset] = {
             "k": [-0.13292, 0.01059, -0.00898],
             "pupil": "cosine",
             "aperture_mm": 4.2,
-            "transmission": 0.8,
-            "psf_sigma_px": 0.8,
+            "transmission": 0.72,
+            "psf_sigma_px": 0.9,
+            "bloom": {"share": 0.2, "core_px": 4.0, "slope": 2.4},
         },
         sensor={
             "full_well_e": 135.0,
@@ -209,8 +210,8 @@ PRESETS: dict[str, CameraPreset] = {
             "black_level_dn": 80,
             "bits": 12,
             "dark_current_e_s": 2.0,
-            "prnu": 0.04,
-            "dsnu_e": 1.8,
+            "prnu": 0.065,
+            "dsnu_e": 1.65,
             "video": {
                 "frames_per_s": 25.0,
                 "denoise": {"sigma_px": 1.05, "threshold": 0.1, "temporal": 0.6},
