@@ -26,6 +26,8 @@ MAX_PIXELS = 100_000_000
 MAX_BYTES = 500_000_000
 _CHUNK = 1 << 20
 _STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
+_YEARS = (1900, 2200)
+_DATES = ("DATE-AVG", "DATE-BEG", "DATE-OBS", "DATE-END")
 _EXPOSURES = ("EXPTIME", "EXPOSURE", "XPOSURE", "EXP_TIME")
 # The mean of a block of video frames, as the Global Meteor Network's stations write it.
 _MEAN_OF_BLOCK = "AVEPIXEL"
@@ -79,12 +81,11 @@ def read_fits(path: str | Path) -> FitsImage:
             warnings.simplefilter("ignore")
             with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as units:
                 unit = _image_unit(units, path)
-                header = unit.header
-                size = int(header["NAXIS1"]) * int(header["NAXIS2"])
+                size = int(unit.header["NAXIS1"]) * int(unit.header["NAXIS2"])
                 if not 0 < size <= MAX_PIXELS:
                     raise ImageError(f"image {path} has {size} pixels; the limit is 100 million")
                 pixels = np.ascontiguousarray(unit.data)
-                first = units[0].header
+                header, first = _values(unit.header), _values(units[0].header)
     except ImageError:
         raise
     except Exception as error:  # astropy raises OSError, TypeError, KeyError, VerifyError and others for damaged files
@@ -153,9 +154,10 @@ def _unpacked(file: io.BufferedReader, unpacker: Any, path: Path) -> bytes:
     try:
         while not unpacker.eof:
             piece = file.read(_CHUNK) if unpacker.needs_input else b""
-            if not piece and unpacker.needs_input:
-                raise ImageError(f"image {path} is cut short")
+            asked = unpacker.needs_input
             parts.append(unpacker.decompress(piece, _CHUNK))
+            if asked and not piece and not parts[-1]:
+                raise ImageError(f"image {path} is cut short")
             total += len(parts[-1])
             if total > MAX_BYTES:
                 break
@@ -170,7 +172,20 @@ def _bounded(data: bytes, path: Path) -> bytes:
     return data
 
 
-def _exposure(header: Any, first: Any) -> float | None:
+def _values(header: Any) -> dict[str, object]:
+    """Return the values of a header that are used here; those that cannot be parsed count as absent."""
+    from astropy.io.fits.verify import VerifyError
+
+    values = {}
+    for key in (*_EXPOSURES, *_DATES, "NFRAMES", "FPS"):
+        try:
+            values[key] = header.get(key)
+        except (VerifyError, ValueError):
+            continue
+    return values
+
+
+def _exposure(header: dict[str, object], first: dict[str, object]) -> float | None:
     for part in (header, first):
         for key in _EXPOSURES:
             value = part.get(key)
@@ -179,7 +194,9 @@ def _exposure(header: Any, first: Any) -> float | None:
     return None
 
 
-def _middle(header: Any, first: Any, exposure_s: float | None, name: str) -> datetime | None:
+def _middle(
+    header: dict[str, object], first: dict[str, object], exposure_s: float | None, name: str
+) -> datetime | None:
     """Middle of the exposure: DATE-AVG; the start and half the exposure; the name of a meteor station's block."""
     for part in (header, first):
         if (average := _moment(part.get("DATE-AVG"))) is not None:
@@ -190,8 +207,10 @@ def _middle(header: Any, first: Any, exposure_s: float | None, name: str) -> dat
         if begun is not None and ended is not None:
             return begun + (ended - begun) / 2
     count, rate = first.get("NFRAMES"), first.get("FPS")
-    numbers = all(isinstance(value, (int, float)) and 0 < value < 1e6 for value in (count, rate))
-    return block_middle(name, count / rate) if numbers else None
+    if not (isinstance(count, (int, float)) and isinstance(rate, (int, float)) and 0 < count < 1e6 and 0 < rate < 1e6):
+        return None
+    length_s = count / rate
+    return block_middle(name, length_s) if length_s < 86400 else None
 
 
 def block_middle(name: str, length_s: float) -> datetime | None:
@@ -203,6 +222,8 @@ def block_middle(name: str, length_s: float) -> datetime | None:
         begun = datetime.strptime(found[1] + found[2], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
     except ValueError:
         return None
+    if not _YEARS[0] <= begun.year <= _YEARS[1]:
+        return None
     return begun + timedelta(milliseconds=int(found[3])) + timedelta(seconds=length_s / 2)
 
 
@@ -212,6 +233,8 @@ def _moment(value: object) -> datetime | None:
         return None
     try:
         moment = datetime.fromisoformat(value.strip())
-    except ValueError:
+        if not _YEARS[0] <= moment.year <= _YEARS[1]:
+            return None
+        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except (ValueError, OverflowError):
         return None
-    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)

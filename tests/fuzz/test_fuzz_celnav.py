@@ -18,6 +18,7 @@ from hypothesis.extra.numpy import arrays
 import celnav
 from celnav.adjustment import CameraPriors
 from celnav.camera import MODELS
+from celnav.command.calibration_frames import read_rms_centroids
 from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import read_tags
 from celnav.detecting.image_file import read_image
@@ -28,6 +29,7 @@ from celnav.sky.utc import parse_utc
 
 CAMERAS = corpus("camera_file")
 PICTURES = corpus("picture")
+CENTROIDS = corpus("rms_centroids")
 SHAPES = st.tuples(st.integers(0, 12), st.integers(0, 12)) | st.tuples(
     st.integers(1, 9), st.integers(1, 9), st.integers(1, 4)
 )
@@ -93,6 +95,15 @@ def test_any_bytes_of_a_picture(tmp_path_factory, content) -> None:
         read_tags(path)
     with suppress(celnav.CelnavError):
         celnav.detect(read_image(path))
+
+
+@fuzzed(60)
+@given(content=damaged([path.read_bytes() for path in CENTROIDS]))
+def test_any_bytes_of_rms_centroids(tmp_path_factory, content) -> None:
+    path = tmp_path_factory.getbasetemp() / "centroids.json"
+    path.write_bytes(content)
+    with suppress(celnav.CelnavError):
+        read_rms_centroids(path)
 
 
 @fuzzed(200)
