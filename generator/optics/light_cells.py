@@ -27,6 +27,28 @@ RIM = 5
 
 
 @dataclass(frozen=True)
+class PointPlaces:
+    """Where points of light fall on a grid's cells.
+
+    Attributes
+    ----------
+    near, far : (k,), (l,) arrays
+        Indices of the points on fine cells, and of the others.
+    cells, shares : (4 k,) arrays
+        Fine cells, and shares of the light: the first corner of all near points, then the second, third, fourth.
+    far_u, far_v : (l,) arrays
+        Places of the others, px.
+    """
+
+    near: NDArray[np.intp]
+    cells: NDArray[np.int32]
+    shares: Floats
+    far: NDArray[np.intp]
+    far_u: Floats
+    far_v: Floats
+
+
+@dataclass(frozen=True)
 class CellGrid:
     """Cells over a frame.
 
@@ -98,32 +120,37 @@ class CellGrid:
         dr.eval(light)
         return Cells(light, *self.fine_shape)
 
-    def points_from(self, around: Floats, u: Floats, v: Floats, electrons: Floats) -> Singles | None:
-        """Light of points on the four nearest fine cells; beyond the rim it is added to the coarse cell that they lie in.
+    def place(self, u: Floats, v: Floats) -> PointPlaces:
+        """Where points of light (n,) fall: on their four nearest fine cells, or on a coarse cell beyond the rim."""
+        rows, columns = self.fine_shape
+        first = RIM * COARSE_PX
+        column, row = ((place + 0.5 + first) / self.fine_px - 0.5 for place in (u, v))
+        inside = (column >= 0) & (row >= 0) & (column < columns - 1) & (row < rows - 1)
+        near = np.flatnonzero(inside)
+        column, row = column[near], row[near]
+        left, top = column.astype(np.int32), row.astype(np.int32)
+        right, down = column - left, row - top
+        cell = top * np.int32(columns) + left
+        cells = np.concatenate([cell, cell + 1, cell + columns, cell + columns + 1])
+        shares = np.concatenate([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right])
+        far = np.flatnonzero(~inside)
+        return PointPlaces(near, cells, shares, far, u[far], v[far])
+
+    def points_from(self, around: Floats, places: PointPlaces, electrons: Floats) -> Singles | None:
+        """Light of points on fine cells; that of points beyond the rim is added to coarse cells.
 
         Returns
         -------
         array of `fine_shape` or None
             None where all lie beyond the rim.
         """
-        rows, columns = self.fine_shape
-        first = RIM * COARSE_PX
-        column, row = ((place + 0.5 + first) / self.fine_px - 0.5 for place in (u, v))
-        near = (column >= 0) & (row >= 0) & (column < columns - 1) & (row < rows - 1)
-        far = np.flatnonzero(~near)
-        self._add_far(around, u[far], v[far], electrons[far])
-        if len(far) == len(near):
+        self._add_far(around, places.far_u, places.far_v, electrons[places.far])
+        if not len(places.near):
             return None
-        light = electrons[near] / self.fine_px**2
-        left, top = np.floor(column[near]).astype(np.intp), np.floor(row[near]).astype(np.intp)
-        right, down = column[near] - left, row[near] - top
-        corners = [
-            ((top + step_down) * columns + left + step_right, light * by_row * by_column)
-            for step_down, by_row in ((0, 1 - down), (1, down))
-            for step_right, by_column in ((0, 1 - right), (1, right))
-        ]
-        place, weight = (np.concatenate(parts) for parts in zip(*corners, strict=True))
-        return np.bincount(place, weight, rows * columns).reshape(rows, columns).astype(np.float32)
+        light = np.tile(electrons[places.near] / self.fine_px**2, 4)
+        light *= places.shares
+        rows, columns = self.fine_shape
+        return np.bincount(places.cells, light, rows * columns).reshape(rows, columns).astype(np.float32)
 
     def _add_far(self, around: Floats, u: Floats, v: Floats, electrons: Floats) -> None:
         """Add points of light beyond the rim to the coarse cells that they lie in."""

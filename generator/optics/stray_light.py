@@ -133,13 +133,14 @@ def stray_light(
     mi = mitsuba_runtime.start()
     import drjit as dr
 
+    placed = [(one, grid.place(one.u_px, one.v_px)) for one in points] if camera.wings else []
     planes = []
     for channel, sums in enumerate(pixel_sums(grid, frame.shape[2], pattern)):
         even = camera.veiling_glare * float(surround.hemisphere[channel])
         light = dr.opaque(mi.Float, even)
         if camera.wings:
             around = _around(surround, grid, channel)
-            shares = [grid.points_from(around, one.u_px, one.v_px, one.electrons[:, channel]) for one in points]
+            shares = [grid.points_from(around, places, one.electrons[:, channel]) for one, places in placed]
             near = [share for share in shares if share is not None]
             fine = grid.fine_from(frame.array, sums, around, functools.reduce(np.add, near) if near else None)
             for bloom in camera.wings:
