@@ -56,5 +56,5 @@ def test_a_position_from_a_rendered_photograph(tmp_path, capsys) -> None:
     path.write_bytes(render_frame(load_scenario(scene), 0).attached["photo.jpg"])
     assert celnav(["solve", str(path), "--attitude", "azimuth=120,altitude=60,roll=0", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
-    assert answer["latitude_deg"] == pytest.approx(52.0, abs=0.009)
-    assert answer["longitude_deg"] == pytest.approx(4.36, abs=0.0146)
+    assert answer["lat_deg"] == pytest.approx(52.0, abs=0.009)
+    assert answer["lon_deg"] == pytest.approx(4.36, abs=0.0146)
