@@ -39,7 +39,7 @@ GAUSS_POINTS = 6
 
 @functools.lru_cache(maxsize=2)
 def slant_columns(floor_km: float) -> Floats:
-    """Columns of air, aerosol and ozone upwards along straight lines, (3, h, SLOPES + 1) array."""
+    """Columns of the parts of the air upwards along straight lines, (4, h, SLOPES + 1) array."""
     density = column_densities(floor_km)
     node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     cosine = np.linspace(0, 1, SLOPES + 1) ** 2
@@ -94,15 +94,16 @@ class ShellAir:
         aerosol: float,
         floor_km: float,
         refractivity: float = SEA_LEVEL_REFRACTIVITY,
+        stratosphere: float = 0.0,
     ) -> None:
         self.air, self.floor_km = air, floor_km
         density = column_densities(floor_km)
-        of_air, of_aerosol, of_ozone = slant_columns(floor_km)
-        extinction = rayleigh * of_air + aerosol * of_aerosol
+        of_air, of_aerosol, of_ozone, of_layer = slant_columns(floor_km)
+        extinction = rayleigh * of_air + aerosol * of_aerosol + stratosphere * of_layer
         beam = solar_beam(floor_km, refractivity)
         light = np.where(
             beam.columns[..., 0] < OPAQUE / 2,
-            beam.log_focus - rayleigh * beam.columns[..., 0] - aerosol * beam.columns[..., 1],
+            beam.log_focus - beam.columns[..., [0, 1, 3]] @ np.array([rayleigh, aerosol, stratosphere]),
             LEAST_LOG,
         )
         ozone = np.minimum(beam.columns[..., 2], 200.0)
@@ -110,6 +111,7 @@ class ShellAir:
         self.light, self.sun_ozone = _table(np.maximum(light, LEAST_LOG)), _table(ozone)
         self.air_density = _table(_log(rayleigh * density[0]))
         self.aerosol_density = _table(_log(aerosol * density[1]))
+        self.layer_density = _table(_log(stratosphere * density[3]))
         cosine, cumulative = phase_table()
         self.cosines = Float(np.interp(np.linspace(0, 1, TABLE + 1), cumulative, cosine).astype(np.float32))
         angle = np.radians(np.linspace(0, 180, TABLE + 1))
@@ -126,9 +128,11 @@ class ShellAir:
         place = dr.clip(height / STEP_KM, 0, len(HEIGHTS_KM) - 1.001)
         cell = UInt32(place)
         shift = place - Float(cell)
-        molecules, haze = (_exponential(logs, cell, shift) for logs in (self.air_density, self.aerosol_density))
-        scattered = molecules + self.air.aerosol_albedo * haze
-        return molecules + haze, scattered / (molecules + haze), self.air.aerosol_albedo * haze / scattered
+        densities = (self.air_density, self.aerosol_density, self.layer_density)
+        molecules, haze, layer = (_exponential(logs, cell, shift) for logs in densities)
+        extinction, by_aerosol = molecules + haze + layer, dr.fma(self.air.aerosol_albedo, haze, layer)
+        scattered = molecules + by_aerosol
+        return extinction, scattered / extinction, by_aerosol / scattered
 
     def columns(self, height: Any, slope: Any) -> tuple[Any, Any]:
         """Optical depth and ozone upwards from heights, at cosines of the angle from the vertical of 0 or more."""
@@ -189,9 +193,9 @@ class ShellAir:
 
 
 @functools.lru_cache(maxsize=1)
-def shell_air(air: BakedAir, rayleigh: float, aerosol: float, floor_km: float) -> ShellAir:
+def shell_air(air: BakedAir, rayleigh: float, aerosol: float, floor_km: float, stratosphere: float) -> ShellAir:
     """The last air again, whose tables take half a second."""
-    return ShellAir(air, rayleigh, aerosol, floor_km)
+    return ShellAir(air, rayleigh, aerosol, floor_km, stratosphere=stratosphere)
 
 
 def moved(height: Any, slope: Any, distance: Any) -> tuple[Any, Any]:

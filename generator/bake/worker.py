@@ -70,7 +70,10 @@ def shell_piece(grid: TwilightGrid, index: tuple[int, ...]) -> tuple[Floats, Flo
 
     seed = grid.seed * 1_000_003 + int(np.ravel_multi_index(index, shape_of(grid))) * grid.batches
     observer, aerosol, rayleigh, _ = index
-    air = shell_air(BakedAir(), grid.rayleigh_tau[rayleigh], grid.aerosol_tau[aerosol], grid.observer_km[observer])
+    layer = grid.stratosphere_at(grid.rayleigh_tau[rayleigh])
+    air = shell_air(
+        BakedAir(), grid.rayleigh_tau[rayleigh], grid.aerosol_tau[aerosol], grid.observer_km[observer], layer
+    )
     return twilight_piece(air, grid, grid.view_altitude_deg[index[3]], seed)
 
 

@@ -52,10 +52,14 @@ def nodes_nm() -> Floats:
 def twilight_depths(wavelength_nm: Floats, atmosphere: Atmosphere, height_km: float) -> TwilightDepths:
     """Optical depths of a scenario's air, whose pressure at the observer fixes its density at all heights."""
     sea_level_hpa = STANDARD_PRESSURE_HPA * atmosphere.pressure_hpa / float(standard_pressure_hpa(1000 * height_km))
+    layer = TwilightGrid().stratosphere_tau(wavelength_nm)
+    aerosol = aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
     return TwilightDepths(
         rayleigh_optical_depth(wavelength_nm, sea_level_hpa),
-        aerosol_optical_depth(wavelength_nm, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent),
+        # The scenario's depth is that of all aerosol.
+        np.maximum(aerosol - layer, 0),
         ozone_optical_depth(wavelength_nm, atmosphere.ozone_du),
+        layer,
     )
 
 

@@ -1,4 +1,4 @@
-"""Heights of the air, aerosol and ozone over a spherical Earth, for light whose path the Earth's curvature decides."""
+"""Heights of air, haze, ozone and stratospheric aerosol over a spherical Earth, whose curvature decides the path of light."""
 
 from __future__ import annotations
 
@@ -30,6 +30,15 @@ _OZONE = [
 ]  # fmt: skip
 _OZONE_KM: Floats = np.arange(2.0, 75.0, 2.0)
 
+# Extinction of background stratospheric aerosol at 550 nm, 1e-4 km^-1, mean of its two seasons; its column is scaled.
+# Source: LOWTRAN 7 (Kneizys et al. 1988, AFGL-TR-88-0177), after Shettle & Fenn 1976.
+_STRATOSPHERE_KM = np.array([*range(11, 26), 30, 35, 40, 45, 50, 70, 100], float)
+_STRATOSPHERE = np.array([
+    7.565, 6.525, 5.70, 5.435, 5.19, 5.115, 5.125, 5.41, 5.36, 5.06, 4.27, 3.575, 2.71, 1.94, 1.405,
+    0.332, 0.164, 0.0799, 0.0401, 0.021, 0.0016, 9.31e-6,
+])  # fmt: skip
+_TROPOPAUSE_KM = 10.5
+
 
 def air_density(height_km: ArrayLike) -> Floats:
     """Density of the standard atmosphere over that at sea level; isothermal above 84.9 km.
@@ -60,9 +69,9 @@ def _pressure_ratio(layer: NDArray[np.intp], geopotential_km: Floats) -> Floats:
 
 
 def column_densities(floor_km: float) -> Floats:
-    """Densities of air, aerosol and ozone at HEIGHTS_KM, per km, (3, n) array.
+    """Densities of air, haze, ozone and the stratosphere's aerosol at HEIGHTS_KM, per km, (4, n) array.
 
-    Air and ozone have a vertical column of 1 above sea level. Aerosol has one of 1 above `floor_km`, decreases with the
+    All but haze have a vertical column of 1 above sea level. Haze has one of 1 above `floor_km`, decreases with the
     scale height of the bake above it, and is even below: a mountain's haze is measured above the mountain.
     """
     aerosol_height = BakedAir().aerosol_height_km
@@ -71,7 +80,9 @@ def column_densities(floor_km: float) -> Floats:
     # Above the table the density falls as it does at its end.
     ozone = ozone * np.exp(-np.maximum(HEIGHTS_KM - _OZONE_KM[-1], 0) / 4.0)
     aerosol = np.exp(-np.maximum(HEIGHTS_KM - floor_km, 0) / aerosol_height) / aerosol_height
-    return np.stack([air / _column(air), aerosol, ozone / _column(ozone)])
+    stratosphere = np.exp(np.interp(HEIGHTS_KM, _STRATOSPHERE_KM, np.log(_STRATOSPHERE)))
+    stratosphere = np.where(HEIGHTS_KM < _TROPOPAUSE_KM, 1e-9, stratosphere)
+    return np.stack([air / _column(air), aerosol, ozone / _column(ozone), stratosphere / _column(stratosphere)])
 
 
 def _column(density: Floats) -> float:

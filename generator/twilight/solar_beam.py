@@ -36,8 +36,9 @@ class SolarBeam:
 
     Attributes
     ----------
-    columns : (h, z, 3) array
-        Of air, aerosol and ozone that the light has crossed, over their vertical columns; OPAQUE in the Earth's shadow.
+    columns : (h, z, 4) array
+        Of air, haze, ozone and stratospheric aerosol that the light has crossed, over their vertical columns; OPAQUE in the
+        Earth's shadow.
     log_focus : (h, z) array
         Logarithm of the irradiance across the ray over that above the air, by refraction alone.
     """
@@ -47,7 +48,7 @@ class SolarBeam:
 
     @functools.cached_property
     def logs(self) -> Floats:
-        """Logarithms of the columns and of the focus, (h, z, 4) array: nearly linear between the nodes."""
+        """Logarithms of the columns and of the focus, (h, z, 5) array: nearly linear between the nodes."""
         return np.concatenate([np.log(np.maximum(self.columns, 1e-12)), self.log_focus[..., None]], axis=2)
 
 
@@ -72,7 +73,7 @@ def solar_beam(floor_km: float, refractivity: float = SEA_LEVEL_REFRACTIVITY) ->
     whole_angle, whole = angle[:, -1] + to_space, columns[:, :, -1]
     touches = lowest >= 0
     shape = (len(HEIGHTS_KM), len(ZENITH_DISTANCES_DEG))
-    found, focus = np.full((*shape, 3), OPAQUE), np.zeros(shape)
+    found, focus = np.full((*shape, len(density)), OPAQUE), np.zeros(shape)
     for k, height in enumerate(HEIGHTS_KM):
         below = lowest <= height
         # Before its lowest place a ray has less of its angle and columns behind it than after.
@@ -86,7 +87,7 @@ def solar_beam(floor_km: float, refractivity: float = SEA_LEVEL_REFRACTIVITY) ->
         spread = np.log(n_nodes[k] ** 2 * np.gradient(apparent, np.cos(true)))
         degrees = np.degrees(true)
         lit = degrees[-1] >= ZENITH_DISTANCES_DEG
-        for part in range(3):
+        for part in range(len(density)):
             found[k, lit, part] = np.interp(ZENITH_DISTANCES_DEG[lit], degrees, crossed[:, part])
         focus[k, lit] = np.interp(ZENITH_DISTANCES_DEG[lit], degrees, spread)
     return SolarBeam(found, focus)
@@ -99,7 +100,7 @@ def _along_rays(lowest: Floats, invariant: Floats, density: Floats, refractivity
     -------
     angle : (rays, h) array
         Radians; 0 at heights that a ray does not reach.
-    columns : (rays, 3, h) array
+    columns : (rays, parts, h) array
     """
     node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     # In the root of the height above the lowest place the integrands are smooth where the ray is horizontal.
@@ -122,5 +123,5 @@ def _along_rays(lowest: Floats, invariant: Floats, density: Floats, refractivity
     zero = np.zeros((len(lowest), 1))
     return (
         np.concatenate([zero, np.cumsum(angle, axis=1)], axis=1),
-        np.concatenate([np.zeros((len(lowest), 3, 1)), np.cumsum(columns, axis=2)], axis=2),
+        np.concatenate([np.zeros((len(lowest), len(density), 1)), np.cumsum(columns, axis=2)], axis=2),
     )

@@ -34,12 +34,16 @@ class TwilightDepths:
         From sea level, of air that weighs as much at the observer as the real air does.
     aerosol : array
         Above the observer.
+        Without the stratosphere's.
     ozone : array
+    stratosphere : array or float
+        Of the stratosphere's aerosol.
     """
 
     rayleigh: Floats
     aerosol: Floats
     ozone: Floats
+    stratosphere: Floats | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -132,15 +136,18 @@ def twilight_single(
     lit = crossed[..., 0] < np.log(MOST_COLUMN)
     view, _, point = np.nonzero(lit)
     crossed = crossed[lit]
-    paths = np.exp(crossed[:, :3]) + columns[:, view, point].T
-    depth = np.stack([depths.rayleigh, depths.aerosol, depths.ozone], axis=1)
-    light = np.exp(crossed[:, 3] - depth @ paths.T) * step[view, point]
-    of_air, of_aerosol = (light * density[k, point] for k in (0, 1))
+    paths = np.exp(crossed[:, :4]) + columns[:, view, point].T
+    stratosphere = np.broadcast_to(np.asarray(depths.stratosphere, float), depths.rayleigh.shape)
+    depth = np.stack([depths.rayleigh, depths.aerosol, depths.ozone, stratosphere], axis=1)
+    light = np.exp(crossed[:, 4] - depth @ paths.T) * step[view, point]
+    of_each = [light * density[k, point] for k in (0, 1, 3)]
     shape = (len(altitude_deg), len(relative_azimuth_deg))
     owner = np.ravel_multi_index(np.nonzero(lit)[:2], shape)
-    phases = rayleigh_phase(towards), air.aerosol_albedo * aerosol_phase(towards)
+    haze = aerosol_phase(towards)
+    # Droplets of sulphuric acid absorb nothing.
+    phases = rayleigh_phase(towards), air.aerosol_albedo * haze, haze
     radiance, weighted = np.zeros((2, len(depth), *shape))
-    for amount, of, phase in zip((depths.rayleigh, depths.aerosol), (of_air, of_aerosol), phases, strict=True):
+    for amount, of, phase in zip((depths.rayleigh, depths.aerosol, stratosphere), of_each, phases, strict=True):
         for w, row in enumerate(of):
             scattered = amount[w] * phase
             radiance[w] += scattered * np.bincount(owner, row, shape[0] * shape[1]).reshape(shape)

@@ -19,6 +19,7 @@ from generator.errors import GeneratorError
 from generator.light.atmosphere import Atmosphere, standard_pressure_hpa
 from generator.light.bake_grids import BakedAir, TwilightGrid
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM
+from generator.light.single_scattering import aerosol_phase
 from generator.light.stellar_spectra import star_spectra
 from generator.sky.sunlight import SUN_BV_MAG
 from generator.sky.twilight import SUN_V_MAG, twilight, twilight_field
@@ -140,6 +141,26 @@ def test_light_scattered_once_is_that_of_plain_quadrature(depression, tolerance)
     np.testing.assert_allclose(ours[seen], theirs[seen], rtol=tolerance)
 
 
+def test_stratosphere_overhead_is_the_part_above_the_shadow() -> None:
+    """Thin air: overhead the light is phase function x depth x part of the layer above the Earth's shadow, R (1 / cos d - 1),
+    by LOWTRAN's table summed here; within 2 %, and 10 % at 6 deg, where the steps of the tables count: a fiftieth is lit."""
+    for depression, above_km, tolerance in ((4.0, 15.556, 0.02), (4.5, 19.70, 0.02), (6.0, 35.09, 0.1)):
+        height = np.array([*range(11, 26), 30, 35, 40, 45, 50, 70, 100], float)
+        seasons = [
+            [7.99, 6.41, 5.17, 4.42, 3.95, 3.82, 4.25, 5.20, 5.81, 5.89, 5.02, 4.20, 3.00, 1.98, 1.31],
+            [7.14, 6.64, 6.23, 6.45, 6.43, 6.41, 6.00, 5.62, 4.91, 4.23, 3.52, 2.95, 2.42, 1.90, 1.50],
+        ]
+        high = [0.332, 0.164, 0.0799, 0.0401, 0.021, 0.0016, 9.31e-6]
+        fine = np.arange(10.5, 100, 0.01)
+        layer = np.exp(np.interp(fine, height, np.log([*np.mean(seasons, axis=0), *high])))
+        part = layer[fine > above_km].sum() / layer.sum()
+        thin = TwilightDepths(*(np.array([1e-12]) for _ in range(3)), np.array([1e-6]))
+        one = np.array([90.0]), np.array([0.0])
+        light = twilight_single(solar_beam(0.0, 0.0), thin, 0.0, depression, *one, 0.0, BakedAir()).radiance[0, 0, 0]
+        phase = float(aerosol_phase(-np.sin(np.radians(depression))))
+        assert light == pytest.approx(1e-6 * part * phase, rel=tolerance), depression
+
+
 @pytest.mark.slow  # random walks and their quadrature: eight seconds
 def test_walks_hold_the_light_scattered_twice() -> None:
     """Paths of one corner against plain quadrature, the Sun 3 and 6 deg down, at 20 deg altitude and overhead: within 4 sigma
@@ -164,12 +185,12 @@ def test_shipped_walks_are_what_the_bake_makes() -> None:
 
 @pytest.mark.journey
 def test_shipped_coefficients_follow_from_the_walks() -> None:
-    """The fit of one height from the stored walks. Its residuals are 1.6 times the walks' errors, in thick aerosol 3.2:
+    """The fit of one height from the stored walks. Its residuals are 2.1 times the walks' errors, in thick aerosol 3.2:
     errors of four batches understate long tails."""
     part = slice(0, 1)
     again, _, scatter = fitted(TwilightGrid(), twilight_map("walked")[part], twilight_map("walked_error")[part])
     np.testing.assert_allclose(again, twilight_map()[part], rtol=1e-3, atol=1e-3)
-    assert scatter[0, :2, :3].max() < 1.7
+    assert scatter[0, :2, :3].max() < 2.2
     assert scatter[..., :3].max() < 3.5
 
 
@@ -185,10 +206,10 @@ def patat(band, depression):
     return a + b * (depression - 5) + c * (depression - 5) ** 2
 
 
-@pytest.mark.parametrize(("band", "tolerance"), [("U", 0.2), ("B", 0.4), ("V", 0.3), ("R", 0.6), ("I", 0.8)])
+@pytest.mark.parametrize(("band", "tolerance"), [("U", 0.2), ("B", 0.4), ("V", 0.2), ("R", 0.2), ("I", 0.2)])
 def test_zenith_at_paranal_in_five_bands(band, tolerance) -> None:
-    """Patat et al. 2006, night included: mean deviation from 5 to 12 deg (their points scatter by 0.2 mag). Red
-    light, to which the stratosphere's aerosol would add, is too faint."""
+    """Patat et al. 2006, night included: mean deviation from 5 to 12 deg (their points scatter by 0.2 mag). Red light is
+    that of the stratosphere's aerosol, without which R is 0.5 and I 0.7 mag too faint; blue light is too bright."""
     ours = np.array(
         [with_night(magnitude(radiance(PARANAL, d, 90.0, 0), band), NIGHT[band]) for d in PATAT_DEPRESSIONS]
     )
@@ -218,11 +239,11 @@ def test_zenith_turns_blue() -> None:
     ],
 )
 def test_zenith_at_koomen_s_sites(site, published) -> None:
-    """Koomen et al. 1952, two sites: within 0.9 mag, and 0.6 mag in the mean (the sites differ by 0.5 to 1.1 mag)."""
+    """Koomen et al. 1952, two sites: within 0.9 mag, and 0.7 mag in the mean (the sites differ by 0.5 to 1.1 mag)."""
     ours = [with_night(luminance_v(radiance(site, d, 90.0, 0)), 21.7) for d in published]
     deviation = np.array(ours) - list(published.values())
     assert np.abs(deviation).max() < 0.9, deviation
-    assert abs(deviation.mean()) < 0.6, deviation
+    assert abs(deviation.mean()) < 0.7, deviation
 
 
 def test_whole_sky_falls_by_ten_every_two_degrees() -> None:
@@ -245,15 +266,15 @@ def test_a_high_site_has_a_darker_twilight() -> None:
 def test_gradient_of_the_photograph() -> None:
     """An all-sky photograph, the Sun 7 deg down: away from the Sun the light near the horizon is 1.4 +- 0.4 of the zenith's,
     towards it at 35 deg 3.1. That camera's wings spread a fifth of the light: a veil (in parts of the zenith's light) that
-    brings the first to 1.4 brings the second within 15 %; without a veil the first is within its error."""
+    brings the first to 1.4 brings the second within 25 %; without a veil the first is within twice its error."""
     site = Atmosphere(1000.0, 0.1, 1.3, 320.0), 0.1
     zenith = luminance_v(radiance(site, 7.0, 90.0, 0))
     places = ((5.0, 180), (12.0, 180), (20.0, 180), (35.0, 0))
     ratio = [10 ** (-0.4 * (luminance_v(radiance(site, 7.0, *place)) - zenith)) for place in places]
     away, towards = float(np.mean(ratio[:3])), ratio[3]
-    assert away == pytest.approx(1.4, abs=0.4), ratio
+    assert away == pytest.approx(1.4, abs=0.8), ratio
     veil = (away - 1.4) / 0.4
-    assert (towards + veil) / (1 + veil) == pytest.approx(3.1, rel=0.15), ratio
+    assert (towards + veil) / (1 + veil) == pytest.approx(3.1, rel=0.25), ratio
 
 
 def test_share_of_light_scattered_once() -> None:
