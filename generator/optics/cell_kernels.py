@@ -19,6 +19,10 @@ LARGER_CELLS = ((-1, 0.125), (0, 0.375), (1, 0.375), (2, 0.125))
 """Weights of cells, from the first of the two in a larger one: the transpose of linear interpolation."""
 
 
+SMALLEST_SIGMA = 1e-3
+"""Cells; a divisor that is not 0."""
+
+
 @dataclass(frozen=True)
 class Cells:
     """Values on rows and columns of cells.
@@ -91,7 +95,8 @@ class Cells:
         import drjit as dr
 
         radius = int(TRUNCATE * sigma + 0.5)
-        weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+        # A sigma of 0, of wings that cells blur enough by themselves, has one weight, of distance 0.
+        weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / max(sigma, SMALLEST_SIGMA)) ** 2)
         weights /= weights.sum()
         row, column = self.lanes()
         down = self._sum(share * weights, lambda step: (row + step, column, row + step, self.rows))

@@ -20,8 +20,8 @@ class BloomSpec(Strict):
     The wings of everything that shines: stars, planets, the Moon, lamps, the diffuse sky, in the frame and around it.
     """
 
-    share: Annotated[float, Field(ge=0, le=0.5)] = 0.05
-    """Of the light, 0-0.5; 0 turns the wings off."""
+    share: Annotated[float, Field(ge=0, le=0.6)] = 0.05
+    """Of the light, 0-0.6; 0 turns the wings off."""
     core_px: Annotated[float, Field(ge=0.5, le=100)] = 4.0
     """Radius at which the wings begin, px."""
     slope: Annotated[float, Field(ge=1, le=6)] = 2.4
