@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from generator.gallery.camera_views import cameras
 from generator.gallery.fisheye import View, all_sky, plan_of
 from generator.gallery.landscape_views import landscapes
 from generator.gallery.light_plots import artificial_and_moon
@@ -64,6 +65,7 @@ def make_gallery(folder: Path) -> list[Path]:
     pictures.append(save(natural_sky(), folder / "natural_sky.jpg"))
     pictures.append(save(artificial_and_moon(), folder / "city_and_moon.jpg"))
     pictures.append(save(twilight_measured(), folder / "twilight_measured.jpg"))
+    pictures.append(save(cameras(), folder / "cameras.jpg"))
     return pictures
 
 
