@@ -27,3 +27,7 @@ class TaskError(BenchmarkError):
 
 class SolverError(BenchmarkError):
     """A solver cannot be started here: its folder, its extra or its environment is missing."""
+
+
+class PhotographError(BenchmarkError):
+    """A photograph cannot be read, or its twin cannot be made."""

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from benchmark.cli import bench, datasets, demo, rendering, scenes, speed, studies
+from benchmark.cli import bench, datasets, demo, rendering, scenes, speed, studies, twins
 from benchmark.cli.errors import InterruptibleGroup
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import working
@@ -47,6 +47,7 @@ scenes.add_to(app)
 datasets.add_to(app)
 app.add_typer(bench.app, name="bench")
 app.add_typer(studies.app, name="study")
+twins.add_to(app)
 speed.add_to(app)
 
 

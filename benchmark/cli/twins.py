@@ -1,0 +1,98 @@
+"""Command `skybench twin`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmark.cli import completion
+from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.progress import working
+from benchmark.errors import BenchmarkError
+from generator.errors import GeneratorError
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(
+        epilog="Examples: skybench twin nights/*.fits.bz2 --scene observatory_allsky --out out/twins; "
+        "skybench twin nights/*.fits --scene mine.yaml --ground ground.png"
+    )(twin)
+
+
+def twin(
+    photographs: Annotated[
+        list[Path], typer.Argument(metavar="FITS…", help="Raw photographs of one fixed camera, with place and time.")
+    ],
+    scene: Annotated[
+        Path,
+        typer.Option(
+            "--scene",
+            help="Scenario of the camera: lens, sensor, pointing, ground, cities; or a name that comes with skybench.",
+            autocompletion=completion.scenarios,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for scenarios, pictures and tables.")] = Path("out/twins"),
+    ground: Annotated[
+        Path | None,
+        typer.Option("--ground", help="Write what is not sky as a landscape picture (PNG) for the scene, and end."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two."""
+    from benchmark.twin.photograph import read_photograph
+    from benchmark.twin.render_twin import make_twin
+    from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
+    from benchmark.twin.scene import read_scene
+    from generator.scenario.shipped import find_scenario
+
+    try:
+        camera_scene = read_scene(find_scenario(scene))
+        if ground is not None:
+            _write_ground(photographs, scene, ground)
+            typer.echo(str(ground))
+            return
+        rows = []
+        for path in photographs:
+            with working(f"{path.name}: twin"):
+                made = make_twin(camera_scene, read_photograph(path), out)
+            write_picture(made, out)
+            rows.append(numbers_of_twin(made))
+            write_report(rows, out)
+    except (BenchmarkError, GeneratorError) as error:
+        fail(error)
+    if as_json:
+        print_json({"twins": rows, "out": out})
+        return
+    typer.echo(tables_of(rows), nl=False)
+    typer.echo(str(out / TABLES))
+
+
+def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:
+    import io
+
+    from PIL import Image
+
+    from benchmark.twin.ground import ground_mask, landscape_picture
+    from benchmark.twin.photograph import read_photograph
+    from benchmark.twin.scene import read_scene
+    from benchmark.twin.view import dark_plane, view_of
+    from generator.files import write_bytes
+    from generator.scenario.shipped import find_scenario
+
+    fixed = read_scene(find_scenario(scene))
+    camera, circle_px, black_dn = fixed.camera, fixed.spec.camera.image_circle_px, fixed.spec.sensor.black_level_dn
+    frames = []
+    for path in photographs:
+        with working(f"{path.name}: reading"):
+            pixels = read_photograph(path).pixels
+            fixed.check_size(path.name, pixels.shape)
+            frames.append(pixels - dark_plane(pixels, camera, circle_px, float(black_dn)))
+    with working("comparing"):
+        mask = ground_mask(frames, view_of(camera, fixed.spec.R_cam))
+    stream = io.BytesIO()
+    Image.fromarray(landscape_picture(mask, camera, fixed.spec.R_cam)).save(stream, format="PNG", optimize=True)
+    write_bytes(target, stream.getvalue())

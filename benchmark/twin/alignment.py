@@ -1,0 +1,85 @@
+"""How a camera really pointed: its attitude from the stars of a photograph whose place and time are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from benchmark.twin.star_light import star_light
+from benchmark.twin.view import on_mask
+from celnav.camera import Camera
+
+Floats = NDArray[np.float64]
+
+ROUNDS = ((6.0, 8.0), (3.0, 5.0), (1.5, 2.5))
+"""Distance within which a star is looked for, px, and the least SNR of those that count."""
+LEAST_STARS = 8
+SCALE_PX = 0.15
+"""Residual from which a star counts less."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """An attitude by the stars.
+
+    Attributes
+    ----------
+    R_cam : (3, 3) array
+        ENU to camera.
+    stars : int
+        That agree; fewer than `LEAST_STARS`: the attitude is the one given.
+    rms_px : float
+        Of their residuals an axis.
+    turned_deg : float
+        Between the given and the found attitude.
+    """
+
+    R_cam: Floats
+    stars: int
+    rms_px: float
+    turned_deg: float
+
+
+def directions(azimuth_deg: Floats, altitude_deg: Floats) -> Floats:
+    """Unit vectors east, north, up, (n, 3)."""
+    azimuth, altitude = np.radians(azimuth_deg), np.radians(altitude_deg)
+    level = np.cos(altitude)
+    return np.column_stack((np.sin(azimuth) * level, np.cos(azimuth) * level, np.sin(altitude)))
+
+
+def align(
+    pixels: NDArray[np.floating], sky: NDArray[np.bool_], camera: Camera, R_cam: Floats, stars_enu: Floats
+) -> Alignment:
+    """Find the attitude near a given one at which stars (n, 3), apparent directions, lie on lights of the photograph.
+
+    `sky` tells which pixels are sky. Stars are looked for around their places, ever closer; residuals beyond `SCALE_PX` count
+    less (soft L1).
+    """
+    turned, kept, residuals = np.eye(3), 0, np.zeros((0, 2))
+    for search_px, least_snr in ROUNDS:
+        uv = camera.project(stars_enu @ (turned @ R_cam).T)
+        usable = on_mask(uv, sky)
+        light = star_light(pixels, np.where(usable[:, None], uv, np.nan), search_px)
+        seen = np.isfinite(light.flux) & (light.snr > least_snr) & (np.hypot(*(light.uv - uv).T) < search_px)
+        if seen.sum() < LEAST_STARS:
+            return Alignment(np.asarray(R_cam), int(seen.sum()), float("nan"), 0.0)
+        enu, measured = stars_enu[seen], light.uv[seen]
+
+        def misses(vector: Floats, enu: Floats = enu, measured: Floats = measured) -> Floats:
+            rotation = Rotation.from_rotvec(vector).as_matrix()
+            return np.asarray((camera.project(enu @ (rotation @ R_cam).T) - measured).ravel())
+
+        start = Rotation.from_matrix(turned).as_rotvec()
+        found = least_squares(misses, start, loss="soft_l1", f_scale=SCALE_PX, x_scale=1e-3)
+        turned = Rotation.from_rotvec(found.x).as_matrix()
+        residuals = misses(found.x).reshape(-1, 2)
+        residuals = residuals[np.hypot(*residuals.T) < 4 * SCALE_PX]
+        kept = len(residuals)
+    if kept < LEAST_STARS:
+        return Alignment(np.asarray(R_cam), kept, float("nan"), 0.0)
+    angle_deg = float(np.degrees(Rotation.from_matrix(turned).magnitude()))
+    return Alignment(turned @ R_cam, kept, float(np.sqrt((residuals**2).mean())), angle_deg)

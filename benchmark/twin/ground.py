@@ -1,0 +1,106 @@
+"""What is not sky before a fixed camera, from several of its photographs, as a landscape for its scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, minimum
+
+from benchmark.twin.view import View
+from celnav.camera import Camera
+
+Mask = NDArray[np.bool_]
+Singles = NDArray[np.float32]
+
+RING_DEG = 1.0
+"""Width of the rings of equal altitude within which pixels are compared."""
+SECTORS = 72
+NEIGHBOUR_SECTORS = 5
+"""Sectors on either side that the sky's level is taken from: 25 deg."""
+SKY_QUANTILE = 0.75
+"""Of a ring's pixels around an azimuth: the sky's level even where two thirds of them are ground."""
+GROUND_PART, MOST_FRAMES = 0.8, 0.7
+"""Light over that level below which a pixel is dark, and the part of the photographs in which ground is."""
+HIGHEST_DEG = 35.0
+"""Nothing that stands on the ground reaches higher; the sky above is not judged."""
+LEAST_PX = 150
+"""Of a connected area; smaller ones are scratches and dust."""
+STANDING_DEG = 8.0
+"""Lowest altitude at which an area that stands on the ground must begin."""
+CLOSED_PX = 3
+COLOUR = (74, 78, 66)
+"""sRGB of the landscape: dark foliage and walls, a reflectance of 7 %."""
+PICTURE_PX = 1024
+
+
+def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
+    """Tell which pixels are ground, (height, width), from photographs less their dark level, in DN.
+
+    In most of the photographs the ground is darker than the sky beside it at the same altitude. What stands there hides
+    everything below it, so that each azimuth is ground below its highest ground.
+    """
+    altitude = view.altitude_deg
+    near = (altitude > 0) & (altitude < HIGHEST_DEG)
+    parts = np.stack([_part_of_sky(frame, view, near) for frame in frames])
+    dark = near & (np.quantile(parts, MOST_FRAMES, axis=0) < GROUND_PART)
+    dark = binary_closing(dark, iterations=CLOSED_PX) & near
+    areas, count = label(dark)
+    lowest = minimum(altitude, areas, np.arange(count + 1))
+    large = np.asarray(np.bincount(np.asarray(areas).ravel()) >= LEAST_PX)
+    low = np.asarray(lowest) < STANDING_DEG
+    kept = np.flatnonzero(large & low)
+    return _down_to_the_horizon(np.asarray(np.isin(areas, kept[kept > 0])), view)
+
+
+def widened(mask: Mask, by_px: int) -> Mask:
+    """The mask and what lies within some pixels of it."""
+    return np.asarray(binary_dilation(mask, iterations=by_px)) if by_px else mask
+
+
+def landscape_picture(ground: Mask, camera: Camera, R_cam: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The ground as a fisheye picture, (1024, 1024, 4) sRGB and alpha: north at the top, east on the left, 180 deg across."""
+    middle = (PICTURE_PX - 1) / 2
+    v, u = np.mgrid[0:PICTURE_PX, 0:PICTURE_PX]
+    zenith_distance = np.radians(np.hypot(u - middle, v - middle) / (PICTURE_PX / 2) * 90)
+    azimuth = np.arctan2(-(u - middle), -(v - middle))
+    level = np.sin(zenith_distance)
+    enu = np.stack((np.sin(azimuth) * level, np.cos(azimuth) * level, np.cos(zenith_distance)), axis=-1).reshape(-1, 3)
+    at = camera.project(enu @ R_cam.T)
+    known = np.asarray(np.isfinite(at).all(axis=1))
+    pixel = np.rint(np.where(known[:, None], at, -1)).astype(np.int64)
+    height, width = ground.shape
+    known &= ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
+    alpha = np.zeros(PICTURE_PX**2, dtype=np.uint8)
+    alpha[known] = 255 * ground[pixel[known, 1], pixel[known, 0]]
+    picture = np.empty((PICTURE_PX, PICTURE_PX, 4), dtype=np.uint8)
+    picture[..., :3], picture[..., 3] = COLOUR, alpha.reshape(PICTURE_PX, PICTURE_PX)
+    return picture
+
+
+def _part_of_sky(frame: NDArray[np.floating], view: View, near: Mask) -> Singles:
+    """Light over the sky's level at the same altitude, (height, width); 1 where it is not asked for."""
+    smooth = gaussian_filter(frame.astype(np.float32), 1.0)
+    part = np.ones(frame.shape, dtype=np.float32)
+    ring = (view.altitude_deg[near] / RING_DEG).astype(int)
+    sector = (view.azimuth_deg[near] / 360 * SECTORS).astype(int) % SECTORS
+    values, found = smooth[near], np.ones(int(near.sum()), dtype=np.float32)
+    for number in np.unique(ring):
+        on_ring = np.flatnonzero(ring == number)
+        light, sectors = values[on_ring], sector[on_ring]
+        level = np.ones(SECTORS, dtype=np.float32)
+        for each in np.unique(sectors):
+            beside = np.abs((sectors - each + SECTORS // 2) % SECTORS - SECTORS // 2) <= NEIGHBOUR_SECTORS
+            level[each] = np.quantile(light[beside], SKY_QUANTILE)
+        found[on_ring] = light / np.maximum(level[sectors], 1e-3)
+    part[near] = found
+    return part
+
+
+def _down_to_the_horizon(ground: Mask, view: View) -> Mask:
+    """The mask with everything below its highest pixel at each third of a degree of azimuth."""
+    column = np.nan_to_num(view.azimuth_deg * 3).astype(int) % 1080
+    highest = np.full(1080, -np.inf)
+    np.maximum.at(highest, column[ground], view.altitude_deg[ground].astype(np.float64))
+    return np.asarray((view.altitude_deg <= highest[column]) | ground)

@@ -1,0 +1,268 @@
+"""Twins of photographs: aligned, fitted to the weather, rendered, and measured beside the photographs."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.twin.alignment import Alignment, align, directions
+from benchmark.twin.comparison import Measured, Stars, measure
+from benchmark.twin.ground import widened
+from benchmark.twin.photograph import Photograph
+from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
+from benchmark.twin.star_light import isolated, star_light
+from benchmark.twin.view import View, dark_plane, on_mask, view_of
+from benchmark.twin.weather import (
+    CLOUDLESS,
+    CLOUDY_MISFIT,
+    LEAST_PX,
+    Fit,
+    Seen,
+    Weather,
+    first_guess,
+    fit_weather,
+    sky_cells,
+)
+from generator.frame.plan import FramePlan, plan_frame
+from generator.frame.record import star_table
+from generator.frame.render import RenderedFrame, render_frame
+from generator.frame.scene import ExpectedFrame, render_expected
+from generator.scenario.file import Scenario
+
+Floats = NDArray[np.float64]
+
+EDGE_PX = 4
+"""Around the ground that is left out."""
+SMALLER = 4
+"""Times that the frames of the fit are smaller along each side."""
+REST = ("zodiacal", "milky_way", "starlight", "moonlight", "twilight")
+"""Components of the sky that the weather changes by the air and the cloud alone."""
+FIT_MAG, SEEN_SNR = 5.0, 3.0
+"""Faintest star of the fit, and the SNR below which it is not seen."""
+LOWEST_DEG = 8.0
+"""Altitude from which stars are used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A photograph and its twin.
+
+    Attributes
+    ----------
+    photograph : Photograph
+    path : Path
+        Of the twin's scenario.
+    alignment : Alignment
+    weather : Weather
+    pixels : (height, width) uint16 array
+        The twin, DN.
+    sky : (height, width) bool array
+        Pixels that are compared.
+    real, made : Measured
+    moon_altitude_deg, sun_altitude_deg : float
+    """
+
+    photograph: Photograph
+    path: Path
+    alignment: Alignment
+    weather: Weather
+    pixels: NDArray[np.uint16]
+    sky: NDArray[np.bool_]
+    real: Measured
+    made: Measured
+    moon_altitude_deg: float
+    sun_altitude_deg: float
+
+
+def make_twin(scene: Scene, photograph: Photograph, folder: Path, say: Callable[[str], None] = lambda _: None) -> Twin:
+    """Make the twin of a photograph and compare the two; its scenario and the files that it names go into `folder`."""
+    camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
+    black_dn = float(scene.spec.sensor.black_level_dn)
+    nominal = scene.spec.R_cam
+
+    def scenario_of(R_cam: Floats, weather: Weather, change: dict[str, object] | None = None) -> Scenario:
+        return twin_scenario(scene, twin_tree(scene, photograph, R_cam, weather) | (change or {}))
+
+    say("aligning")
+    first = render_frame(scenario_of(nominal, Weather()), 0, channels=False)
+    rows = _stars_of(first)
+    ground = _ground_of(first.expected, photograph.pixels.shape)
+    view = view_of(camera, nominal)
+    sky = _sky(view, ground, camera.cx_px, camera.cy_px, circle_px)
+    bright = (rows["v_mag"] < FIT_MAG) & (rows["altitude_deg"] > LOWEST_DEG)
+    enu = directions(rows["azimuth_deg"][bright], rows["altitude_deg"][bright])
+    alignment = align(photograph.pixels, sky, camera, nominal, enu)
+    view = view_of(camera, alignment.R_cam)
+
+    say("fitting the weather")
+    dark = dark_plane(photograph.pixels, camera, circle_px, black_dn)
+    uv = camera.project(directions(rows["azimuth_deg"], rows["altitude_deg"]) @ alignment.R_cam.T)
+    chosen = isolated(uv, rows["v_mag"]) & bright & on_mask(uv, sky)
+    highest = 0.8 * (2**scene.spec.sensor.bits - 1)
+    light = star_light(photograph.pixels, np.where(chosen[:, None], uv, np.nan), search_px=2.0)
+    # A star behind cloud counts as no brighter than what would be seen, so that clouds are not judged by their gaps.
+    least = light.flux_at(SEEN_SNR)
+    known = np.isfinite(light.flux) & (light.peak < highest)
+    real = Seen(sky_cells(photograph.pixels - dark, view, sky), np.where(known, np.maximum(light.flux, least), np.nan))
+    sensor = scene.spec.sensor
+    full = float(2**sensor.bits - 1)
+    real = Seen(np.where(real.cells < 0.8 * full, real.cells, np.nan), real.stars)
+    skies = _Skies(scene, photograph, alignment.R_cam, rows["star_id"], view, sky)
+
+    def fit(names: tuple[str, ...]) -> Fit:
+        start = first_guess(names)
+        expected = render_expected(plan_frame(scenario_of(alignment.R_cam, start), 0), False, False)
+        dn = black_dn + np.asarray(expected.electrons, dtype=np.float32) / np.float32(sensor.gain_e_per_dn)
+        cells = sky_cells(dn - dark_plane(dn, camera, circle_px, black_dn), view, sky)
+        stars = star_light(dn, np.where(np.isfinite(real.stars)[:, None], uv, np.nan)).flux
+        reference = skies.seen(start)
+
+        def shown(weather: Weather) -> Seen:
+            now = skies.seen(weather)
+            return Seen(cells * now.cells / reference.cells, np.maximum(stars * now.stars / reference.stars, least))
+
+        return fit_weather(real, names, shown)
+
+    names = numbers_of(scene)
+    fitted = fit(tuple(name for name in names if name in CLOUDLESS))
+    if max(fitted.typical_miss, fitted.star_miss / 2) > CLOUDY_MISFIT:
+        fitted = min(fitted, fit(names), key=lambda each: each.bias)
+    weather = fitted.weather
+    say("rendering")
+    tree = twin_tree(scene, photograph, alignment.R_cam, weather)
+    path = write_twin(scene, tree, folder)
+    frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
+    table = _stars_of(frame)
+    stars = Stars(np.column_stack((table["u_px"], table["v_px"])), table["v_mag"], table["altitude_deg"])
+    compared = sky & ~widened(_ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
+    measured = [
+        measure(image, dark_plane(image, camera, circle_px, black_dn), view, compared, stars, full)
+        for image in (photograph.pixels, frame.dn.astype(np.float32))
+    ]
+    return Twin(
+        photograph=photograph,
+        path=path,
+        alignment=alignment,
+        weather=weather,
+        pixels=frame.dn,
+        sky=compared,
+        real=measured[0],
+        made=measured[1],
+        moon_altitude_deg=frame.plan.sky.moon_altitude_deg,
+        sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
+    )
+
+
+class _Skies:
+    """Small twins by weather: light of the sky in cells, and electrons of stars."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        photograph: Photograph,
+        R_cam: Floats,
+        star_ids: Floats,
+        view: View,
+        sky: NDArray[np.bool_],
+    ) -> None:
+        self._scene, self._photograph, self._R_cam, self._ids = scene, photograph, R_cam, star_ids
+        self._camera = small_camera(scene)
+        middle = slice(SMALLER // 2 - 1, None, SMALLER)
+        height, width = scene.spec.camera.height // SMALLER, scene.spec.camera.width // SMALLER
+        self._view = View(
+            view.altitude_deg[middle, middle][:height, :width], view.azimuth_deg[middle, middle][:height, :width]
+        )
+        self._sky = sky[middle, middle][:height, :width]
+        self._parts = functools.cache(self._render_parts)
+        self._cities = functools.cache(self._render_cities)
+
+    def seen(self, weather: Weather) -> Seen:
+        """What the small twin shows; electrons of a pixel, and of stars."""
+        (airglow, rest), electrons = self._parts(weather.aerosol_tau_550, weather.cloud_tau)
+        light = rest + (weather.airglow_factor or 1.0) * airglow
+        if self._scene.cities:
+            light = light + (weather.city_factor or 1.0) * self._cities()
+        return Seen(sky_cells(light, self._view, self._sky, LEAST_PX // SMALLER**2), electrons)
+
+    def _render(self, weather: Weather, components: tuple[str, ...]) -> tuple[FramePlan, ExpectedFrame]:
+        tree = twin_tree(self._scene, self._photograph, self._R_cam, weather)
+        tree |= {"foreground": {}, "camera": self._camera, "sky": tree["sky"] | {"components": list(components)}}
+        plan = plan_frame(twin_scenario(self._scene, tree), 0)
+        return plan, render_expected(plan, False, False)
+
+    def _render_cities(self) -> NDArray[np.float32]:
+        """Light of cities through the air of the first guess: its pattern hardly changes, and it takes longest."""
+        _, expected = self._render(first_guess(CLOUDLESS), ("skyglow",))
+        return np.asarray(expected.sky_electrons, dtype=np.float32)
+
+    def _render_parts(
+        self, aerosol_tau_550: float | None, cloud_tau: float | None
+    ) -> tuple[list[NDArray[np.float32]], Floats]:
+        """Light of airglow and of the rest of a sky without cities, and the stars' electrons."""
+        air = Weather(aerosol_tau_550=aerosol_tau_550, cloud_tau=cloud_tau)
+        _, glowing = self._render(air, ("airglow",))
+        plan, others = self._render(air, REST)
+        table = star_table(plan, others)
+        by_id = dict(zip(table["star_id"].to_pylist(), table["electrons_e"].to_pylist(), strict=True))
+        electrons = np.array([by_id.get(int(star), np.nan) for star in self._ids])
+        return [np.asarray(each.sky_electrons, dtype=np.float32) for each in (glowing, others)], electrons
+
+
+def small_camera(scene: Scene) -> dict[str, object]:
+    """The scene's camera with pixels of four times the side, whose stars need no shape."""
+    given = dict(scene.tree["camera"])
+    spec = scene.spec.camera
+    for key in ("hfov_deg", "focal_length_mm", "psf"):
+        given.pop(key, None)
+    projection = spec.projection
+    return given | {
+        "width": spec.width // SMALLER,
+        "height": spec.height // SMALLER,
+        "f_px": projection.f_px / SMALLER,
+        "cx_px": (projection.cx_px - 1) / SMALLER,
+        "cy_px": (projection.cy_px - 1) / SMALLER,
+        "psf": {"gaussian_sigma_px": 0.7},
+        "bloom": {
+            "share": spec.bloom.share,
+            "core_px": max(spec.bloom.core_px / SMALLER, 0.5),
+            "slope": spec.bloom.slope,
+            "reach_px": max(spec.bloom.reach_px // SMALLER, 2),
+        },
+        "image_circle_px": None if spec.image_circle_px is None else spec.image_circle_px / SMALLER,
+    }
+
+
+def numbers_of(scene: Scene) -> tuple[str, ...]:
+    """Names of the weather's numbers that a scene leaves open: those of cities only where it has some."""
+    names = tuple(field.name for field in dataclasses.fields(Weather))
+    return names if scene.cities else tuple(name for name in names if name != "city_factor")
+
+
+def _stars_of(frame: RenderedFrame) -> dict[str, Floats]:
+    """Columns of a frame's stars, planets left out."""
+    table = frame.stars
+    star = np.asarray(table["kind"].to_pylist()) == "star"
+    names = ("star_id", "u_px", "v_px", "v_mag", "azimuth_deg", "altitude_deg")
+    return {name: np.asarray(table[name], dtype=np.float64)[star] for name in names}
+
+
+def _ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    return np.zeros(shape, dtype=bool) if expected.cover is None else np.asarray(expected.cover > 0.02)
+
+
+def _sky(
+    view: View, ground: NDArray[np.bool_], cx_px: float, cy_px: float, circle_px: float | None
+) -> NDArray[np.bool_]:
+    """Pixels above the horizon, within the image circle and away from the ground."""
+    sky = np.nan_to_num(view.altitude_deg, nan=-90.0) > 0
+    if circle_px is not None:
+        height, width = sky.shape
+        v, u = np.mgrid[0:height, 0:width]
+        sky &= np.hypot(u - cx_px, v - cy_px) < circle_px - EDGE_PX
+    return np.asarray(sky & ~widened(ground, EDGE_PX))

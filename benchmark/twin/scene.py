@@ -1,0 +1,132 @@
+"""The scene of a fixed camera: a scenario whose place, time, pointing and weather a photograph replaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from benchmark.errors import PhotographError
+from benchmark.twin.photograph import Photograph
+from benchmark.twin.weather import Weather
+from celnav.camera import Camera
+from generator.files import write_bytes
+from generator.scenario.file import Scenario, load_scenario, parse_scenario
+from generator.scenario.model import FrameSpec, pointing_of
+
+ANGLE_DIGITS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A fixed camera.
+
+    Attributes
+    ----------
+    path : Path
+        Of the scenario.
+    scenario : Scenario
+    tree : dict
+        Its text as read.
+    spec : FrameSpec
+        Its only frame.
+    """
+
+    path: Path
+    scenario: Scenario
+    tree: dict[str, Any]
+    spec: FrameSpec
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as the solver's package projects."""
+        projection = self.spec.camera.projection
+        return Camera(
+            model=projection.model,
+            width=self.spec.camera.width,
+            height=self.spec.camera.height,
+            f_px=projection.f_px,
+            fy_px=projection.fy_px,
+            cx_px=projection.cx_px,
+            cy_px=projection.cy_px,
+            k=tuple(projection.k),
+            p=tuple(projection.p),
+            s=tuple(projection.s),
+            tilt_rad=tuple(projection.tilt_rad),
+        )
+
+    def check_size(self, name: str, shape: tuple[int, ...]) -> None:
+        """Raise PhotographError where a photograph's (height, width) is not the camera's."""
+        height, width = shape
+        if (width, height) != (self.spec.camera.width, self.spec.camera.height):
+            raise PhotographError(
+                f"{name}: has {width} x {height} pixels, the scene's camera {self.spec.camera.width} x "
+                f"{self.spec.camera.height}"
+            )
+
+    @property
+    def cities(self) -> bool:
+        """Whether the scene names cities of its own."""
+        return bool((self.tree.get("sky") or {}).get("cities"))
+
+
+def read_scene(path: Path) -> Scene:
+    """Read the scenario of a fixed camera.
+
+    Raises
+    ------
+    GeneratorError
+        It is no scenario.
+    PhotographError
+        It has more than one frame.
+    """
+    scenario = load_scenario(path)
+    if scenario.frame_count != 1:
+        raise PhotographError(f"{path}: has {scenario.frame_count} frames; a camera's scene has one")
+    tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return Scene(path, scenario, tree, scenario.frame(0))
+
+
+def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], weather: Weather) -> dict[str, Any]:
+    """The twin's scenario: the scene at the photograph's place and time, pointed as the camera was, in a weather."""
+    scene.check_size(photograph.name, photograph.pixels.shape)
+    pointing = pointing_of(R_cam)
+    own = {
+        "name": f"twin-{photograph.name}",
+        "description": f"Twin of the photograph {photograph.name}",
+        "seed": sum(photograph.name.encode()),
+        "site": {
+            "latitude_deg": photograph.latitude_deg,
+            "longitude_deg": photograph.longitude_deg,
+            "height_m": photograph.height_m,
+        },
+        "time": {"utc_start": photograph.utc_start, "exposure_s": photograph.exposure_s},
+        "attitude": {
+            "azimuth_deg": round(pointing.azimuth_deg, ANGLE_DIGITS),
+            "altitude_deg": round(pointing.altitude_deg, ANGLE_DIGITS),
+            "roll_deg": round(pointing.roll_deg, ANGLE_DIGITS),
+        },
+    }
+    return weather.over(scene.tree | own)
+
+
+def twin_scenario(scene: Scene, tree: dict[str, Any]) -> Scenario:
+    """The scenario of a tree, with the scene's files."""
+    return parse_scenario(_text(tree), str(scene.path.with_name(f"{tree['name']}.yaml")))
+
+
+def write_twin(scene: Scene, tree: dict[str, Any], folder: Path) -> Path:
+    """Write a twin's scenario and the files that it names into a folder; returns its path."""
+    path = folder / f"{tree['name']}.yaml"
+    for file in scene.scenario.files:
+        write_bytes(folder / file.path, Path(file.location).read_bytes())
+    write_bytes(path, _text(tree).encode())
+    return path
+
+
+def _text(tree: dict[str, Any]) -> str:
+    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, width=120)

@@ -1,0 +1,184 @@
+"""The weather of a twin: at most four numbers, fitted to the sky's light and to the stars of the photograph."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from benchmark.twin.view import View
+
+Floats = NDArray[np.float64]
+
+RING_EDGES_DEG = (10, 14, 18, 24, 32, 42, 54, 70, 90)
+SECTORS = 12
+LEAST_PX = 60
+"""Of sky in a cell of altitude and azimuth that counts."""
+SKY_SCATTER, STAR_SCATTER = 0.10, 0.20
+"""Relative scatter of a cell and of a star about a right twin: gradients of the night, variable stars, scintillation."""
+MOST_EVALUATIONS = 15
+STEP, OFFSET = 0.05, 10.0
+"""Of the derivatives, in the logarithm of a number; and of the logarithms, as SciPy's steps are relative."""
+LIMITS = {
+    "airglow_factor": (0.3, 3.0),
+    "aerosol_tau_550": (0.01, 1.5),
+    "cloud_tau": (0.005, 8.0),
+    "city_factor": (0.3, 3.0),
+}
+START = {"airglow_factor": 0.8, "aerosol_tau_550": 0.06, "cloud_tau": 1.5, "city_factor": 1.0}
+CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
+CLOUDY_MISFIT = 0.15
+"""Typical miss of a cell's logarithm without cloud, and half of a star's, from which a sky with cloud is tried."""
+
+
+@dataclass(frozen=True)
+class Weather:
+    """What is fitted to a photograph; None: not a number of this frame.
+
+    Attributes
+    ----------
+    airglow_factor : float or None
+        Airglow over its mean.
+    aerosol_tau_550 : float or None
+        Optical depth of aerosol.
+    cloud_tau : float or None
+        Mean optical depth of a layer of cirrus over the whole sky.
+    city_factor : float or None
+        Light of the scene's cities over what the scene says.
+    """
+
+    airglow_factor: float | None = None
+    aerosol_tau_550: float | None = None
+    cloud_tau: float | None = None
+    city_factor: float | None = None
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the numbers that are given."""
+        return tuple(name for name, value in dataclasses.asdict(self).items() if value is not None)
+
+    def over(self, tree: dict[str, Any]) -> dict[str, Any]:
+        """A scenario's tree with this weather."""
+        sky, air = dict(tree.get("sky") or {}), dict(tree.get("atmosphere") or {})
+        if self.airglow_factor is not None:
+            sky["airglow_factor"] = round(self.airglow_factor, 4)
+        if self.aerosol_tau_550 is not None:
+            air["aerosol_tau_550"] = round(self.aerosol_tau_550, 4)
+        if self.cloud_tau is not None:
+            sky["clouds"] = {"altitude_km": 9.0, "coverage": 1.0, "mean_optical_depth": round(self.cloud_tau, 4)}
+        if self.city_factor is not None and sky.get("cities"):
+            sky["cities"] = [
+                city | {"upward_mlm": round(city.get("upward_mlm", 100.0) * self.city_factor, 4)}
+                for city in sky["cities"]
+            ]
+        return tree | {"sky": sky, "atmosphere": air}
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a frame shows to the fit: medians of the sky in cells, and fluxes of stars; NaN where unknown."""
+
+    cells: Floats
+    stars: Floats
+
+
+def sky_cells(light: NDArray[np.floating], view: View, sky: NDArray[np.bool_], least_px: int = LEAST_PX) -> Floats:
+    """Medians of the light above the dark level in cells of altitude and azimuth, (8, 12); NaN without enough sky."""
+    ring = np.digitize(view.altitude_deg, RING_EDGES_DEG) - 1
+    sector = np.nan_to_num(view.azimuth_deg / 360 * SECTORS).astype(int) % SECTORS
+    counted = sky & (ring >= 0) & (ring < len(RING_EDGES_DEG) - 1)
+    cells = np.full((len(RING_EDGES_DEG) - 1, SECTORS), np.nan)
+    number = ring[counted] * SECTORS + sector[counted]
+    order = np.argsort(number, kind="stable")
+    sorted_number, sorted_light = number[order], light[counted][order]
+    for cell, part in zip(
+        np.unique(sorted_number),
+        np.split(sorted_light, np.flatnonzero(np.diff(sorted_number)) + 1),
+        strict=True,
+    ):
+        if len(part) >= least_px:
+            cells[divmod(int(cell), SECTORS)] = np.median(part)
+    return cells
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted weather.
+
+    Attributes
+    ----------
+    weather : Weather
+    typical_miss, star_miss : float
+        Medians of the cells' and of the stars' misses, without sign, in the logarithm.
+    bias : float
+        Median of the cells' misses and that of the stars', each then without sign, added: what is left when the pattern of a
+        cloud, which no fit knows, is averaged out.
+    """
+
+    weather: Weather
+    typical_miss: float
+    star_miss: float
+    bias: float
+
+
+def first_guess(names: tuple[str, ...]) -> Weather:
+    """The weather that a fit of these numbers starts from."""
+    return Weather(**{name: START[name] for name in names})
+
+
+def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Seen]) -> Fit:
+    """Find the weather whose twin has the photograph's sky and stars.
+
+    Parameters
+    ----------
+    real : Seen
+        Of the photograph.
+    names : tuple of str
+        Fields of `Weather` to fit, at most four.
+    twin : function
+        Of a weather: what its twin shows, in the same cells and of the same stars.
+    """
+    start = np.array([START[name] for name in names])
+    low, high = (np.log([LIMITS[name][side] for name in names] / start) + OFFSET for side in (0, 1))
+
+    def weather_at(point: Floats) -> Weather:
+        values = start * np.exp(np.clip(point, low, high) - OFFSET)
+        return Weather(**dict(zip(names, values.tolist(), strict=True)))
+
+    def misses(point: Floats) -> Floats:
+        made = twin(weather_at(point))
+        parts = []
+        for ours, theirs, scatter in (
+            (made.cells, real.cells, SKY_SCATTER * np.sqrt(np.isfinite(real.cells).sum() / 20)),
+            (made.stars, real.stars, STAR_SCATTER * np.sqrt(max(np.isfinite(real.stars).sum() / 20, 1))),
+        ):
+            miss = np.log(np.maximum(ours, 1e-3) / np.where(theirs > 0, theirs, np.nan)) / scatter
+            parts.append(np.nan_to_num(miss.ravel()))
+        return np.concatenate(parts)
+
+    found = least_squares(
+        misses,
+        np.full(len(names), OFFSET),
+        bounds=(low, high),
+        loss="soft_l1",
+        diff_step=np.full(len(names), STEP / OFFSET),
+        ftol=1e-3,
+        xtol=1e-4,
+        max_nfev=MOST_EVALUATIONS,
+    )
+    weather = weather_at(found.x)
+    made = twin(weather)
+    cells, stars = _misses(made.cells, real.cells), _misses(made.stars, real.stars)
+    bias = abs(float(np.median(cells))) + abs(float(np.median(stars)))
+    return Fit(weather, float(np.median(np.abs(cells))), float(np.median(np.abs(stars))), bias)
+
+
+def _misses(made: Floats, real: Floats) -> Floats:
+    """The logarithm's misses where both are known; a single 0 where nothing is."""
+    both = np.isfinite(made) & np.isfinite(real) & (made > 0) & (real > 0)
+    return np.asarray(np.log(made[both] / real[both])) if both.any() else np.zeros(1)

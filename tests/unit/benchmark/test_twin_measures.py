@@ -1,0 +1,207 @@
+"""What is measured on a photograph and its twin, on images whose answer is known."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from benchmark.twin.alignment import align, directions
+from benchmark.twin.comparison import Stars, measure
+from benchmark.twin.ground import PICTURE_PX, ground_mask, landscape_picture
+from benchmark.twin.star_light import isolated, star_light
+from benchmark.twin.view import dark_plane, view_of
+from benchmark.twin.weather import Seen, Weather, fit_weather, sky_cells
+from celnav.camera import Camera
+
+CAMERA = Camera("equidistant", 400, 400, f_px=120.0)
+UP = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+"""Columns and rows of the image towards east and north."""
+
+
+def draw(uv: np.ndarray, flux: np.ndarray, sigma_px: float = 0.8, shape: tuple[int, int] = (400, 400)) -> np.ndarray:
+    """Gaussian stars, sampled at the pixels' centres."""
+    image = np.zeros(shape)
+    v, u = np.mgrid[0 : shape[0], 0 : shape[1]]
+    for (x, y), light in zip(uv, flux, strict=True):
+        near = (slice(max(int(y) - 12, 0), int(y) + 13), slice(max(int(x) - 12, 0), int(x) + 13))
+        r2 = (u[near] - x) ** 2 + (v[near] - y) ** 2
+        image[near] += light * np.exp(-r2 / (2 * sigma_px**2)) / (2 * np.pi * sigma_px**2)
+    return image
+
+
+def sky_stars(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuths and altitudes over the upper sky, deg."""
+    return rng.uniform(0, 360, n), np.degrees(np.arcsin(rng.uniform(0.35, 1, n)))
+
+
+def test_light_of_a_star_is_that_of_its_aperture() -> None:
+    image = draw(np.array([[100.3, 90.8]]), np.array([5000.0])) + 700
+    found = star_light(image, np.array([[100.0, 90.0], [3.0, 200.0], [np.nan, np.nan]]), search_px=2.0)
+    inside = 1 - np.exp(-(3.5**2) / (2 * 0.8**2))
+    assert found.flux[0] == pytest.approx(5000 * inside, rel=2e-3)
+    assert found.uv[0] == pytest.approx([100.3, 90.8], abs=0.02)
+    assert found.sky[0] == pytest.approx(700, abs=0.1)
+    assert found.nearest_share[0] == pytest.approx(
+        np.exp(-(0.3**2 + 0.2**2) / (2 * 0.64)) / (2 * np.pi * 0.64), rel=0.01
+    )
+    assert np.isnan(found.flux[1:]).all()
+
+
+def test_the_noise_of_a_star_is_that_of_the_ring_around_it() -> None:
+    """300 rings of some 370 pixels: the mean of their deviations within 1.5 %, five standard errors."""
+    rng = np.random.default_rng(1)
+    image = rng.normal(1000, 20, (700, 700))
+    uv = np.stack(np.meshgrid(np.arange(20, 680, 40.0), np.arange(20, 680, 40.0)), -1).reshape(-1, 2)
+    assert np.mean(star_light(image, uv).noise) == pytest.approx(20, rel=0.015)
+
+
+def test_stars_with_a_brighter_or_similar_neighbour_are_not_isolated() -> None:
+    uv = np.array([[10, 10], [14, 10], [100, 100], [103, 100], [200, 200], [np.nan, 0]], dtype=float)
+    v_mag = np.array([3.0, 4.0, 3.0, 6.0, 5.0, 1.0])
+    assert isolated(uv, v_mag).tolist() == [False, False, True, False, True, False]
+
+
+@pytest.mark.parametrize("turn_deg", [0.05, 1.0])
+def test_an_attitude_is_found_by_the_stars(turn_deg: float) -> None:
+    rng = np.random.default_rng(2)
+    azimuth, altitude = sky_stars(rng, 80)
+    enu = directions(azimuth, altitude)
+    true = Rotation.from_rotvec(np.radians(turn_deg) * np.array([0.6, -0.64, 0.48])).as_matrix() @ UP
+    uv = CAMERA.project(enu @ true.T)
+    image = draw(uv, rng.uniform(2000, 20000, len(uv))) + rng.normal(500, 10, (400, 400))
+    sky = np.hypot(*(np.indices((400, 400)) - 199.5)) < 160
+    found = align(image, sky, CAMERA, UP, enu)
+    assert found.stars >= 60
+    assert found.rms_px < 0.1
+    missed = Rotation.from_matrix(found.R_cam @ true.T).magnitude()
+    assert np.degrees(missed) < 0.01
+    assert found.turned_deg == pytest.approx(turn_deg, abs=0.01)
+
+
+def test_an_empty_frame_keeps_the_attitude() -> None:
+    rng = np.random.default_rng(3)
+    enu = directions(*sky_stars(rng, 50))
+    image = rng.normal(500, 10, (400, 400))
+    found = align(image, np.ones((400, 400), dtype=bool), CAMERA, UP, enu)
+    assert (found.R_cam == UP).all()
+    assert np.isnan(found.rms_px)
+
+
+def test_trees_are_ground_and_the_picture_has_them_in_their_directions() -> None:
+    view = view_of(CAMERA, UP)
+    rng = np.random.default_rng(4)
+    tree = (np.abs(view.azimuth_deg - 90) < 12) & (view.altitude_deg < 25)
+    frames = []
+    for level in (400.0, 900.0, 3000.0):
+        light = np.where(view.altitude_deg > 0, level, 0.0)
+        frames.append(np.where(tree, 0.3, 1.0) * light + rng.normal(0, 10, (400, 400)))
+    found = ground_mask(frames, view)
+    above = np.nan_to_num(view.altitude_deg, nan=-90) > 2
+    assert (found & above & tree).sum() > 0.95 * (tree & above).sum()
+    assert (found & above & ~tree).sum() < 0.05 * (tree & above).sum()
+    picture = landscape_picture(found, CAMERA, UP)
+    middle = PICTURE_PX // 2
+    at_15_deg = round(PICTURE_PX / 2 * 75 / 90)
+    alpha = picture[..., 3]
+    # East is on the left of a picture of the sky with north at its top.
+    assert alpha[middle, middle - at_15_deg] == 255
+    assert alpha[middle, middle + at_15_deg] == alpha[middle - at_15_deg, middle] == 0
+
+
+def test_the_dark_level_is_the_plane_of_the_dark_corners() -> None:
+    v, u = np.mgrid[0:400, 0:400]
+    plane = 1000 + 0.2 * u - 0.1 * v
+    light = np.where(np.hypot(u - 199.5, v - 199.5) < 150, 5000.0, 0.0)
+    found = dark_plane(plane + light, CAMERA, 150.0, 64.0)
+    assert found == pytest.approx(plane, abs=0.1)
+    assert (dark_plane(plane + light, CAMERA, 260.0, 64.0) == 64.0).all()
+    assert (dark_plane(plane + light, CAMERA, None, 64.0) == 64.0).all()
+
+
+def test_a_weather_is_found_from_sky_and_stars() -> None:
+    """A sky of known law: airglow and city add, the air dims; 3 % of noise on cells, 10 % on stars."""
+    rng = np.random.default_rng(5)
+    airmass = np.linspace(1, 5, 8)[:, None] * np.ones(12)
+    glow = 500 * airmass**0.5
+    town = 100 * airmass**2 * (1 + np.cos(np.linspace(0, 2 * np.pi, 12)))
+    star_airmass = rng.uniform(1, 4, 200)
+
+    names = ("airglow_factor", "aerosol_tau_550", "city_factor")
+
+    def twin(weather: Weather) -> Seen:
+        airglow, tau, city = (getattr(weather, name) for name in names)
+        cells = (airglow * glow + city * town) * np.exp(-tau * airmass)
+        return Seen(cells, 1000 * np.exp(-tau * star_airmass))
+
+    true = Weather(airglow_factor=0.6, aerosol_tau_550=0.12, city_factor=2.0)
+    clean = twin(true)
+    real = Seen(clean.cells * rng.lognormal(0, 0.03, (8, 12)), clean.stars * rng.lognormal(0, 0.1, 200))
+    real.cells[0, :3] = np.nan
+    found = fit_weather(real, names, twin)
+    assert found.weather.airglow_factor == pytest.approx(0.6, rel=0.05)
+    assert found.weather.aerosol_tau_550 == pytest.approx(0.12, abs=0.015)
+    assert found.weather.city_factor == pytest.approx(2.0, rel=0.1)
+    assert found.weather.cloud_tau is None
+    assert found.typical_miss < 0.04
+    assert found.bias < 0.03
+
+
+def test_a_weather_changes_its_keys_of_the_scenario_and_no_others() -> None:
+    tree = {"sky": {"cities": [{"distance_km": 9, "upward_mlm": 5.0}]}, "atmosphere": {"ozone_du": 280}}
+    found = Weather(airglow_factor=0.5, aerosol_tau_550=0.2, city_factor=2.0).over(tree)
+    assert found["sky"] == {"airglow_factor": 0.5, "cities": [{"distance_km": 9, "upward_mlm": 10.0}]}
+    assert found["atmosphere"] == {"ozone_du": 280, "aerosol_tau_550": 0.2}
+    assert tree["sky"]["cities"][0]["upward_mlm"] == 5.0
+    assert Weather().over(tree) == tree
+
+
+def test_cells_are_medians_of_their_sky() -> None:
+    view = view_of(CAMERA, UP)
+    light = np.where(np.nan_to_num(view.azimuth_deg) < 180, 100.0, 300.0)
+    sky = np.nan_to_num(view.altitude_deg, nan=-90) > 30
+    cells = sky_cells(light, view, sky)
+    assert np.isnan(cells[:3]).all()
+    assert (cells[4, :6] == 100).all()
+    assert (cells[4, 6:] == 300).all()
+
+
+@pytest.fixture(scope="module")
+def night() -> tuple[np.ndarray, Stars]:
+    rng = np.random.default_rng(6)
+    azimuth, altitude = sky_stars(rng, 150)
+    v_mag = rng.uniform(1, 5, 150)
+    uv = CAMERA.project(directions(azimuth, altitude) @ UP.T)
+    image = draw(uv, 2e5 * 10 ** (-0.4 * v_mag)) + 800
+    return rng.normal(image, 15), Stars(uv, v_mag, altitude)
+
+
+def test_measures_of_a_frame_of_known_stars_and_white_noise(night: tuple[np.ndarray, Stars]) -> None:
+    """Lag-one correlations of some 30,000 pixels of white noise: within 0.03, five standard errors."""
+    image, stars = night
+    view = view_of(CAMERA, UP)
+    sky = np.nan_to_num(view.altitude_deg, nan=-90) > 15
+    found = measure(image, np.full(image.shape, 100.0), view, sky, stars, 65535.0)
+    assert found.sep > 100
+    assert found.celnav > 100
+    assert found.celnav_spurious < 0.05
+    assert found.noise == pytest.approx(15, rel=0.05)
+    assert np.abs(found.autocorrelation).max() < 0.03
+    assert found.spectrum == pytest.approx(np.ones(4), abs=0.12)
+    assert np.isnan(found.sky[0])
+    assert found.sky[1:] == pytest.approx(700, abs=3)
+
+
+def test_smooth_noise_has_its_correlation_and_false_stars_are_spurious(night: tuple[np.ndarray, Stars]) -> None:
+    """Gaussian smoothing by s correlates neighbours by exp(-1 / (4 s^2))."""
+    image, stars = night
+    rng = np.random.default_rng(7)
+    view = view_of(CAMERA, UP)
+    sky = np.nan_to_num(view.altitude_deg, nan=-90) > 15
+    false = CAMERA.project(directions(*sky_stars(rng, 150)) @ UP.T)
+    smooth = gaussian_filter(rng.normal(0, 60, image.shape), 0.8)
+    found = measure(image + smooth + draw(false, np.full(150, 2e4)), np.zeros(image.shape), view, sky, stars, 65535.0)
+    expected = np.exp(-1 / (4 * 0.8**2))
+    part = smooth.var() / (smooth.var() + 15**2)
+    assert found.autocorrelation == pytest.approx(np.full(2, expected * part), abs=0.06)
+    assert found.spectrum[0] > 2 * found.spectrum[3]
+    assert 0.35 < found.sep_spurious < 0.65
