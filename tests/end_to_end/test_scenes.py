@@ -40,6 +40,8 @@ def reduced(path: Path) -> Scenario:
     for key in ("width", "height", *LENGTHS_PX):
         if key in preset:
             camera.setdefault(key, preset[key])
+    if "focal_length_mm" in preset:
+        camera["pixel_pitch_um"] = preset["pixel_pitch_um"] * REDUCTION
     for key in ("width", "height"):
         # Even, for the codec of a video.
         camera[key] = camera[key] // REDUCTION // 2 * 2
