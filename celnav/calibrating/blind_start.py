@@ -23,14 +23,30 @@ from celnav.identification.sky_index import load_sky_index
 
 F8 = NDArray[np.float64]
 
-REACHES_RAD = (0.35, 0.5)
-STEP = 1.12
 MOST_DETECTIONS = 200
 FEWEST_DETECTIONS = 8
 # Look-ups (celnav.identification.effort): 0.03 s for each focal length.
 WORK = 4_000_000
-# A frame's shorter side spans from 290 deg (of a fisheye) to 5 deg.
-_SHORTEST_F, _LONGEST_F = 0.2, 11.0
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """Radius of the disk, in focal lengths; range of focal lengths, in the frame's shorter side; step, and work for each."""
+
+    reach_rad: float
+    shortest: float
+    longest: float
+    step: float
+    work: int
+
+
+# From an image circle of 180 deg over a third of the frame to 5 deg across it. Where clutter is bright or stars are few,
+# finer steps and more work find what the first passes miss.
+_PASSES = (
+    _Pass(0.35, 0.1135, 11.0, 1.12, WORK),
+    _Pass(0.5, 0.1135, 11.0, 1.12, WORK),
+    _Pass(0.35, 0.5, 11.0, 1.05, 5 * WORK),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +73,13 @@ class Start:
 
 def find_start(frame: CalibrationFrame, sky: Sky) -> Start | None:
     """Find focal length and attitude from nothing; None where the middle of the frame shows no stars to be named."""
-    width, height = frame.size
-    shorter = min(width, height)
-    steps = int(math.log(_LONGEST_F / _SHORTEST_F) / math.log(STEP)) + 1
-    for reach_rad in REACHES_RAD:
+    shorter = min(frame.size)
+    for each in _PASSES:
+        steps = int(math.log(each.longest / each.shortest) / math.log(each.step)) + 1
         for step in range(steps):
-            f_px = _SHORTEST_F * shorter * STEP**step
-            camera = Camera("equidistant", width, height, f_px)
-            if (found := identify_middle(frame, sky, camera, reach_rad * f_px)) is not None:
+            f_px = each.shortest * shorter * each.step**step
+            camera = Camera("equidistant", *frame.size, f_px)
+            if (found := identify_middle(frame, sky, camera, each.reach_rad * f_px, each.work)) is not None:
                 return found
     return None
 
@@ -76,7 +91,9 @@ def is_mirrored(frame: CalibrationFrame, sky: Sky) -> bool:
     return find_start(turned, sky) is not None
 
 
-def identify_middle(frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float) -> Start | None:
+def identify_middle(
+    frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float, work: int = WORK
+) -> Start | None:
     """Name the detections within `reach_px` of the middle of the frame with a camera whose focal length is 6 % good."""
     width, height = frame.size
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
@@ -91,7 +108,7 @@ def identify_middle(frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px:
         camera, frame.uv[near], rays, frame.detections.flux is not None, area_px / (camera.f_px * camera.fy_px), area_px,
         None, np.eye(3), None, None,
     )  # fmt: skip
-    found = identify(question, load_sky_index(), SearchConfig(), Effort(WORK)).alignment
+    found = identify(question, load_sky_index(), SearchConfig(), Effort(work)).alignment
     if found is None:
         return None
     scale = math.exp(found.log_f)
