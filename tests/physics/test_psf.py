@@ -1,9 +1,13 @@
 """Point spread functions against GalSim, flux, field dependence, and a user's stack."""
 
+import gzip
+import re
+
 import galsim
 import numpy as np
 import OpenEXR
 import pytest
+from astropy.io import fits
 from small_scenes import BASE, small_scenario
 
 from generator import plugins
@@ -212,8 +216,6 @@ def test_a_user_s_stack_is_used(tmp_path, kind) -> None:
     if kind == "exr":
         write_stack(tmp_path / "psf.exr", (65, 65))
     else:
-        from astropy.io import fits
-
         axis = np.arange(65) - 32
         square = axis**2 + axis[:, None] ** 2
         fits.writeto(tmp_path / "psf.fits", np.array([np.exp(-square / 2 / (4 + n) ** 2) for n in range(3)]))
@@ -236,6 +238,20 @@ def test_bad_stacks_are_refused(tmp_path) -> None:
             stack_scenario(tmp_path, name)
         assert "camera.psf.stack" in str(caught.value)
         assert fragment in str(caught.value)
+
+
+def test_stacks_are_judged_by_their_headers(tmp_path) -> None:
+    """A gzip file by the name of a FITS file is not unpacked; a header that claims terabytes is not believed."""
+    claims = fits.Header([("SIMPLE", True), ("BITPIX", -64), ("NAXIS", 3), *((f"NAXIS{n}", 99999) for n in (1, 2, 3))])
+    (tmp_path / "claims.fits").write_bytes(claims.tostring(padding=True).encode())
+    with gzip.open(tmp_path / "packed.fits", "wb") as file:
+        file.write(claims.tostring(padding=True).encode() + bytes(2880))
+    write_stack(tmp_path / "large.exr", (4001, 4001))
+    for name, fragment in (("claims.fits", "found shape (99999, 99999, 99999)"),
+                           ("packed.fits", "compressed files are not read"),
+                           ("large.exr", "found a side of 4001 samples, expected 3 to 480")):  # fmt: skip
+        with pytest.raises(ScenarioError, match=re.escape(fragment)):
+            stack_scenario(tmp_path, name)
 
 
 def test_table_has_the_same_bits_again() -> None:

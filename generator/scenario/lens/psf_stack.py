@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from generator.scenario.strict import InputFile
 
+FITS_START = b"SIMPLE  ="
 MOST_FUNCTIONS = 64
 LARGEST_SIDE_PX = 120
 """Twice the largest support_px of the camera's psf."""
@@ -39,34 +40,50 @@ def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
         The file is not a stack of square, non-negative images with an odd side of a usable size.
     """
     name = Path(file.location)
+    read = _read_fits if name.suffix.lower() in (".fits", ".fit", ".fts") else _read_exr
     try:
-        stack = _read_fits(name) if name.suffix.lower() in (".fits", ".fit", ".fts") else _read_exr(name)
+        stack = read(name, oversampling)
+    except StackError:
+        raise
     except (OSError, RuntimeError, TypeError, KeyError, ValueError) as error:
         raise StackError(f"found '{file.path}', which cannot be read as FITS or EXR ({error})") from error
-    if stack.ndim == 2:
-        stack = stack[None]
-    shape = stack.shape
-    if stack.ndim != 3 or shape[1] != shape[2] or shape[1] % 2 == 0 or not 1 <= shape[0] <= MOST_FUNCTIONS:
-        raise StackError(
-            f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}"
-        )
-    if not 3 <= shape[1] <= LARGEST_SIDE_PX * oversampling:
-        raise StackError(f"found a side of {shape[1]} samples, expected 3 to {LARGEST_SIDE_PX * oversampling}")
     if not np.isfinite(stack).all() or stack.min() < 0 or (stack.sum(axis=(1, 2)) <= 0).any():
         raise StackError("found values that are negative or not finite, or a function without light")
     return stack / stack.sum(axis=(1, 2), keepdims=True)
 
 
-def _read_fits(name: Path) -> NDArray[np.float64]:
+def _check_shape(shape: tuple[int, ...], oversampling: int) -> None:
+    """Judge the shape that a header states, before anything is decoded."""
+    if len(shape) != 3 or shape[1] != shape[2] or shape[1] % 2 == 0 or not 1 <= shape[0] <= MOST_FUNCTIONS:
+        raise StackError(
+            f"found shape {shape}, expected (n, side, side) with an odd side and n from 1 to {MOST_FUNCTIONS}"
+        )
+    if not 3 <= shape[1] <= LARGEST_SIDE_PX * oversampling:
+        raise StackError(f"found a side of {shape[1]} samples, expected 3 to {LARGEST_SIDE_PX * oversampling}")
+
+
+def _read_fits(name: Path, oversampling: int) -> NDArray[np.float64]:
     from astropy.io import fits
 
-    with fits.open(name, memmap=False) as content:
-        return np.array(content[0].data, dtype=np.float64)
+    with name.open("rb") as file:
+        if file.read(len(FITS_START)) != FITS_START:
+            raise StackError("found a file that does not begin as FITS does; compressed files are not read")
+        file.seek(0)
+        header = fits.Header.fromfile(file)
+    stated = tuple(int(header[f"NAXIS{axis}"]) for axis in range(int(header["NAXIS"]), 0, -1))
+    shape = (1, *stated) if len(stated) == 2 else stated
+    _check_shape(shape, oversampling)
+    with fits.open(name, memmap=False, disable_image_compression=True) as content:
+        return np.array(content[0].data, dtype=np.float64).reshape(shape)
 
 
-def _read_exr(name: Path) -> NDArray[np.float64]:
+def _read_exr(name: Path, oversampling: int) -> NDArray[np.float64]:
     import OpenEXR
 
+    with OpenEXR.File(str(name), separate_channels=True, header_only=True) as content:
+        header = content.header()
+        (left, top), (right, bottom) = header["dataWindow"]
+        _check_shape((len(header["channels"]), int(bottom - top + 1), int(right - left + 1)), oversampling)
     with OpenEXR.File(str(name), separate_channels=True) as content:
         channels = content.channels()
         return np.array([channels[key].pixels for key in sorted(channels)], dtype=np.float64)
