@@ -8,7 +8,8 @@ the same answer on every machine, and for every commit.
 Two kinds of modules are looked into rather than taken whole:
 
 * A package's ``__init__`` of imports and ``__all__`` alone only passes names on. ``from package import name`` leads to
-  the module that defines the name, and so does ``package.name`` after ``import package``.
+  the module that defines the name, and so does ``package.name`` after ``import package``. A ``__getattr__`` that does no
+  more than import a name when it is first asked for passes names on too.
 * A *shared* module, such as a registry of solvers, serves several entries. Of it those statements count that the entry
   needs, and of a table in it those rows that have the entry's key.
 
@@ -98,13 +99,18 @@ class _Module:
     @cached_property
     def origins(self) -> dict[str, tuple[str, str]]:
         """Names that its own import statements bind, each with the module it comes from and its name there."""
-        return _origins(self.tree.body)
+        late = [node for statement in self.tree.body for node in _passed_on_late(statement)]
+        return _origins([*self.tree.body, *late])
 
     @cached_property
     def passes_on(self) -> bool:
         """Whether it is a package that only imports and lists its names."""
         return self.is_package and all(
-            isinstance(statement, _IMPORTS) or _defined(statement) == {"__all__"} for statement in self.tree.body
+            isinstance(statement, _IMPORTS)
+            or (isinstance(statement, ast.If) and _never_imported(statement.test) and not statement.orelse)
+            or _passed_on_late(statement)
+            or _defined(statement) == {"__all__"}
+            for statement in self.tree.body
         )
 
 
@@ -341,6 +347,16 @@ def _origins(body: Sequence[ast.stmt]) -> dict[str, tuple[str, str]]:
             found |= {alias.asname: (alias.name, "") for alias in node.names if alias.asname}
             found |= {alias.name.split(".")[0]: (alias.name, "") for alias in node.names if not alias.asname}
     return found
+
+
+def _passed_on_late(statement: ast.stmt) -> list[ast.stmt]:
+    """Imports of a module's ``__getattr__`` (PEP 562) that does nothing else; none of any other statement."""
+    if not isinstance(statement, ast.FunctionDef) or statement.name != "__getattr__":
+        return []
+    body = statement.body[1:] if ast.get_docstring(statement) is not None else statement.body
+    nodes = [node for each in body for node in ast.walk(each) if isinstance(node, ast.stmt)]
+    passes = all(isinstance(node, (*_IMPORTS, ast.If, ast.Return, ast.Raise)) for node in nodes)
+    return [node for node in nodes if isinstance(node, _IMPORTS)] if passes else []
 
 
 def _defined(statement: ast.stmt) -> set[str]:

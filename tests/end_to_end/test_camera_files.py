@@ -28,6 +28,7 @@ VIDEO = {
 }
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize(("name", "parts"), [("photo", PHOTO), ("video", VIDEO)])
 def test_files_of_a_camera_are_in_a_dataset(name, parts, tmp_path) -> None:
     scene = tmp_path / "scene.yaml"

@@ -61,13 +61,21 @@ def test_every_feature_has_its_scene() -> None:
         assert len(lines) <= 55, path.name
 
 
+LONG = ("landscape", "observatory_allsky", "telephone")
+"""Scenes whose ground is drawn first, or whose frames are large."""
+
+
 def test_documentation_lists_every_feature_way_to_vary_and_preset() -> None:
     text = (ROOT / "docs/scenarios.md").read_text()
     for word in (*(f"{name}.yaml" for name in FEATURES), *DISTRIBUTION_KEYS, "sweep", *PRESETS):
         assert word in text, word
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.journey] * (path.stem in LONG)) for path in SCENES],
+    ids=lambda path: path.stem,
+)
 def test_scene_plans_and_renders_its_first_frame(path) -> None:
     scenario = reduced(path)
     plan = plan_frame(scenario, 0)

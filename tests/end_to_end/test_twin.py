@@ -59,6 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.journey
 def test_the_twin_has_the_weather_and_the_stars_of_its_photograph(folder: Path) -> None:
     arguments = ["twin", str(folder / "night.fits"), "--scene", str(folder / "clearing.yaml")]
     run = CliRunner().invoke(app, [*arguments, "--out", str(folder / "out"), "--json"])

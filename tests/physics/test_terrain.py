@@ -224,6 +224,7 @@ def test_scenario_with_an_elevation_raster(tmp_path) -> None:
         scene(tmp_path, {"dem": "hills.tif", "azimuth_deg": 30.0})
 
 
+@pytest.mark.journey
 def test_far_hills_fade_into_the_sky_at_the_horizon(tmp_path) -> None:
     """Koschmieder's law: the light of a wall 31 km away in haze of 1 / km is that of the sky at the horizon there; in clear
     air its part is 1 - exp(-extinction x distance), the rest that of its own dark surface."""

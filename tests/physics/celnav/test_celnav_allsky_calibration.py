@@ -51,6 +51,7 @@ def test_decentring_is_what_others_found(frames):
     assert fitted(frames).rms_px > 0.2
 
 
+@pytest.mark.journey
 def test_a_photograph_is_solved_with_the_calibration_of_another_night(tmp_path, capsys):
     camera = str(tmp_path / "camera.json")
     place = ["--lat", str(LAT_DEG), "--lon", str(LON_DEG), "--height-m", str(HEIGHT_M)]

@@ -161,6 +161,34 @@ def test_a_package_that_passes_names_on_leads_to_their_modules() -> None:
     assert behaviour_of(sources, Entry([("q.all", "")])).modules == ("p", "p.a", "p.b", "q.all")
 
 
+LATE = """from typing import TYPE_CHECKING
+from p.a import f
+if TYPE_CHECKING:
+    from p.b import g
+def __getattr__(name):
+    'Late.'
+    if name == "g":
+        from p.b import g
+        {more}
+        return g
+    raise AttributeError(name)
+"""
+
+
+def test_a_package_that_passes_names_on_late_leads_to_their_modules() -> None:
+    modules = {
+        "p/a.py": "def f(): return 1",
+        "p/b.py": "def g(): return 2",
+        "q/early.py": "from p import f",
+        "q/late.py": "import p\ndef h(): return p.g()",
+    }
+    sources = Sources.of_files(modules | {"p/__init__.py": LATE.format(more="")})
+    assert behaviour_of(sources, Entry([("q.early", "")])).modules == ("p.a", "q.early")
+    assert behaviour_of(sources, Entry([("q.late", "")])).modules == ("p.b", "q.late")
+    working = Sources.of_files(modules | {"p/__init__.py": LATE.format(more="print(name)")})
+    assert behaviour_of(working, Entry([("q.early", "")])).modules == ("p", "p.a", "p.b", "q.early")
+
+
 def test_a_package_with_code_of_its_own_counts() -> None:
     sources = Sources.of_files({"p/__init__.py": "import numpy\nnumpy.seterr(all='raise')", "p/a.py": "X = 1"})
     assert behaviour_of(sources, Entry([("p.a", "X")])).modules == ("p", "p.a")

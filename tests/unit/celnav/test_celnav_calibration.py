@@ -131,6 +131,7 @@ def test_generator_takes_the_scenario(calibrated, tmp_path):
     assert frame.R_cam == pytest.approx(calibrated.mount.R_cam, abs=1e-9)
 
 
+@pytest.mark.journey
 def test_mirrored_picture_is_named(tilted):
     frame = tilted[0]
     uv = frame.uv * [1, -1] + [0, SIZE[1] - 1]
@@ -146,6 +147,7 @@ def test_wrong_place_is_named(tilted):
         calibrate([tilted[0]], -LAT_DEG, LON_DEG + 180)
 
 
+@pytest.mark.journey
 def test_clutter_alone_is_refused():
     rng = np.random.default_rng(5)
     uv = rng.uniform(0, 1, (300, 2)) * (np.array(SIZE) - 1)
@@ -218,6 +220,7 @@ def test_two_frames_of_one_fixed_camera_share_an_attitude():
     assert json.loads(found.to_json())["calibration"]["parameters"] == ["f_px", "cx_px", "cy_px", "k1", "k2"]
 
 
+@pytest.mark.journey
 def test_mount_that_moves_within_a_night_is_noticed():
     # A fiftieth of a degree is 0.1 px, as much as one centroid scatters, and thirty standard deviations of an attitude.
     lens = (330.0, 612.0, 441.0, -0.012, 0.004, 0.0, 0.0)

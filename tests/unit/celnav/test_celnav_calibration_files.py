@@ -127,6 +127,7 @@ def rms_night(sigma_px=0.1):
     return night, R_cam
 
 
+@pytest.mark.journey
 def test_centroids_of_rms_calibrate_their_camera(tmp_path, capsys):
     night, _ = rms_night()
     path = tmp_path / "platepars_all_recalibrated.json"
