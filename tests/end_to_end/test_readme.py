@@ -44,6 +44,7 @@ TAKE_LONG = {
     "skybench study calibration": (
         "skybench study calibration --sites 2 --pictures 1 --gradient 2 --out calibration --work work"
     ),
+    "skybench twin": f"skybench twin {ROOT}/tests/data/allsky/008.fits.bz2 --scene observatory_allsky --out twins",
 }
 # On what the rows of the table have made; tests/end_to_end/test_command_line.py has those that need nothing.
 AS_JSON = (
