@@ -4,6 +4,7 @@ import resource
 from functools import partial
 
 import pytest
+from large_results import write_large
 from tiny_dataset import start
 
 GB = 1_000_000 * 1024
@@ -20,3 +21,15 @@ def test_rendering(tmp_path, limit_gb, status) -> None:
     assert "Traceback" not in errors
     assert ("out of memory" in errors) == (status == 2)
     assert (tmp_path / "out" / "stars.parquet").exists() == (status == 0)
+
+
+@pytest.mark.journey
+def test_pages_of_results(tmp_path) -> None:
+    write_large(tmp_path, 5, 500)
+    with start(
+        "bench", "report", "--out", str(tmp_path),
+        preexec_fn=partial(resource.setrlimit, resource.RLIMIT_AS, (2 * GB, 2 * GB)),
+    ) as process:  # fmt: skip
+        _, errors = process.communicate()
+    assert process.returncode == 0, errors
+    assert (tmp_path / "site" / "index.html").exists()
