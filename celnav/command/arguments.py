@@ -12,6 +12,7 @@ from celnav.solver import solvers
 _EXAMPLES = """\
 examples:
   celnav solve photo.jpg --time-zone Europe/Berlin --attitude altitude=62,roll=-3,tilt_sigma=0.5
+  celnav solve photo.heic --attitude exif
   celnav solve sky.png --camera calibration.yml --utc 2020-01-01T00:00:00Z --attitude azimuth=120,altitude=45,roll=0
   celnav solve frame-00000.png --camera frame-00000.json --attitude frame-00000.json \\
       --utc 2020-01-01T00:00:00Z --plot found.png
@@ -44,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
-        "image", metavar="IMAGE", help="PNG, JPEG or TIFF of 8 or 16 bits, or FITS; pixels are used as stored"
+        "image", metavar="IMAGE", help="PNG, JPEG, TIFF or HEIF of 8 or 16 bits, or FITS; pixels are used as stored"
     )
     _time_options(command.add_argument_group("time"))
     _camera_options(command.add_argument_group("camera"))
@@ -54,7 +55,8 @@ def parser() -> argparse.ArgumentParser:
         default="unknown",
         metavar="ANGLES|NAME|FILE",
         help="degrees, azimuth=120,altitude=45,roll=0 of the boresight (no azimuth: heading unknown; tilt_sigma=, "
-        "heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; unknown (the default): no position; or "
+        "heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; exif: the vertical "
+        "of a telephone's accelerometer, tagged by Apple; unknown (the default): no position; or "
         "JSON with R_cam (ENU to camera), or a frame record",
     )
     group.add_argument(

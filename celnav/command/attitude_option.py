@@ -8,19 +8,25 @@ from celnav.attitude import Attitude
 from celnav.command.pointing import Pointing
 from celnav.errors import AttitudeError
 
+# Rms of an axis of the accelerometers that wrote eight published photographs is 10 thousandths of g.
+GRAVITY_SIGMA_DEG = 0.6
+_GRAVITY = re.compile(r"\s*exif\s*(?:,\s*tilt_sigma\s*=\s*(?P<sigma>[^,]+))?")
 _KEYS = ("azimuth", "altitude", "roll", "tilt_sigma", "heading_sigma")
 _ANGLES = re.compile(r"\s*(" + "|".join(_KEYS) + r")\s*=")
 
 
-def read_attitude(text: str) -> Attitude | None:
+def read_attitude(text: str, up: tuple[float, float, float] | None = None) -> Attitude | None:
     """Read the option's value.
 
     Parameters
     ----------
     text : str
-        ``unknown``; ``zenith-north-up``; ``zenith``; angles in degrees such as ``azimuth=120,altitude=45,roll=3``, with
+        ``unknown``; ``zenith-north-up``; ``zenith``; ``exif``, the vertical of the image's maker note, with ``,tilt_sigma=``
+        where it is not GRAVITY_SIGMA_DEG; angles in degrees such as ``azimuth=120,altitude=45,roll=3``, with
         ``tilt_sigma`` and ``heading_sigma`` where they are uncertain; or the name of a JSON file with `R_cam`. Without an
         azimuth the heading is unknown.
+    up : tuple of float, optional
+        The zenith's direction in the camera frame by the image's tags.
 
     Returns
     -------
@@ -30,7 +36,7 @@ def read_attitude(text: str) -> Attitude | None:
     Raises
     ------
     AttitudeError
-        When the value is none of these, or an angle is out of range.
+        When the value is none of these, or an angle is out of range, or the tags have no vertical.
     """
     if text == "unknown":
         return None
@@ -38,6 +44,16 @@ def read_attitude(text: str) -> Attitude | None:
         return Attitude.zenith_north_up()
     if text == "zenith":
         return Attitude.up([0.0, 0.0, 1.0])
+    gravity = _GRAVITY.fullmatch(text)
+    if gravity is not None:
+        if up is None:
+            raise AttitudeError(
+                "--attitude exif: the image has no maker note with an accelerometer at rest (Apple's AccelerationVector, of "
+                "the rear camera, in a file as the telephone wrote it): give --attitude altitude=45,roll=0"
+            )
+        return Attitude.up(
+            up, GRAVITY_SIGMA_DEG if gravity["sigma"] is None else _degrees(text, "tilt_sigma", gravity["sigma"])
+        )
     if _ANGLES.match(text) is None:
         return Attitude.from_json(text)
     angles = _angles(text)
@@ -58,8 +74,12 @@ def _angles(text: str) -> dict[str, float]:
         name, _, value = (piece.strip() for piece in part.partition("="))
         if name not in _KEYS or name in angles:
             raise AttitudeError(f"--attitude {text}: {name!r} must be one of {', '.join(_KEYS)}, each at most once")
-        try:
-            angles[name] = float(value)
-        except ValueError:
-            raise AttitudeError(f"--attitude {text}: {name} = {value!r} must be a number of degrees") from None
+        angles[name] = _degrees(text, name, value)
     return angles
+
+
+def _degrees(text: str, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise AttitudeError(f"--attitude {text}: {name} = {value!r} must be a number of degrees") from None

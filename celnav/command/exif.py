@@ -1,4 +1,4 @@
-"""What a photograph says about itself: the EXIF tags for its time and its lens.
+"""What a photograph says about itself: the EXIF tags for its time, its lens and the vertical.
 
 Tags are input from outside: numbers are checked, text is cut and stripped of anything that a terminal would act upon.
 The position that a photograph may carry is not read.
@@ -11,14 +11,19 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat
 
+from celnav.command.maker_note import Vector, acceleration_g, up_in_picture
 from celnav.errors import ImageError
 
+if TYPE_CHECKING:
+    from PIL import Image
+
+_Tags = Mapping[int, object]
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _LONGEST_TEXT = 60
 # Millimetres of the units of FocalPlaneResolutionUnit; 4 and 5 are in wide use though not in the standard.
@@ -57,6 +62,8 @@ class PhotoTags:
         1: stored as it is to be shown; 2 to 8: turned or mirrored.
     camera, lens : str
         Names.
+    up : tuple of float or None
+        The zenith's direction in the camera frame of the pixels as they are read, by the accelerometer of a telephone.
     """
 
     width: int
@@ -73,6 +80,7 @@ class PhotoTags:
     orientation: int = 1
     camera: str = ""
     lens: str = ""
+    up: Vector | None = None
 
 
 def refuse_raw(path: str | Path) -> None:
@@ -86,7 +94,7 @@ def refuse_raw(path: str | Path) -> None:
 
 
 def read_tags(path: str | Path) -> PhotoTags:
-    """Read the tags of a PNG, JPEG or TIFF; of a FITS image, its size and the start and length of its exposure.
+    """Read the tags of a PNG, JPEG, TIFF or HEIF; of a FITS image, its size and the start and length of its exposure.
 
     Raises
     ------
@@ -96,6 +104,7 @@ def read_tags(path: str | Path) -> PhotoTags:
     from PIL import Image
 
     from celnav.detecting.fits_file import is_fits, read_fits
+    from celnav.detecting.heif_file import is_heif, open_heif
 
     if is_fits(path):
         found = read_fits(path)
@@ -105,16 +114,15 @@ def read_tags(path: str | Path) -> PhotoTags:
         return PhotoTags(
             width, height, taken, False, None if taken is None else timedelta(0), exposure_s=found.exposure_s
         )
+    if is_heif(path):
+        picture = open_heif(path)
+        return _tags((picture.width, picture.height), *_directories(lambda: _loaded(picture.tags)), turned=True)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as image:
                 size, form = image.size, image.format
-                try:
-                    exif = image.getexif()
-                    base, photo, gps = dict(exif), dict(exif.get_ifd(_EXIF_IFD)), dict(exif.get_ifd(_GPS_IFD))
-                except Exception:  # Pillow raises struct.error, KeyError, OverflowError and others for damaged tags
-                    base, photo, gps = {}, {}, {}
+                base, photo, gps = _directories(image.getexif)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ImageError(f"image {path} cannot be read: {error}".replace("\n", " ")) from None
     tags = _tags(size, base, photo, gps)
@@ -126,16 +134,36 @@ def read_tags(path: str | Path) -> PhotoTags:
     return tags
 
 
-def _tags(
-    size: tuple[int, int], base: Mapping[int, object], photo: Mapping[int, object], gps: Mapping[int, object]
-) -> PhotoTags:
+def _loaded(content: bytes) -> Image.Exif:
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif.load(content)
+    return exif
+
+
+def _directories(read: Callable[[], Image.Exif]) -> tuple[_Tags, _Tags, _Tags]:
+    """Return the tags of the picture, of the photograph and of the position; empty where they are damaged."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            exif = read()
+            return dict(exif), dict(exif.get_ifd(_EXIF_IFD)), dict(exif.get_ifd(_GPS_IFD))
+    except Exception:  # Pillow raises struct.error, KeyError, OverflowError and others for damaged tags
+        return {}, {}, {}
+
+
+def _tags(size: tuple[int, int], base: _Tags, photo: _Tags, gps: _Tags, turned: bool = False) -> PhotoTags:
+    """Check the tags of a picture; `turned`: its pixels are already turned by its orientation."""
     fraction = re.match(r"\d+", _text(photo.get(0x9291)))
     taken = _time(photo.get(0x9003))
     if taken is not None and fraction:
         taken += timedelta(seconds=float(f"0.{fraction[0]}"))
     per_unit, unit_mm = _positive(photo.get(0xA20E)), _UNIT_MM.get(int(_positive(photo.get(0xA210)) or 2))
     tagged_width = _positive(photo.get(0xA002))
-    orientation = int(_positive(base.get(0x0112)) or 1)
+    stated = int(_positive(base.get(0x0112)) or 1)
+    orientation = stated if 1 <= stated <= 8 else 1
+    lens = _text(photo.get(0xA434))
     return PhotoTags(
         width=size[0],
         height=size[1],
@@ -148,10 +176,21 @@ def _tags(
         focal_length_35mm=_positive(photo.get(0xA405)),
         focal_plane_px_mm=None if per_unit is None or unit_mm is None else per_unit / unit_mm,
         tagged_width_px=None if tagged_width is None else round(tagged_width),
-        orientation=orientation if 1 <= orientation <= 8 else 1,
+        orientation=1 if turned else orientation,
         camera=_text(base.get(0x0110)),
-        lens=_text(photo.get(0xA434)),
+        lens=lens,
+        up=_up(photo.get(0x927C), size, lens, orientation, turned),
     )
+
+
+def _up(note: object, size: tuple[int, int], lens: str, orientation: int, turned: bool) -> Vector | None:
+    """Read the vertical from the maker note of a rear camera's picture whose pixels are as that camera wrote them."""
+    acceleration = acceleration_g(note)
+    # Cameras store rows along the telephone's long side; a program that turned the picture has left them upright.
+    rows, columns = size if not (turned and orientation >= 5) else size[::-1]
+    if acceleration is None or rows < columns or "front" in lens.lower():
+        return None
+    return up_in_picture(acceleration, orientation, turned)
 
 
 def _text(value: object) -> str:

@@ -82,7 +82,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     with clock.stage("reading"):
         image = read_image(arguments.image)
         tags = read_tags(arguments.image)
-        attitude = read_attitude(arguments.attitude)
+        attitude = read_attitude(arguments.attitude, tags.up)
         lens = _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         mask = None
@@ -105,10 +105,9 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             time_limit_s=arguments.time_limit_s,
         )
     if fix.reason is Reason.VERTICAL_REQUIRED:
-        fix = replace(
-            fix,
-            message="the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0",
-        )
+        by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
+        wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"
+        fix = replace(fix, message=wanted + by_tags)
     limit = field_limit(lens.camera, arguments.solver)
     found = Answer(
         fix=replace(fix, solver=arguments.solver),
@@ -160,6 +159,11 @@ def _solver(arguments: argparse.Namespace, lens: _Lens) -> str | Solver:
 def _of_attitude(text: str, attitude: Attitude | None, tags: PhotoTags) -> list[str]:
     """Say what is taken for granted of the attitude."""
     sentences = []
+    if attitude is not None and text.lstrip().startswith("exif"):
+        sentences.append(
+            f"the vertical is that of the telephone's accelerometer (EXIF maker note), to {attitude.tilt_deg:g} deg: a "
+            f"position to some {111 * attitude.tilt_deg:.0f} km"
+        )
     if attitude is not None and "altitude" in text and "=" in text and "roll" not in text:
         sentences.append("no roll given: the top of the image is towards the zenith")
     if attitude is not None and tags.orientation != 1:

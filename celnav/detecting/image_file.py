@@ -16,7 +16,7 @@ _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"
 
 
 def read_image(path: str | Path) -> NDArray[np.generic]:
-    """Read a PNG, JPEG or TIFF image of 8 or 16 bits, or a FITS image, plain or compressed (gzip, bzip2).
+    """Read a PNG, JPEG, TIFF or HEIF image of 8 or 16 bits, or a FITS image, plain or compressed (gzip, bzip2).
 
     Parameters
     ----------
@@ -36,18 +36,20 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     from PIL import Image, UnidentifiedImageError
 
     from celnav.detecting.fits_file import is_fits, read_fits
+    from celnav.detecting.heif_file import decode, is_heif, open_heif
 
     if is_fits(path):
         return read_fits(path).pixels
+    if is_heif(path):
+        found = open_heif(path)
+        _refuse_large(path, found.width, found.height)
+        return decode(found, path)
     try:
         with warnings.catch_warnings():
             # The size is checked below, before any pixel is decoded.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as image:
-                if image.width * image.height > MAX_PIXELS:
-                    raise ImageError(
-                        f"image {path} has {image.width} x {image.height} pixels; the limit is 100 million"
-                    )
+                _refuse_large(path, image.width, image.height)
                 if image.mode not in _MODES:
                     raise ImageError(f"image {path} has the pixel format {image.mode}; save it as grey or RGB PNG")
                 image.load()
@@ -58,8 +60,13 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     except FileNotFoundError:
         raise ImageError(f"image {path} does not exist") from None
     except UnidentifiedImageError:
-        raise ImageError(f"image {path} is not a PNG, JPEG or TIFF image") from None
+        raise ImageError(f"image {path} is not a PNG, JPEG, TIFF or HEIF image") from None
     except Image.DecompressionBombError:
         raise ImageError(f"image {path} has too many pixels; the limit is 100 million") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise ImageError(f"image {path} is damaged or cannot be read: {error}".replace("\n", " ")) from None
+
+
+def _refuse_large(path: str | Path, width: int, height: int) -> None:
+    if width * height > MAX_PIXELS:
+        raise ImageError(f"image {path} has {width} x {height} pixels; the limit is 100 million")

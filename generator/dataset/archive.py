@@ -24,6 +24,7 @@ BYTES_PER_PIXEL = {
     "hud.png": 3,
     "mask.png": 3,
     "photo.jpg": 6,
+    "photo.heic": 6,
     "stack.fits": 6,
     "video.mp4": 512,
 }

@@ -13,15 +13,20 @@ from PIL import Image
 
 from generator.errors import GeneratorError
 from generator.frame.render import png_bytes
+from generator.reading.heif_file import heif_pixels
 from generator.reading.jxl_header import jxl_shape
 from generator.reading.png_header import check_png
 from generator.reading.record import LARGEST_SIDE_PX
+from generator.sensor.photo import PHOTO_SUFFIXES
 
 JXL_EFFORT = 1
 DEPTHS = ("I;16", "I;16B")
 """Modes of Pillow for 16 bits and one channel."""
 PICTURE_MODES = ("L", "RGB")
-PHOTO_SUFFIX = "photo.jpg"
+PHOTOS = tuple(PHOTO_SUFFIXES.values())
+"""Suffixes of photographs' files."""
+HEIF_MARK = b"ftyp"
+"""From the fourth byte of a file of HEIF's family (ISO/IEC 14496-12)."""
 
 
 def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
@@ -82,13 +87,17 @@ def picture(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uin
 
 
 def photo(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Decode a JPEG with one or three channels, as stored, whatever its tag of orientation; `shape` as of :func:`decode`.
+    """Decode a JPEG or HEIF with one or three channels, as the sensor stored it, whatever its tag of orientation.
+
+    `shape` as of :func:`decode`.
 
     Raises
     ------
     GeneratorError
-        It is damaged, or of another size.
+        It is damaged, or of another size; or it is HEIF and pillow-heif is missing.
     """
+    if data[4:8] == HEIF_MARK:
+        return heif_pixels(data, shape)
     try:
         with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
             # Nothing is unpacked before its size is known.

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from generator.dataset.archive import Place, StoredFrame, check_sizes, frame_places, read_frames, read_place
 from generator.dataset.frame_columns import FRAME_SCHEMA
-from generator.dataset.images import PHOTO_SUFFIX, decode, photo, picture
+from generator.dataset.images import PHOTOS, decode, photo, picture
 from generator.dataset.layout import CODECS, IMU, MANIFEST, TABLES
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.target import open_target
@@ -58,7 +58,7 @@ class ShardFrame:
     frame_id : str
     members : dict of str to bytes
         Files as stored, by suffix: ``png`` or ``jxl``, ``json``, and where the dataset has them ``exr``, ``developed.png``,
-        ``hud.png``, ``mask.png``, ``photo.jpg``, ``stack.fits``, ``video.mp4``.
+        ``hud.png``, ``mask.png``, ``photo.jpg`` or ``photo.heic``, ``stack.fits``, ``video.mp4``.
     path : Path
         The archive, for messages.
     """
@@ -105,10 +105,11 @@ class ShardFrame:
     @functools.cached_property
     def photo(self) -> NDArray[np.uint8] | None:
         """Pixels of the photograph's file, (height, width) or (height, width, 3); None where the scenario asks for none."""
-        if PHOTO_SUFFIX not in self.members:
+        stored = [self.members[suffix] for suffix in PHOTOS if suffix in self.members]
+        if not stored:
             return None
         with _Damage(self):
-            return photo(self.members[PHOTO_SUFFIX], image_shape(self.record))
+            return photo(stored[0], image_shape(self.record))
 
     def file(self, suffix: str) -> bytes:
         """A member as it is stored; of a PNG only if it is one of the camera's size. Raises GeneratorError."""
@@ -368,7 +369,7 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
     -------
     array, dict or None
         uint16 (height, width) for ``png`` and ``jxl``, uint8 for ``developed.png``, ``hud.png``, ``mask.png`` and
-        ``photo.jpg``, the record for ``json``; None for others, which webdataset then leaves as they are.
+        ``photo.jpg`` or ``photo.heic``, the record for ``json``; None for others, which webdataset then leaves as they are.
 
     Raises
     ------
@@ -380,7 +381,7 @@ def decode_member(key: str, data: bytes) -> NDArray[Any] | dict[str, Any] | None
         return decode(data, suffix)
     if suffix in ("developed.png", "hud.png", "mask.png"):
         return picture(data)
-    if suffix == PHOTO_SUFFIX:
+    if suffix in PHOTOS:
         return photo(data)
     return read_record(data, key) if suffix == "json" else None
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from generator.dataset.archive import TooLargeError, check_holes
-from generator.dataset.images import PHOTO_SUFFIX, photo
+from generator.dataset.images import PHOTOS, photo
 from generator.dataset.layout import CROISSANT, IMU, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.reader import Dataset, checked_table, read_shard
@@ -26,7 +26,7 @@ from generator.stored_files import StoredFile, file_problem, problems_of_files, 
 
 OPTIONAL_PICTURES = {"developed.png", "hud.png", "mask.png"}
 """Further members of a frame whose sensor develops a picture or shows a head-up display, or whose sky is partly hidden."""
-OPTIONAL_MEMBERS = OPTIONAL_PICTURES | {PHOTO_SUFFIX, "stack.fits", "video.mp4"}
+OPTIONAL_MEMBERS = OPTIONAL_PICTURES | {*PHOTOS, "stack.fits", "video.mp4"}
 """These, the photograph's file, and members of a frame that is a stack of a video."""
 PNG_MEMBERS = {"png"} | OPTIONAL_PICTURES
 NOT_COVERED = "logs"
@@ -143,11 +143,11 @@ def _shard_problems(dataset: Dataset, archive: Path) -> list[str]:
                 check_png(frame.members[suffix], image_shape(frame.record))
             except GeneratorError as error:
                 found.append(f"{archive.stem}: {frame.frame_id}.{suffix} is {error}")
-        if PHOTO_SUFFIX in frame.members:
+        for suffix in sorted(frame.members.keys() & set(PHOTOS)):
             try:
-                photo(frame.members[PHOTO_SUFFIX], image_shape(frame.record))
+                photo(frame.members[suffix], image_shape(frame.record))
             except GeneratorError as error:
-                found.append(f"{archive.stem}: {frame.frame_id}.{PHOTO_SUFFIX} is {error}")
+                found.append(f"{archive.stem}: {frame.frame_id}.{suffix} is {error}")
     if rows != stored:
         found.append(f"{table.relative_to(dataset.folder)}: the table lists other frames than the shard holds")
     return found

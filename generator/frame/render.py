@@ -26,11 +26,13 @@ from generator.frame.scene import ExpectedFrame, render_expected
 from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
 from generator.scenario.model import pointing_of
+from generator.scenario.processing.develop_spec import PhotoSpec
 from generator.seeds import random_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
-from generator.sensor.photo import PHOTO_SUFFIX, Taken, photo_bytes
+from generator.sensor.maker_note import accelerometer
+from generator.sensor.photo import PHOTO_SUFFIXES, Taken, photo_bytes
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
@@ -56,7 +58,7 @@ class RenderedFrame:
     developed : (height, width[, 3]) uint8 array or None
         8-bit picture.
     attached : dict of bytes
-        Further files by their suffix (``photo.jpg``, ``stack.fits``, ``video.mp4``).
+        Further files by their suffix (``photo.jpg`` or ``photo.heic``, ``stack.fits``, ``video.mp4``).
     """
 
     plan: FramePlan
@@ -105,9 +107,18 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
     photo = None if sensor.develop is None else sensor.develop.photo
     attached = {}
     if photo is not None and developed is not None:
-        taken_as = Taken(plan.spec, plan.utc_start.isoformat(), pointing_of(plan.motion.R_mid))
-        attached[PHOTO_SUFFIX] = photo_bytes(developed, taken_as, photo)
+        attached[PHOTO_SUFFIXES[photo.format]] = photo_bytes(developed, _taken(plan, photo), photo)
     return RenderedFrame(plan, expected, dn, stars, objects, hud, developed, attached)
+
+
+def _taken(plan: FramePlan, photo: PhotoSpec) -> Taken:
+    """How the photograph of a frame was taken."""
+    seed, R_mid = plan.scenario.seed, plan.motion.R_mid
+    acceleration = None
+    if photo.gravity is not None:
+        streams = random_stream(seed, "unit.accelerometer", 0), random_stream(seed, "accelerometer", plan.index)
+        acceleration = accelerometer(R_mid, photo.gravity, *streams)
+    return Taken(plan.spec, plan.utc_start.isoformat(), pointing_of(R_mid), acceleration)
 
 
 def hud_lines(plan: FramePlan) -> tuple[str, ...]:

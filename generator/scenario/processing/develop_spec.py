@@ -38,11 +38,23 @@ def _name(text: str) -> str:
 Name = Annotated[str, AfterValidator(_name)]
 
 
+class GravitySpec(Strict):
+    """A telephone's accelerometer, whose reading its maker writes among the tags."""
+
+    form: Literal["apple"] = "apple"
+    """Of the maker note: Apple's, tag 0x0008 (AccelerationVector)."""
+    # Ten milli-g: by so much, rms, the length of the vector differs from 1 in eight photographs whose tags are public.
+    offset_mg: Annotated[float, Field(ge=0, le=200)] = 10.0
+    """Rms of each axis' offset, the same in all frames, thousandths of g."""
+    noise_mg: Annotated[float, Field(ge=0, le=200)] = 1.0
+    """Rms of each axis' noise, new in every frame, thousandths of g."""
+
+
 class PhotoSpec(Strict):
     """A file as a camera writes it, with its tags."""
 
-    format: Literal["jpeg"] = "jpeg"
-    """Of the file."""
+    format: Literal["jpeg", "heif"] = "jpeg"
+    """Of the file; ``heif`` needs the package pillow-heif (``skybench[heif]``)."""
     quality: Annotated[int, Field(ge=1, le=100)] = 90
     """Of the coding, 1 to 100."""
     subsampling: Literal["4:4:4", "4:2:2", "4:2:0"] = "4:2:0"
@@ -57,6 +69,8 @@ class PhotoSpec(Strict):
     """Whether the position is among the tags."""
     pointing: bool = False
     """Whether the boresight's altitude and azimuth are among the tags, as whole hundredths of a degree."""
+    gravity: GravitySpec | None = Field(default=None, exclude_if=lambda gravity: gravity is None)
+    """Write the accelerometer's reading in a maker note."""
     make: Name = "skybench"
     camera: Name = "skybench"
     lens: Name | None = None
