@@ -116,7 +116,7 @@ def test_damaged_large_and_strange_files_are_refused(tmp_path, monkeypatch) -> N
 
 def test_a_dataset_holds_and_checks_them(tmp_path) -> None:
     text = yaml.safe_dump(BASE | {"sensor": {"colour": {}, "develop": {"photo": PHOTO | {"orientation": 8}}}})
-    generate(parse_scenario(text), text, tmp_path / "set", DatasetSpec(shard_size=1))
+    generate(parse_scenario(text, "test"), text, tmp_path / "set", DatasetSpec(shard_size=1))
     frame = Dataset.open(tmp_path / "set")[0]
     assert frame.photo.shape == (180, 270, 3)
     assert problems(tmp_path / "set") == []
