@@ -33,6 +33,7 @@ from generator.plugins.scene_tensors import tensor
 from generator.scenario.ground.landscape_spec import LandscapeSpec, landscape_panorama
 from generator.sky.component import SkyTable, blas_threads
 from generator.sky.directions import interpolate, sky_grid, unit_vectors
+from generator.sky.moonlit_cloud import DIFFRACTED, MoonVeil
 
 Floats = NDArray[np.float64]
 
@@ -257,7 +258,11 @@ def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) ->
     direct = np.zeros(len(GRID_NM))
     if shines:
         atmosphere = dimming_atmosphere(plan.spec.atmosphere)
-        through = 1.0 if state.clouds is None else float(state.clouds.point_transmission(state.moon_enu[None])[0])
+        through = 1.0
+        if state.clouds is not None:
+            # The aureole lights surfaces as the Moon does.
+            straight = dataclasses.replace(state.clouds, point_share=DIFFRACTED)
+            through = float(straight.point_transmission(state.moon_enu[None])[0])
         path = float(airmass(state.moon_altitude_deg))
         loss = 0.0 if atmosphere is None else path * depth_per_airmass(GRID_NM, atmosphere, np.array([path]))[0]
         direct = state.moon_spectrum * through * np.exp(-loss)
@@ -276,6 +281,7 @@ def _sampled(table: SkyTable, altitude_deg: Floats, azimuth_deg: Floats) -> list
         values = values * np.repeat(patterns, len(values) // len(patterns), axis=0)
     result = [(values, table.spectra)]
     for veil, behind in table.veiled:
-        factor = veil.at(unit_vectors(altitude_deg, azimuth_deg))
+        broad = veil.broad if isinstance(veil, MoonVeil) else veil
+        factor = broad.at(unit_vectors(altitude_deg, azimuth_deg))
         result += [(part * factor, spectra) for part, spectra in _sampled(behind, altitude_deg, azimuth_deg)]
     return result

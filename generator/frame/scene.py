@@ -41,6 +41,7 @@ from generator.sky.assembly import sky_layers, whole_sky
 from generator.sky.below_horizontal import down_to_the_horizon
 from generator.sky.clouds import CloudVeil
 from generator.sky.component import SkyTable, black_sky, blas_threads, metameric
+from generator.sky.moonlit_cloud import MoonVeil
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -187,14 +188,21 @@ def sky_dict(sky: SkyTable) -> dict[str, Any]:
     description = {"type": "skybench_sky", "maps": tensor(sky.maps), "spectra": tensor(sky.spectra)}
     if sky.low is not None:
         description |= {"low_maps": tensor(sky.low.maps[None]), "lowest_deg": sky.low.lowest_deg}
-    veils = [veil for veil, _ in sky.veiled if isinstance(veil, CloudVeil)]
+    # One veil of diffuse light and one of the Moon's, each of the frame's cloud.
+    veiled = sorted(sky.veiled, key=lambda pair: isinstance(pair[0], MoonVeil))
+    veils = [veil for veil, _ in veiled if isinstance(veil, CloudVeil | MoonVeil)]
     if veils:
-        from generator.plugins.clouds import cloud_numbers
+        from generator.plugins.clouds import cloud_numbers, moon_numbers
 
         clouds = veils[0].clouds
+        if isinstance(veils[-1], MoonVeil):
+            description |= {
+                "moon": tensor(moon_numbers(veils[-1])),
+                "moon_angles": tensor(np.stack((veils[-1].phase, veils[-1].halo))),
+                "moon_more": tensor(veils[-1].more),
+            }
         description |= {
-            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in sky.veiled])[None]),
-            "veil_moon_sines": tensor([veil.moon_sine for veil in veils]),
+            "veiled_maps": tensor(np.concatenate([behind.maps for _, behind in veiled])[None]),
             "cloud_coarse": tensor(clouds.pattern.coarse),
             "cloud_fine": tensor(clouds.pattern.fine),
             "cloud_numbers": tensor(cloud_numbers(clouds)),

@@ -134,7 +134,7 @@ def _seen(
         alpha, *lights = landscape.at(*landscape.place(ray.d), landscape.planes)
         image = [light * (etendue * free) for light in lights]
         free *= 1 - alpha
-    integrator.add_sky(image, environment.coefficients(ray.d), terms, etendue * free)
+    integrator.add_sky(image, environment.coefficients(ray.d, aureole=False), terms, etendue * free)
     if scene.shapes() and lit_samples:
         for weight, direction in lit_directions(scene, ray, lit_samples):
             integrator.add_sky(image, environment.coefficients(direction), terms, etendue * weight)

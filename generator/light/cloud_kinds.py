@@ -77,6 +77,11 @@ def usual_particle_um(altitude_km: float) -> float:
     return CLOUD_KINDS["cirrus" if altitude_km >= ICE_FROM_KM else "stratocumulus"].particle_um
 
 
+def of_ice(kind: str | None, altitude_km: float) -> bool:
+    """Whether a layer is of crystals: cirrus, and without a kind from ICE_FROM_KM on."""
+    return altitude_km >= ICE_FROM_KM if kind is None else kind == "cirrus"
+
+
 def point_share(particle_um: float, capture_rad: float) -> float:
     """Part of a cloud's optical depth that takes light out of a star's image.
 

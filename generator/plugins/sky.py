@@ -8,7 +8,8 @@ parameter               type     meaning
 ``maps``                tensor   (1, k, ny, nx): rows by altitude as in :mod:`generator.sky.directions`, columns by azimuth
 ``spectra``             tensor   (1, k, n): spectra on the generator's wavelength grid
 ``veiled_maps``         tensor   (1, veils * k, ny, nx): further maps of the same spectra behind veils of cloud (optional)
-``veil_moon_sines``     tensor   (veils,): see :class:`generator.sky.clouds.CloudVeil`
+``moon``                tensor   of :func:`generator.plugins.clouds.moon_numbers`: the last of the veils is that of moonlight;
+                                 so ``moon_angles`` and ``moon_more`` (optional)
 ``low_maps``            tensor   (1, k, m, nx): maps below the horizontal, rows evenly from the horizon up to 0 (optional)
 ``lowest_deg``          float    apparent altitude of the horizon of ``low_maps``
 ``cloud_coarse``        tensor   tile of the cloud's field; so ``cloud_fine``
@@ -29,7 +30,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.plugins.clouds import CloudTexture, moon_sines
+from generator.plugins.clouds import CloudTexture, MoonTexture
 from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
@@ -63,12 +64,14 @@ class DiffuseSkyEmitter(mi.Emitter):
             self.low_rows, self.low_values = low.shape[1], self._texture(low)
             self.lowest_rad = math.radians(float(props["lowest_deg"]))
             self.lowest_sine = math.sin(self.lowest_rad)
-        self.veiled: list[tuple[Any, Any]] = []
+        self.veiled: list[Any] = []
+        self.moon: MoonTexture | None = None
         if "veiled_maps" in props:
             behind = np.array(props["veiled_maps"], dtype=np.float32).reshape(-1, *maps.shape)
             self.clouds = CloudTexture(props["cloud_coarse"], props["cloud_fine"], props["cloud_numbers"])
-            sines = moon_sines(array(props["veil_moon_sines"], 1))
-            self.veiled = [(sine, self._texture(part)) for sine, part in zip(sines, behind, strict=True)]
+            self.veiled = [self._texture(part) for part in behind]
+            if "moon" in props:
+                self.moon = MoonTexture(props["moon"], props["moon_angles"], props["moon_more"])
 
     def is_environment(self) -> bool:
         """Mitsuba's interface: rays that leave the scene end here."""
@@ -87,8 +90,11 @@ class DiffuseSkyEmitter(mi.Emitter):
         wrapped = np.concatenate([maps, maps[:, :, :1]], axis=2)
         return mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1)).ravel())
 
-    def coefficients(self, direction: Any) -> list[Any]:
-        """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon."""
+    def coefficients(self, direction: Any, aureole: bool = True) -> list[Any]:
+        """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon.
+
+        Without the Moon's aureole in cloud it suits directions that are further apart than this is wide.
+        """
         up = direction.z >= 0
         altitude = dr.asin(dr.clip(direction.z, 0, 1)) * (2 / math.pi)
         row = dr.power(altitude, 1 / ALTITUDE_POWER) * (self.rows - 1)
@@ -108,8 +114,10 @@ class DiffuseSkyEmitter(mi.Emitter):
         result = [look_up(self.values, k) for k in range(self.count)]
         if self.veiled:
             depths = self.clouds.slant_depths(direction)
-            for sine, values in self.veiled:
-                factor = self.clouds.veil(depths, sine)
+            factors = [self.clouds.transmission(depths)]
+            if self.moon is not None:
+                factors.append(self.moon.radiance(self.clouds, depths, direction, aureole))
+            for factor, values in zip(factors, self.veiled, strict=True):
                 result = [dr.fma(factor, look_up(values, k), value) for k, value in enumerate(result)]
         if self.lowest_sine < 0:
             below = self._low_coefficients(direction, column)

@@ -19,7 +19,8 @@ from generator.scenario.model import Component, SkySpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
 from generator.sky.city_light import bortle_layout, skyglow
-from generator.sky.clouds import CloudVeil, cloud_light, mean_reflectance
+from generator.sky.cloud_light import cloud_light
+from generator.sky.clouds import CloudVeil, mean_reflectance
 from generator.sky.component import SkyTable, black_sky, compressed, total
 from generator.sky.directions import irradiance_weights
 from generator.sky.moonlight import moonlight
@@ -135,11 +136,11 @@ def _under_cloud(
         moon_on_ground = moon
     above = [layer for name, layer in layers.items() if name != "skyglow"]
     sky_on_ground = sum((np.pi * _hemisphere_mean(layer) for layer in above), np.zeros_like(GRID_NM))
-    reflected = mean_reflectance(state.clouds.pattern)
+    reflected = mean_reflectance(state.clouds.pattern, state.clouds.asymmetry)
     falling = (1 - reflected) * (sky_on_ground + moon_on_ground)
     ground = ground_light(albedo_at(ground_albedo, GRID_NM), falling, reflected)
     seen = {name: layer if name == "skyglow" else layer.behind(passed) for name, layer in layers.items()}
-    glow = cloud_light(state.clouds, cities, ground, moon, moon_sine, atmosphere, ground_albedo)
+    glow = cloud_light(state.clouds, cities, ground, moon, state.moon_enu, atmosphere, ground_albedo)
     return seen | {"clouds": glow}
 
 

@@ -1,4 +1,4 @@
-"""Thin cloud: optical depth on one layer, which dims what lies above and shines by light from below and the Moon."""
+"""Thin cloud: optical depth on one layer, which dims what lies above."""
 
 from __future__ import annotations
 
@@ -11,18 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 from scipy.stats import norm
 
-from generator.light.atmosphere import Atmosphere, optical_depth
-from generator.light.bake_grids import DEFAULT_ALBEDO
-from generator.light.disk_scattering import disk_irradiance
-from generator.light.emission import pattern_weights
-from generator.light.ground import Albedo, albedo_at
-from generator.light.lamps import City
-from generator.light.photometry import GRID_NM
+from generator.light.cloud_phase import ICE_ASYMMETRY, WATER_ASYMMETRY
 from generator.places.earth import EQUATORIAL_RADIUS_KM
-from generator.sky.city_light import upward_spectrum
-from generator.sky.component import DIFFUSE_EXTINCTION_FACTOR, SkyTable, above_the_air, side_by_side
-from generator.sky.directions import sky_grid
-from generator.sky.zodiacal import upsampled
 
 Floats = NDArray[np.float64]
 
@@ -30,11 +20,6 @@ COARSE_CELLS, COARSE_CELL_KM = 1024, 0.125
 FINE_CELLS, FINE_CELL_KM = 512, 0.0125
 SPLIT_PER_KM = 3.2
 """Waves longer than 1 / SPLIT_PER_KM are in the coarse tile of 128 km, shorter ones in the fine tile of 6.4 km."""
-LEAST_MOON_SINE = 0.1
-"""Below, the Moon's path through the layer is no longer that through a plane."""
-ASYMMETRY = 0.85
-"""Of cloud droplets and ice, visible light. Source: Bohren 1987, Am. J. Phys. 55, 524."""
-
 
 SWEPT_STEP_KM = 0.1
 """Of the wind's way during an exposure, per moment at which the cloud is evaluated: ten pixels of a wide camera at 2 km."""
@@ -124,6 +109,10 @@ class CloudField:
         How far the wind carries it while the shutter is open.
     point_share : float
         Part of the optical depth that takes light out of a star's image.
+    particle_um : float
+        Effective diameter of its particles; 0: they diffract as widely as they scatter.
+    ice : bool
+        Of crystals, otherwise of droplets.
     """
 
     altitude_km: float
@@ -132,6 +121,13 @@ class CloudField:
     north_km: float
     swept_km: tuple[float, float] = (0.0, 0.0)
     point_share: float = 1.0
+    particle_um: float = 0.0
+    ice: bool = False
+
+    @property
+    def asymmetry(self) -> float:
+        """Mean cosine of the angle by which its particles scatter."""
+        return ICE_ASYMMETRY if self.ice else WATER_ASYMMETRY
 
     @property
     def moments(self) -> tuple[CloudField, ...]:
@@ -166,28 +162,20 @@ class CloudField:
 
 @dataclass(frozen=True)
 class CloudVeil:
-    """Transmission of a cloud by direction: of diffuse light, or diffusely of the Moon's.
+    """Transmission of a cloud by direction, of diffuse light.
 
     Attributes
     ----------
     clouds : CloudField
-    moon_sine : float
-        Sine of the Moon's altitude where its light is spread; 0: light from above is passed on.
     """
 
     clouds: CloudField
-    moon_sine: float = 0.0
 
     def at(self, enu: Floats) -> Floats:
-        """Transmission of diffuse light, or diffusely transmitted part of the Moon's, (...) array; mean over the exposure."""
-        return np.asarray(np.mean([self._at(still.slant_depth(enu)) for still in self.clouds.moments], axis=0))
-
-    def _at(self, depth: Floats) -> Floats:
-        """The same for optical depths along the lines of sight."""
-        if self.moon_sine == 0:
-            return diffuse_transmission(depth)
-        path = depth / max(self.moon_sine, LEAST_MOON_SINE)
-        return np.maximum(diffuse_transmission(path) - np.exp(-self.clouds.point_share * path), 0)
+        """Transmission, (...) array for (..., 3) unit vectors; mean over the exposure."""
+        asymmetry = self.clouds.asymmetry
+        passed = [diffuse_transmission(still.slant_depth(enu), asymmetry) for still in self.clouds.moments]
+        return np.asarray(np.mean(passed, axis=0))
 
 
 def gaussian_tile(
@@ -245,100 +233,17 @@ def cloud_pattern(
     return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12), mean_optical_depth)
 
 
-def diffuse_transmission(depth: ArrayLike) -> Floats:
+def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -> Floats:
     """Part of diffuse light that a cloud of optical depth passes on: 1 / (1 + 3/4 (1 - g) depth); the rest it reflects.
 
     Two-stream approximation without absorption. Source: Bohren 1987, Am. J. Phys. 55, 524, eq. 20.
     """
-    return 1 / (1 + 0.75 * (1 - ASYMMETRY) * np.asarray(depth, float))
+    return 1 / (1 + 0.75 * (1 - asymmetry) * np.asarray(depth, float))
 
 
 @functools.lru_cache(maxsize=4)
-def mean_reflectance(pattern: CloudPattern) -> float:
+def mean_reflectance(pattern: CloudPattern, asymmetry: float = WATER_ASYMMETRY) -> float:
     """Part of diffuse light that a layer reflects, mean over its area."""
     cells = np.arange(0, COARSE_CELLS, 4) * COARSE_CELL_KM
-    return float(np.mean(1 - diffuse_transmission(pattern.depth(*np.meshgrid(cells, cells, indexing="ij")))))
-
-
-@functools.lru_cache(maxsize=64)
-def light_from_city(
-    distance_km: float, azimuth_deg: float, radius_km: float, horizon_share: float | None, altitude_km: float
-) -> Floats:
-    """Upward irradiance of a :class:`City` at the layer over each direction of a coarse grid, (rows, columns) array.
-
-    Per unit V-band photon output, m^-2.
-    """
-    grid = sky_grid()
-    rows, columns = coarse_axes()
-    enu = grid.enu[rows][:, columns]
-    ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + altitude_km)
-    horizontal = np.hypot(enu[..., 0], enu[..., 1])
-    distance = EQUATORIAL_RADIUS_KM * (
-        np.arctan2(horizontal, enu[..., 2]) - np.arcsin(np.clip(horizontal * ratio, 0, 1))
-    )
-    place = enu[..., :2] * (distance / np.maximum(horizontal, 1e-12))[..., None]
-    turn = np.radians(azimuth_deg)
-    middle = distance_km * np.array([np.sin(turn), np.cos(turn)])
-    light = pattern_weights(horizon_share) @ disk_irradiance((place - middle).reshape(-1, 2), altitude_km, radius_km)
-    return 1e-6 * light.reshape(enu.shape[:2])
-
-
-def coarse_axes() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Every sixth row and column of the grid, the zenith included."""
-    ny, nx = sky_grid().shape
-    return np.unique(np.append(np.arange(0, ny, 6), ny - 1)), np.arange(0, nx, 6)
-
-
-def cloud_light(
-    clouds: CloudField,
-    cities: tuple[City, ...],
-    ground_spectrum: Floats,
-    moon_irradiance: Floats,
-    moon_sine: float,
-    atmosphere: Atmosphere | None,
-    ground_albedo: Albedo = DEFAULT_ALBEDO,
-) -> SkyTable:
-    """Light that cloud adds to the sky: reflected light from the ground, and diffusely transmitted moonlight.
-
-    Parameters
-    ----------
-    clouds : CloudField
-    cities : tuple of City
-        With their final output.
-    ground_spectrum : (n,) array
-        Photon irradiance that the ground sends up by reflecting the natural sky and the Moon, s^-1 m^-2 nm^-1.
-    moon_irradiance : (n,) array
-        Above the air; zero when the Moon is down.
-    moon_sine : float
-        Sine of its altitude.
-    atmosphere : Atmosphere or None
-        All of it is taken to lie below the cloud.
-    ground_albedo : float or points
-        City light goes to and fro between cloud and ground: as between two endless layers.
-
-    Returns
-    -------
-    SkyTable
-        Cloud is a Lambert reflector and transmitter: brighter over a city, and without corona around the Moon.
-    """
-    even = np.full((sky_grid().shape[0], 1), 1 / np.pi)
-    rows, columns = coarse_axes()
-    zenith_loss = np.ones_like(GRID_NM)
-    if atmosphere is not None:
-        zenith_loss = np.exp(-DIFFUSE_EXTINCTION_FACTOR * optical_depth(GRID_NM, atmosphere))
-    again = 1 / (1 - albedo_at(ground_albedo, GRID_NM) * mean_reflectance(clouds.pattern))
-    from_below = [above_the_air(even, ground_spectrum * zenith_loss, atmosphere)]
-    for city in cities:
-        shape = light_from_city(
-            city.distance_km, city.azimuth_deg, city.radius_km, city.horizon_share, clouds.altitude_km
-        )
-        fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
-        output = upward_spectrum(city, ground_albedo) * again
-        from_below.append(above_the_air(fine, output * zenith_loss, atmosphere))
-    below = side_by_side(from_below)
-    # What is not passed on is reflected: 1 less the transmission.
-    veiled = [(CloudVeil(clouds), below.scaled(-1.0))]
-    if moon_sine > 0:
-        moon = above_the_air(even, moon_sine * moon_irradiance, atmosphere)
-        veiled.append((CloudVeil(clouds, moon_sine), moon))
-    return dataclasses.replace(below, veiled=tuple(veiled))
+    depth = pattern.depth(*np.meshgrid(cells, cells, indexing="ij"))
+    return float(np.mean(1 - diffuse_transmission(depth, asymmetry)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.light.cloud_kinds import CLOUD_KINDS, point_share, usual_particle_um
+from generator.light.cloud_kinds import CLOUD_KINDS, of_ice, point_share, usual_particle_um
 from generator.places.astrometry import Air, Site
 from generator.places.ephemeris import MOON, SUN, Body, apparent_enu, icrs_from_enu, observe
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant
@@ -172,9 +172,10 @@ def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: Thro
     towards = np.array([np.sin(turn), np.cos(turn)])
     pattern = _pattern(spec, seed, 0 if spec.kind is None else under.night)
     east_km, north_km = (carried_km * towards - under.moved_km).tolist()
-    if through is None:
-        return CloudField(spec.altitude_km, pattern, east_km, north_km)
-    east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
+    ice = of_ice(spec.kind, spec.altitude_km)
     particle_um = usual_particle_um(spec.altitude_km) if spec.particle_um is None else spec.particle_um
+    if through is None:
+        return CloudField(spec.altitude_km, pattern, east_km, north_km, particle_um=particle_um, ice=ice)
+    east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
     share = point_share(particle_um, through.capture_rad)
-    return CloudField(spec.altitude_km, pattern, east_km, north_km, (east, north), share)
+    return CloudField(spec.altitude_km, pattern, east_km, north_km, (east, north), share, particle_um, ice)

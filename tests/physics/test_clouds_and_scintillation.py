@@ -14,7 +14,8 @@ from generator.light.scintillation import SATURATION_SIGMA, scintillation_factor
 from generator.light.vision import naked_eye_limit
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
-from generator.sky.clouds import cloud_pattern, coarse_axes, diffuse_transmission, light_from_city
+from generator.sky.cloud_light import coarse_axes, light_from_city
+from generator.sky.clouds import cloud_pattern, diffuse_transmission
 from generator.sky.directions import sky_grid, unit_vectors
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
