@@ -280,7 +280,7 @@ def _numbers(value: object, key: str) -> NDArray[np.float64]:
         value = value.get("data")
     try:
         numbers = np.asarray(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CameraError(f"{key} must be a matrix of numbers") from None
     if not np.isfinite(numbers).all():
         raise CameraError(f"{key} must hold finite numbers")

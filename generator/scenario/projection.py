@@ -32,6 +32,8 @@ COEFFICIENTS = {"brown_conrady": 6, "kannala_brandt": 4}
 """Radial ones of the models that have any; p1, p2, s1..s4 and the tilt belong to all models."""
 PINHOLE_LIKE = ("pinhole", "brown_conrady")
 LARGEST_TILT_RAD = 0.5
+LARGEST_COEFFICIENT = 1e9
+"""Of k, p and s: far beyond any lens, and its powers are within a float's range."""
 LARGEST_RADIUS = 1e3
 """Tangent of the widest angle (89.94 deg) at which pinhole-like models are used."""
 LARGEST_THETA = {
@@ -88,6 +90,10 @@ class Projection:
         ):
             if len(given) > most:
                 raise ProjectionError(f"{name}: found {len(given)} numbers, expected at most {most} for {self.model}")
+            if any(abs(coefficient) > LARGEST_COEFFICIENT for coefficient in given):
+                raise ProjectionError(
+                    f"{name}: found {list(given)}, expected -{LARGEST_COEFFICIENT:g} to {LARGEST_COEFFICIENT:g}"
+                )
         if any(abs(angle) > LARGEST_TILT_RAD for angle in self.tilt_rad):
             raise ProjectionError(
                 f"tilt_rad: found {list(self.tilt_rad)}, expected -{LARGEST_TILT_RAD} to {LARGEST_TILT_RAD}"
