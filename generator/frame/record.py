@@ -158,7 +158,10 @@ def camera_object(camera: CameraSpec) -> dict[str, Any]:
 
 
 def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
-    """The sensor's part of a record: of a video, what holds for the mean of its frames, in electrons of all of them."""
+    """The sensor's part of a record: of a video, what holds for the mean of its frames, in electrons of all of them.
+
+    Of a colour video they are electrons of the green pixels, to which white balance brings the others.
+    """
     video, frames = sensor.video, sensor.exposures(exposure_s)
     photo = None if sensor.develop is None else sensor.develop.photo
     # From DN to the image's values.
@@ -173,7 +176,7 @@ def sensor_object(sensor: SensorSpec, exposure_s: float) -> dict[str, Any]:
         "quantum_efficiency": [
             {"channel": name, "curve": [list(point) for point in curve]} for name, curve in sensor.channels.items()
         ],
-        "bayer_pattern": None if sensor.colour is None else sensor.colour.pattern,
+        "bayer_pattern": None if sensor.colour is None or video is not None else sensor.colour.pattern,
         "line_time_s": 0.0 if sensor.rolling_shutter is None else sensor.rolling_shutter.line_time_us * 1e-6,
         "readout_direction": None if sensor.rolling_shutter is None else sensor.rolling_shutter.direction,
         **({} if video is None else {"video": {"frames": frames} | video.model_dump()}),

@@ -163,10 +163,12 @@ class SensorSpec(Strict):
 
     @model_validator(mode="after")
     def _video_by_itself(self) -> SensorSpec:
-        beside = {"colour": self.colour, "rolling_shutter": self.rolling_shutter, "develop": self.develop}
+        beside = {"rolling_shutter": self.rolling_shutter, "develop": self.develop}
         given = [name for name, value in (beside | {"hud": self.hud or None}).items() if value is not None]
         if self.video is not None and given:
             raise ValueError(f"video and {given[0]} exclude each other; leave one of them out")
+        if self.video is not None and self.video.white_balance is not None and self.colour is None:
+            raise ValueError("video.white_balance is of colour sensors; give colour, or leave it out")
         return self
 
     def exposures(self, exposure_s: float) -> int:

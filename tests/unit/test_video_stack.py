@@ -163,7 +163,6 @@ def test_a_frame_of_video_is_a_stack_of_its_frames() -> None:
 
 REFUSED = {
     "frames": ({"video": {"frames_per_s": 7}}, "whole number of frames"),
-    "colour": ({"video": {}, "colour": {}}, "video and colour exclude each other"),
     "rate": ({"video": {"h264": {"bitrate_kbit_s": 1}}}, "sensor.video.h264.bitrate_kbit_s"),
 }
 

@@ -20,7 +20,9 @@ from generator.scenario.processing.video_spec import VideoSpec
 from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
 from generator.sensor.charge import PhotoResponse
+from generator.sensor.colour import filter_array
 from generator.sensor.detector import effects
+from generator.sensor.develop import demosaic
 from generator.sensor.effect import Effect, Exposure, Floats
 from generator.sensor.processing import averaged, denoised, sharpened
 from generator.sensor.readout import FixedLines, FixedOffset
@@ -30,10 +32,12 @@ Picture = NDArray[np.uint8]
 SLICE_STEP_PX = 0.1
 """Way of the sky during which a star stands still."""
 MOST_SLICES = 32
+LARGEST_BALANCE = 16.0
+"""Factor of the white balance."""
 
 
 def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
-    """The 8-bit frames of a video, before any codec, (height, width) uint8 arrays.
+    """The 8-bit frames of a video, before any codec: (height, width) uint8 arrays, of a colour sensor (height, width, 3).
 
     Stars and sky are rendered for as many parts of the exposure as keep their way below SLICE_STEP_PX; frames of one part
     have one expectation and noise of their own. Trails, satellites and meteors are rendered for each frame in which they
@@ -48,19 +52,44 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
     shape = (plan.spec.camera.height, plan.spec.camera.width)
     sensing = _Sensing.of(sensor, shape, lambda name: random_stream(seed, f"unit.{name}", 0))
     current, light, before = -1, np.zeros(shape, np.float32), None
+    balance = spec.white_balance
     for number in range(count):
         part = number * slices // count
         if part != current:
             expected = render_expected(plan_part(resting, part / slices, (part + 1) / slices), channels=False)
             light = expected.electrons * np.float32(slices / count)
             current = part
+            if balance is None and sensor.colour is not None:
+                balance = grey_sky(light, sensor.colour.pattern)
         moving = _moving_light(plan, number / count, (number + 1) / count)
         electrons = light if moving is None else light + moving
         stream = _frame_stream(seed, index, number)
         exposure = Exposure(frame_s, stream, sensing.unit, plan.start_s + number * frame_s)
         shares = sensing.dn(electrons, exposure) * np.float32(spec.exposure / (2**sensor.bits - 1))
+        if sensor.colour is not None and balance is not None:
+            black = sensor.black_level_dn * spec.exposure / (2**sensor.bits - 1)
+            shares = in_colour(shares, black, sensor.colour.pattern, balance)
         before = averaged(denoised(shares, spec.denoise), before, spec.denoise)
         yield eight_bit(before, spec)
+
+
+def grey_sky(light: Floats, pattern: str) -> tuple[float, float, float]:
+    """Factors on red, green, blue that give the expected light of all pixels of a colour the median of green's.
+
+    As a camera's automatic white balance does that has settled; between 1 / LARGEST_BALANCE and LARGEST_BALANCE.
+    """
+    channel = filter_array(pattern, *light.shape)
+    blue, green, red = (float(np.median(light[channel == number])) for number in range(3))
+    if min(red, green, blue) <= 0:
+        return 1.0, 1.0, 1.0
+    least, largest = 1 / LARGEST_BALANCE, LARGEST_BALANCE
+    return min(max(green / red, least), largest), 1.0, min(max(green / blue, least), largest)
+
+
+def in_colour(shares: Floats, black: float, pattern: str, balance: tuple[float, float, float]) -> Floats:
+    """Shares of white (height, width) of a filter array as red, green, blue (height, width, 3) over the same black level."""
+    light = demosaic((shares - np.float32(black)).astype(np.float64), pattern) * np.array(balance)
+    return (light + black).astype(np.float32)
 
 
 def slice_count(plan: FramePlan, count: int) -> int:
@@ -208,7 +237,7 @@ class _Sensing:
 
 
 def eight_bit(light: Floats, spec: VideoSpec) -> Picture:
-    """Shares of white (height, width) as 8-bit values, sharpened and by the camera's transfer curve."""
+    """Shares of white, (height, width) or (height, width, 3), as 8-bit values, sharpened and by the transfer curve."""
     light = np.clip(sharpened(light, spec.sharpen), 0, 1)
     if spec.gamma != 1:
         light = light ** np.float32(1 / spec.gamma)

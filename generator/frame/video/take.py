@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.plan import FramePlan
-from generator.frame.video.codec import decode, encode
+from generator.frame.video.codec import decode, encode, grey
 from generator.frame.video.exposures import video_frames
 from generator.frame.video.stack import fits_bytes, stack
 from generator.scenario.processing.video_spec import VideoSpec
@@ -25,7 +25,7 @@ class TakenVideo:
     Attributes
     ----------
     image : (height, width) uint16 array
-        Mean of the frames, 0 to 255.
+        Mean of the frames, 0 to 255; of colour frames, of their luma.
     files : dict of bytes
         By suffix: the stack, and the video where it is kept.
     """
@@ -43,6 +43,8 @@ def take_video(plan: FramePlan, spec: VideoSpec) -> TakenVideo:
         frames = decode(video)
         if spec.keep:
             files[VIDEO_SUFFIX] = video
+    else:
+        frames = map(grey, frames)
     pile = stack(frames, random_stream(plan.scenario.seed, "video.maximum_frame", plan.index))
     files[STACK_SUFFIX] = fits_bytes(pile, spec.frames_per_s, CAMERA)
     return TakenVideo(pile.mean.astype(np.uint16), files)

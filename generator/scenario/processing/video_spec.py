@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from generator.scenario.strict import Strict
+from generator.scenario.strict import Strict, listed
 
 FEWEST_FRAMES, MOST_FRAMES = 3, 256
 """Of a stack; its frame numbers have 8 bits."""
+
+
+Factor = Annotated[float, Field(gt=0, le=16)]
 
 
 class H264Spec(Strict):
@@ -59,6 +62,11 @@ class VideoSpec(Strict):
     """Factor before the 8-bit values; 1 maps the largest DN to 255."""
     gamma: Annotated[float, Field(ge=1, le=4)] = 1.0
     """Transfer curve: 8-bit value by the light to the power of 1 / gamma."""
+    # Left out of the scenario's hash unless given, as if the key did not exist.
+    white_balance: Annotated[tuple[Factor, Factor, Factor], BeforeValidator(listed)] | None = Field(
+        default=None, exclude_if=lambda factors: factors is None
+    )
+    """Of a colour sensor: factors on red, green, blue; those that make the sky grey unless given."""
     denoise: VideoDenoiseSpec | None = None
     """The camera's noise reduction and scaling, before the 8-bit values."""
     sharpen: SharpenSpec | None = None
