@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from benchmark.frames.conditions import site_of
 from benchmark.frames.dataset import Frame
+from benchmark.frames.identity import UNKNOWN, FrameIdentity
 from benchmark.judge.geodesy import east_north_km, geodesic_km
 from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
 from benchmark.judge.star_id import score_matches
@@ -111,7 +112,9 @@ def check_answer(answer: Answer, n_detections: int) -> None:
         raise ValueError(f"confidence {answer.confidence} is not within 0 to 1")
 
 
-def judge_answer(frame: Frame, response: Response, crlb_km: float | None) -> SolverOutcome:
+def judge_answer(
+    frame: Frame, response: Response, crlb_km: float | None, identity: FrameIdentity = UNKNOWN
+) -> SolverOutcome:
     """Hold an answer against the frame's truth.
 
     Parameters
@@ -120,6 +123,8 @@ def judge_answer(frame: Frame, response: Response, crlb_km: float | None) -> Sol
     response : Response
     crlb_km : float or None
         The frame's Cramér-Rao bound, see `benchmark.judge.frame_bounds`.
+    identity : FrameIdentity
+        Of the frame, for the record.
     """
     answer, conditions = response.answer, frame.conditions
     error_km = math.inf
@@ -172,6 +177,7 @@ def judge_answer(frame: Frame, response: Response, crlb_km: float | None) -> Sol
         error_north_km=north_km,
         crlb_km=crlb_km,
         peak_memory_mib=response.peak_memory_mib,
+        identity=identity,
     )
     return SolverOutcome(score, details, rows)
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from benchmark.frames.conditions import FrameConditions
+from benchmark.frames.identity import UNKNOWN, FrameIdentity
 from benchmark.stats.metrics import FrameScore
 
 
@@ -46,6 +47,8 @@ class FrameDetails:
         Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is none.
     peak_memory_mib : float or None
         Of the process that solved, while it did.
+    identity : FrameIdentity
+        Hashes of the frame's image and truth.
     """
 
     cov_km2: tuple[float, float, float] | None
@@ -61,6 +64,7 @@ class FrameDetails:
     error_north_km: float | None = None
     crlb_km: float | None = None
     peak_memory_mib: float | None = None
+    identity: FrameIdentity = UNKNOWN
 
 
 @dataclass(frozen=True)

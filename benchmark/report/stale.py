@@ -29,9 +29,9 @@ from benchmark.report.marks import (
     stated_path,
 )
 from benchmark.run.freshness import State
-from benchmark.solvers.behaviour import Entry, behaviour_of
 from benchmark.solvers.registry import solver_folder
 from benchmark.solvers.revision import REVISION_DIGITS, installed_packages
+from generator.identity.behaviour import Entry, behaviour_of
 
 CHECK_COMMAND = "skybench bench stale"
 DETECTOR = "the shared detector"

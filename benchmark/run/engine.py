@@ -16,6 +16,7 @@ from pathlib import Path
 from benchmark.errors import ResultsError, SolverError
 from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameSet
+from benchmark.frames.identity import FrameIdentity, identity_of
 from benchmark.frames.opening import open_frames
 from benchmark.frames.task_frames import FrameChoice
 from benchmark.judge.answers import judge_answer
@@ -23,6 +24,7 @@ from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.outcome import SolverOutcome
 from benchmark.provenance import now_utc
 from benchmark.run.contestants import Contestant, SolverChoice, contestant_of
+from benchmark.run.identities import Recorded, check_identity, recorded_identities
 from benchmark.run.journal import Journal
 from benchmark.run.provenance import DetectionsMode, RunProvenance, provenance_of
 from benchmark.run.result_tables import scores_of
@@ -40,8 +42,18 @@ from benchmark.run.sessions import SessionPool, session_pool
 from benchmark.run.shared_detections import shared_detections
 from benchmark.stats.metrics import Summary, summarise
 
-Bounds = dict[str, float | None]
 _NO_CHOICE = FrameChoice()
+
+
+@dataclass(frozen=True)
+class FrameNotes:
+    """What is the same of a frame for all solvers: its Cramér-Rao bound, km, and the hashes of its image and truth."""
+
+    bound_km: float | None
+    identity: FrameIdentity
+
+
+Notes = dict[str, FrameNotes]
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ class _Run:
     pool: SessionPool
     frames: FrameSet
     detections: DetectionsMode
-    bounds: Bounds
+    notes: Notes
 
 
 def run(
@@ -139,11 +151,10 @@ def run_all(
     progress: Callable[[str, int], None] = lambda solver, frames: None,
 ) -> Iterator[SolverRun]:
     """Run each solver over all sets of frames, one solver after another; parameters as for `run`."""
-    # A frame's bound is the same for all solvers.
-    bounds: list[Bounds] = [{} for _ in sets]
+    notes: list[Notes] = [{} for _ in sets]
     for contestant in contestants:
         with session_pool(partial(contestant.make_session, jobs), jobs) as pool:
-            for frames, known in zip(sets, bounds, strict=True):
+            for frames, known in zip(sets, notes, strict=True):
                 found = _Run(contestant, pool, frames, detections, known)
                 yield _run_solver(found, out, partial(progress, contestant.name))
 
@@ -193,11 +204,12 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
     journal = Journal(folder, stamp, contestant.settled)
     with writing(folder):
-        done = journal.take_over(ids)
+        recorded = recorded_identities(out, frames.facts)
+        done = journal.take_over(frames.frames)
         progress(len(done))
         left = [frame for frame in frames.frames if frame.frame_id not in done]
         try:
-            for outcome in outcomes(left, found.pool, found.detections, found.bounds):
+            for outcome in outcomes(left, found.pool, found.detections, found.notes, recorded):
                 journal.add(outcome)
                 progress(1)
         except BaseException:
@@ -210,7 +222,11 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
 
 
 def outcomes(
-    frames: Sequence[Frame], pool: SessionPool, detections: DetectionsMode, bounds: Bounds
+    frames: Sequence[Frame],
+    pool: SessionPool,
+    detections: DetectionsMode,
+    notes: Notes,
+    recorded: Recorded | None = None,
 ) -> Iterator[SolverOutcome]:
     """Put frames to a solver and judge its answers, in the order of the frames.
 
@@ -219,16 +235,25 @@ def outcomes(
     frames : sequence of Frame
     pool : SessionPool
     detections : str
-    bounds : dict of str to float or None
-        Cramér-Rao bounds by frame id, km; those that are missing are worked out and added.
+    notes : dict of str to FrameNotes
+        By frame id; those that are missing are worked out and added.
+    recorded : mapping, optional
+        Identities of frames that results state already (`benchmark.run.identities`).
+
+    Raises
+    ------
+    ResultsError
+        A frame is not the one that results are of; the solver is not asked about it.
     """
 
     def solve(frame: Frame) -> SolverOutcome:
+        if frame.frame_id not in notes:
+            notes[frame.frame_id] = FrameNotes(bound_of(frame), identity_of(frame))
+        known = notes[frame.frame_id]
+        check_identity(frame.frame_id, known.identity, recorded or {})
         shared = shared_detections(frame) if detections == "shared" else None
         response = pool.answer(frame, shared)
-        if frame.frame_id not in bounds:
-            bounds[frame.frame_id] = bound_of(frame)
-        return judge_answer(frame, response, bounds[frame.frame_id])
+        return judge_answer(frame, response, known.bound_km, known.identity)
 
     with ThreadPoolExecutor(pool.jobs) as threads:
         try:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pyarrow as pa
 
+from benchmark.frames.dataset import Frame
+from benchmark.frames.identity import identity_of
 from benchmark.judge.outcome import SolverOutcome
+from benchmark.run.identities import identities_in
 from benchmark.run.result_tables import frame_table, in_order, match_table
 from benchmark.run.results import read_table, write_parquet
 from generator.files import write_bytes
@@ -42,20 +45,26 @@ class Journal:
         self._waiting: list[SolverOutcome] = []
         self._written = time.monotonic()
 
-    def take_over(self, wanted: Collection[str]) -> set[str]:
-        """Read what an interrupted run has left, and return the ids of its frames among those wanted."""
+    def take_over(self, wanted: Sequence[Frame]) -> set[str]:
+        """Read what an interrupted run has left, and return the ids of its frames among those wanted.
+
+        Nothing of it is taken over where a frame is another one since: its image or its truth has another hash.
+        """
         stamp = self._folder / "stamp.json"
         if not self._kept or not stamp.is_file() or stamp.read_text(encoding="utf-8") != self._stamp:
             self.clear()
             return set()
-        done: set[str] = set()
         for path in sorted(self._folder.glob("frames-*.parquet")):
             frames = read_table(path)
             matches = read_table(path.with_name(path.name.replace("frames", "matches")))
             self._frames.append(frames)
             self._matches.append(matches)
-            done |= set(frames["frame_id"].to_pylist())
-        return done & set(wanted)
+        done = {name: identity for table in self._frames for name, identity in identities_in(table.to_pandas()).items()}
+        kept = [frame for frame in wanted if frame.frame_id in done]
+        if any(identity_of(frame).contradicts(done[frame.frame_id]) for frame in kept):
+            self.clear()
+            return set()
+        return {frame.frame_id for frame in kept}
 
     def add(self, outcome: SolverOutcome) -> None:
         """Keep an outcome; it is on disk after `LONGEST_WAIT_S` or `flush`."""
@@ -81,7 +90,8 @@ class Journal:
         return in_order(frames, frame_ids), in_order(matches, frame_ids)
 
     def clear(self) -> None:
-        """Forget what is on disk."""
+        """Forget what was done, here and on disk."""
+        self._frames, self._matches, self._waiting = [], [], []
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _gather(self) -> None:

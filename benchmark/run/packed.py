@@ -47,6 +47,8 @@ _FRAME_COLUMNS = (
     "cloud_optical_depth",
     "rate_deg_s",
     "fov_deg",
+    "image_sha256",
+    "truth_sha256",
 )
 _ANSWER_COLUMNS = {
     "status": pa.string(),

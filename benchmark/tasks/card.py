@@ -21,7 +21,7 @@ def card(task: Task) -> str:
     unit = f" {condition.unit}" if condition.unit else ""
     total = definition.frames_per_condition * (1 if definition.told.lengths else len(values))
     splits = "\n".join(
-        f"| `{split}` | {total} | {definition.splits[split].seed} | `{task.scenario_of(split).sha256[:16]}` |"
+        f"| `{split}` | {total} | {definition.splits[split].seed} | `{task.scenario_of(split).content_sha256[:16]}` |"
         for split in SPLITS
     )
     metric = definition.metric

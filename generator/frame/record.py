@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from generator import __version__
 from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
+from generator.identity.revision import GENERATOR_REVISION, generator_revision
 from generator.mitsuba_runtime import choose_variant
 from generator.optics.motion import Motion
 from generator.optics.psf import PSF_REACH_SIGMAS, equivalent_sigma_px
@@ -127,6 +128,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
         },
         "provenance": {
             "skybench": __version__,
+            GENERATOR_REVISION: generator_revision(),
             **_versions(),
             "variant": choose_variant(),
         },

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from generator import __version__
 from generator.errors import ScenarioError
+from generator.identity.revision import generator_revision
 from generator.scenario.messages import HEADER_KEYS, message
 from generator.scenario.model import FrameSpec, SceneSpec, height_followers
 from generator.scenario.sequences.sequence import Passage, SequenceSpec, frame_of, passage_of
@@ -248,7 +249,13 @@ class Scenario:
 
     @functools.cached_property
     def sha256(self) -> str:
-        """Hash of the scenario's content: values with all defaults filled in, and skybench's version."""
+        """Hash that names the scenario's frames: of its content and of the generator's version and revision."""
+        parts = (self.content_sha256, __version__, generator_revision())
+        return hashlib.sha256(":".join(parts).encode()).hexdigest()
+
+    @functools.cached_property
+    def content_sha256(self) -> str:
+        """Hash of the scenario's content: values with all defaults filled in."""
         first = {draw.path: draw.distribution.typical()[0] for draw in self.draws}
         spec = _validate(_resolve(self.template, self._swept(0) | first), self.source, self._kind)
         complete = spec.model_dump(mode="json")
@@ -259,8 +266,7 @@ class Scenario:
         for path in [*self._swept(0), *first]:
             _forget(complete, path)
         meaning = {
-            "format": 1,
-            "skybench": __version__,
+            "format": 2,
             "name": self.name,
             "seed": self.seed,
             "frames": self.repeats,

@@ -16,8 +16,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.errors import ResultsError
+from benchmark.frames.identity import UNKNOWN
 from benchmark.report.formatting import number
 from benchmark.report.site.tree import StoredResult, TaskFacts
+from benchmark.run.identities import identities_in
 from benchmark.stats.break_point import Discrimination, break_point, discrimination
 from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
 from benchmark.stats.confidence import CONFIDENCE_METRICS, ReliabilityBin, RiskCoverage, reliability, risk_coverage
@@ -202,6 +204,8 @@ def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
     mine, theirs = one.provenance.frames, other.provenance.frames
     truths = {mine.truth_sha256, theirs.truth_sha256} - {""}  # results of earlier formats do not say
     same = mine.scenario_sha256 == theirs.scenario_sha256 and len(truths) < 2
+    others = identities_in(other.frames)
+    same &= not any(others.get(name, UNKNOWN).contradicts(its) for name, its in identities_in(one.frames).items())
     if same and set(one.frames["frame_id"]) == set(other.frames["frame_id"]):
         return
     reason = (

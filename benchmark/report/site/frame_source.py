@@ -12,15 +12,19 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from benchmark.errors import ResultsError
+from benchmark.frames.identity import UNKNOWN
 from benchmark.frames.preview import preview_webp
 from benchmark.frames.sharded import dataset_folder
 from benchmark.frames.task_frames import UNPACKED, split_folder
 from benchmark.judge.star_id import TRACE_SNR
 from benchmark.report.site.tree import StoredResult
+from benchmark.run.identities import identities_in
 from benchmark.run.results import RUN_AGAIN
+from generator.identity.pixels import pixels_sha256
 
 MOST_STARS = 200
 # A task that varies what solvers are told has several frame ids to a picture, with the level at their end.
@@ -47,7 +51,7 @@ class FrameSource:
     data: Path | None = None
 
     def picture(self, result: StoredResult, frame_id: str, width_px: int) -> bytes | None:
-        """WebP picture of a frame, stretched, at most so wide; None where the frame is not at hand.
+        """WebP picture of a frame, stretched, at most so wide; None where the frame that the result is of is not at hand.
 
         Raises
         ------
@@ -62,9 +66,10 @@ class FrameSource:
             return None
         try:
             with Image.open(image, formats=["PNG"]) as opened:
-                return preview_webp(np.asarray(opened).astype(np.uint16), width_px)
+                pixels = np.asarray(opened).astype(np.uint16)
         except (UnidentifiedImageError, OSError, ValueError) as error:
             raise ResultsError(f"{image}: not a readable image ({error}); delete it and {RUN_AGAIN}") from error
+        return preview_webp(pixels, width_px) if _is_the_one(pixels, result, frame_id) else None
 
     def true_stars(self, result: StoredResult, frame_ids: Sequence[str]) -> dict[str, list[tuple[float, float]]]:
         """Positions (px) of the brightest stars that leave a trace, by frame; of no frame where the truth is not at hand.
@@ -114,6 +119,12 @@ class _Place:
 
     images: Path
     stars: Path
+
+
+def _is_the_one(pixels: NDArray[np.uint16], result: StoredResult, frame_id: str) -> bool:
+    """Whether an image is the one that a result is of, by its hash; a result that states no hash is taken at its word."""
+    stated = identities_in(result.frames).get(frame_id, UNKNOWN).image_sha256
+    return stated is None or stated == pixels_sha256(pixels)
 
 
 def _is_of(folder: Path, scenario_sha256: str) -> bool:

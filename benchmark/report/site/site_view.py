@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,9 @@ from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.commands import Places, commands_of
 from benchmark.report.site.revisions import revision_words
 from benchmark.report.site.tree import TaskFacts
+from benchmark.run.identities import identities_in
 from benchmark.solvers.isolation import NOT_ISOLATED
+from generator.identity.revision import GENERATOR_REVISION
 
 COLOURS = 8
 NOT_RECORDED = "not recorded"
@@ -257,11 +260,14 @@ def _isolation_words(isolation: str | None) -> str:
 def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     """Where a board comes from."""
     frames = board.entries[0].stored.provenance.frames
-    rendered = ", ".join(f"{name} {version}" for name, version in sorted(frames.rendered_with.items()))
+    versions = {name: version for name, version in frames.rendered_with.items() if name != GENERATOR_REVISION}
+    rendered = ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
     head = (
         ("frames", f"{frames.target} ({board.task.key}, {board.split})"),
         ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
         ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else ""),
+        ("hashes of frames", _hashes_words(board)),
+        ("generator's revision", frames.rendered_with.get(GENERATOR_REVISION, "")),
         ("rendered with", rendered),
     )
     stated = tuple((name, words) for name, words in head if words)
@@ -269,6 +275,17 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     if lacking:
         stated += ((NOT_RECORDED, lacking),)
     return stated + tuple((entry.label, run_words(entry)) for entry in board.entries)
+
+
+def _hashes_words(board: Board) -> str:
+    """One hash of all images and truths, in the order of the frames' ids; empty where a result states none."""
+    digest = hashlib.sha256()
+    found = identities_in(board.entries[0].stored.frames)
+    for name in sorted(found):
+        if found[name].image_sha256 is None or found[name].truth_sha256 is None:
+            return ""
+        digest.update(f"{name}:{found[name].image_sha256}:{found[name].truth_sha256};".encode())
+    return f"of image and truth of each of {len(found)} frames, together SHA-256 {digest.hexdigest()}"
 
 
 def _site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.solvers.behaviour import Entry, Sources, behaviour_of, syntax_digest
 from benchmark.solvers.definition import SolverFolder, read_solver_folder
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.solvers.revision import (
@@ -20,6 +19,7 @@ from benchmark.solvers.revision import (
     installed_packages,
     revision_of,
 )
+from generator.identity.behaviour import Entry, Sources, behaviour_of, syntax_digest
 
 THESIS = {
     "brightest-n",

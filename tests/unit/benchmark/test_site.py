@@ -31,6 +31,7 @@ from benchmark.report.site.site_view import detectable_words, site_verdict
 from benchmark.report.site.tree import read_tree
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
+from generator.identity.pixels import pixels_sha256
 
 FIVE_MB = 5_000_000
 SHARED = ("site.css", "site.js", "failures.js")
@@ -300,6 +301,9 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     Image.fromarray(pixels).save(folder / "unpacked" / "frame-00003.png")
     picture = FrameSource(tmp_path).picture(result, "frame-00003-2", 640)  # level 2 of the same picture
     assert picture[8:12] == b"WEBP"
+    for stated, shown in ((pixels_sha256(pixels), True), (pixels_sha256(pixels + 1), False)):
+        told = dataclasses.replace(result, frames=result.frames.assign(image_sha256=stated, truth_sha256=None))
+        assert (FrameSource(tmp_path).picture(told, "frame-00003", 640) is not None) == shown
     (folder / "stars" / "dev").mkdir(parents=True)
     stars = {
         "frame_id": ["frame-00003", "frame-00003", "frame-00004"],

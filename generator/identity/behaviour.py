@@ -14,8 +14,8 @@ Two kinds of modules are looked into rather than taken whole:
   needs, and of a table in it those rows that have the entry's key.
 
 Any other module counts whole. Its digest is that of its syntax tree without docstrings, so that comments, docstrings,
-the order of its imports and all formatting are free. Code reached by strings alone (``importlib.import_module``) is not
-found.
+the order of its imports and all formatting are free. Code whose module is named by a string alone is
+not found.
 """
 
 from __future__ import annotations

@@ -1,0 +1,81 @@
+"""Frames at hand held against the frames that results are of: both are known by their hashes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow.parquet as pq
+
+from benchmark.errors import ResultsError
+from benchmark.frames.frame_set import FrameFacts
+from benchmark.frames.identity import UNKNOWN, FrameIdentity
+from benchmark.run.packed import read_packed
+from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary
+
+IDENTITY_COLUMNS = ("image_sha256", "truth_sha256")
+_COLUMNS = ("frame_id", *IDENTITY_COLUMNS)
+Recorded = Mapping[str, tuple[FrameIdentity, Path]]
+"""Identity of each frame by its id, and the result that states it."""
+
+
+def recorded_identities(out: Path, facts: FrameFacts) -> Recorded:
+    """Identities of frames by id, as results on the same frames of the same scenario state them, and which result does.
+
+    Parameters
+    ----------
+    out : Path
+        Root of all results, raw or packed.
+    facts : FrameFacts
+
+    Raises
+    ------
+    ResultsError
+        A result is damaged.
+    """
+    found: dict[str, tuple[FrameIdentity, Path]] = {}
+    for place, table in _tables(out, facts):
+        if set(_COLUMNS) <= set(table.columns):
+            for frame_id, identity in identities_in(table).items():
+                found.setdefault(frame_id, (identity, place))
+    return found
+
+
+def identities_in(frames: pd.DataFrame) -> dict[str, FrameIdentity]:
+    """Identities that a result's table of frames states; those of a table without hashes are unknown."""
+    if not set(IDENTITY_COLUMNS) <= set(frames.columns):
+        return dict.fromkeys(frames["frame_id"], UNKNOWN)
+    listed = frames[list(_COLUMNS)].itertuples(index=False)
+    return {frame_id: FrameIdentity(_text(image), _text(truth)) for frame_id, image, truth in listed}
+
+
+def check_identity(frame_id: str, here: FrameIdentity, recorded: Recorded) -> None:
+    """Refuse a frame that is not the one that results are of. Raises ResultsError."""
+    stated, place = recorded.get(frame_id, (UNKNOWN, Path()))
+    if stated.contradicts(here):
+        part = "image" if stated.image_sha256 != here.image_sha256 else "truth"
+        raise ResultsError(
+            f"{frame_id}: its {part} is not the one that {place} is of (another SHA-256); "
+            "restore the frame, or give another --out for results on these frames"
+        )
+
+
+def _tables(out: Path, facts: FrameFacts) -> Iterator[tuple[Path, pd.DataFrame]]:
+    """Tables of results on frames of the same scenario, each with its place."""
+    for summary in sorted((out / facts.place).glob(f"*/*/{SUMMARY_NAME}")):
+        if read_summary(summary).provenance.frames.scenario_sha256 == facts.scenario_sha256:
+            path = summary.with_name(FRAMES_NAME)
+            columns = [name for name in _COLUMNS if name in pq.read_schema(path).names]
+            yield summary.parent, pq.read_table(path, columns=columns).to_pandas()
+    listing = out / facts.place.with_name(f"{facts.place.name}.json")
+    if listing.is_file():
+        for row in read_packed(listing):
+            frames: Any = row.provenance.get("frames")
+            if isinstance(frames, Mapping) and frames.get("scenario_sha256") == facts.scenario_sha256:
+                yield listing, row.frames
+
+
+def _text(value: object) -> str | None:
+    return value if isinstance(value, str) else None
