@@ -12,6 +12,7 @@ import typer
 from benchmark.cli import bench, datasets, demo, rendering, scenes, speed, studies, twins
 from benchmark.cli.errors import InterruptibleGroup
 from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.photographs import importing
 from benchmark.cli.progress import working
 
 app = typer.Typer(
@@ -47,6 +48,7 @@ scenes.add_to(app)
 datasets.add_to(app)
 app.add_typer(bench.app, name="bench")
 app.add_typer(studies.app, name="study")
+app.add_typer(importing.app, name="import")
 twins.add_to(app)
 speed.add_to(app)
 

@@ -123,7 +123,7 @@ def _illuminated(phase_angle_deg: float | None) -> float | None:
 
 
 def _mean_or_none(values: NDArray[np.float64] | None) -> float | None:
-    return None if values is None or len(values) == 0 else float(values.mean())
+    return None if values is None or not np.isfinite(values).any() else float(np.nanmean(values))
 
 
 def _rate_deg_s(path: Path, record: Mapping[str, Any]) -> float | None:

@@ -18,7 +18,7 @@ from benchmark.frames.record_values import RENDER_AGAIN, integer, number, read_r
 from benchmark.protocol import CameraRecord, Observation
 from generator.errors import GeneratorError
 from generator.frame.record import STAR_SCHEMA
-from generator.reading.table import read_table
+from generator.reading.stars import read_stars
 
 TRUTH_COLUMNS = ("frame_id", "star_id", "v_mag", "u_px", "v_px", "electrons_e", "snr")
 CLOUD_COLUMN = "cloud_optical_depth"
@@ -31,8 +31,8 @@ class TruthStars:
     """Truth stars of one frame, each of length n.
 
     Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, the way (px) that
-    it goes over the image during the exposure, and the centroids of its light (px), which is what a detector can find (each
-    None where the truth table does not say).
+    it goes over the image during the exposure, the centroids of its light (px), which is what a detector can find (each
+    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN.
     """
 
     star_id: NDArray[np.int64]
@@ -42,11 +42,19 @@ class TruthStars:
     cloud_optical_depth: NDArray[np.float64] | None = None
     streak_px: NDArray[np.float64] | None = None
     light_uv: NDArray[np.float64] | None = None
+    v_mag: NDArray[np.float64] | None = None
 
     @property
     def detected_uv(self) -> NDArray[np.float64]:
-        """Where a perfect detector finds the stars, shape (n, 2), px: the light's centroids if there are any, else `uv`."""
-        return self.uv if self.light_uv is None else self.light_uv
+        """Where a perfect detector finds the stars, shape (n, 2), px: the light's centroids where known, else `uv`."""
+        return self.uv if self.light_uv is None else np.where(np.isfinite(self.light_uv), self.light_uv, self.uv)
+
+    @property
+    def brightness(self) -> NDArray[np.float64]:
+        """What the stars are compared by, shape (n,): electrons, or the light by V where the electrons are not known."""
+        if self.v_mag is None or not np.isnan(self.electrons_e).any():
+            return self.electrons_e
+        return np.asarray(10.0 ** (-0.4 * self.v_mag))
 
 
 @dataclass(frozen=True)
@@ -245,12 +253,14 @@ def told_observation(path: Path, record: Mapping[str, Any]) -> Observation:
     if "told" not in record:
         return seen
     told = value(path, record, "told")
+    # An infinite deviation, a heading that is not known, has no number in JSON.
+    unknown = value(path, told, "attitude.heading_sigma_deg") is None
     return dataclasses.replace(
         seen,
         camera=_camera(path, told),
         R_cam=_attitude(path, told),
         tilt_sigma_deg=number(path, told, "attitude.tilt_sigma_deg", 0.0, 180.0),
-        heading_sigma_deg=number(path, told, "attitude.heading_sigma_deg", 0.0, 180.0),
+        heading_sigma_deg=math.inf if unknown else number(path, told, "attitude.heading_sigma_deg", 0.0, 180.0),
     )
 
 
@@ -324,7 +334,7 @@ _NO_STARS = TruthStars(
 def _read_truth(path: Path) -> dict[str, TruthStars]:
     wanted = (*TRUTH_COLUMNS, CLOUD_COLUMN, *STREAK_COLUMNS, *LIGHT_COLUMNS)
     try:
-        table = read_table(path, STAR_SCHEMA, needed=TRUTH_COLUMNS, columns=wanted)
+        table = read_stars(path, STAR_SCHEMA, needed=TRUTH_COLUMNS, columns=wanted)
     except GeneratorError as error:
         raise DatasetError(f"{error}; {RENDER_AGAIN}") from error
     optional = CLOUD_COLUMN in table.column_names
@@ -340,6 +350,7 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
 
     star_id, electrons_e, snr = sorted_column("star_id", np.int64), sorted_column("electrons_e"), sorted_column("snr")
     uv = np.column_stack([sorted_column("u_px"), sorted_column("v_px")])
+    v_mag = sorted_column("v_mag")
     cloud = sorted_column(CLOUD_COLUMN) if optional else None
     lit = all(name in table.column_names for name in LIGHT_COLUMNS)
     light = np.column_stack([sorted_column(name) for name in LIGHT_COLUMNS]) if lit else None
@@ -355,6 +366,7 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
             cloud_optical_depth=None if cloud is None else cloud[own],
             streak_px=None if streak is None else streak[own],
             light_uv=None if light is None else light[own],
+            v_mag=v_mag[own],
         )
     return stars
 

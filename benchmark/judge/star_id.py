@@ -8,7 +8,8 @@ Definitions (docs/benchmark.md repeats them):
 * A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
   detection's position, and is the nearest of the truth stars that do, or gives at least `BLEND_SHARE` of the electrons
   of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
-  brightest, and a blend of equals may be named after any of them.
+  brightest, and a blend of equals may be named after any of them. Of photographs whose electrons are not known, V tells
+  which is the brightest.
 * A *detection of a star* is a detection with a truth star within the radius.
 * Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
   all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
@@ -70,7 +71,7 @@ def score_matches(
     StarScore
     """
     seen = truth.snr >= TRACE_SNR
-    star_uv, star_id, electrons = truth.detected_uv[seen], truth.star_id[seen], truth.electrons_e[seen]
+    star_uv, star_id, electrons = truth.detected_uv[seen], truth.star_id[seen], truth.brightness[seen]
     correct = np.zeros(len(matches), dtype=bool)
     if not len(uv) or not len(star_uv):
         return StarScore(0, len(matches), 0, correct)

@@ -28,7 +28,7 @@ _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _LONGEST_TEXT = 60
 # Millimetres of the units of FocalPlaneResolutionUnit; 4 and 5 are in wide use though not in the standard.
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-_RAW_SUFFIXES = {
+RAW_SUFFIXES = {
     ".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf",
     ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f",
 }  # fmt: skip
@@ -86,7 +86,7 @@ class PhotoTags:
 def refuse_raw(path: str | Path) -> None:
     """Raise `ImageError` for a raw file, which many programs would open as its small preview."""
     suffix = Path(path).suffix.lower()
-    if suffix in _RAW_SUFFIXES:
+    if suffix in RAW_SUFFIXES:
         raise ImageError(
             f"image {path} is a raw file ({suffix}): develop it to a 16-bit TIFF or PNG first, without corrections of the "
             "lens and without cropping"

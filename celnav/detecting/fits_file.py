@@ -95,6 +95,8 @@ def read_fits(path: str | Path) -> FitsImage:
         raise ImageError(f"image {path} holds no image of two axes")
     native = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
     exposure_s = _exposure(header, first)
+    if exposure_s is None:
+        exposure_s = _block_length(first)
     return FitsImage(native, _middle(header, first, exposure_s, Path(path).name), exposure_s)
 
 
@@ -206,11 +208,16 @@ def _middle(
             return begun + timedelta(seconds=exposure_s / 2)
         if begun is not None and ended is not None:
             return begun + (ended - begun) / 2
+    length_s = _block_length(first)
+    return None if length_s is None else block_middle(name, length_s)
+
+
+def _block_length(first: dict[str, object]) -> float | None:
+    """Length of a meteor station's block of video frames, s."""
     count, rate = first.get("NFRAMES"), first.get("FPS")
     if not (isinstance(count, (int, float)) and isinstance(rate, (int, float)) and 0 < count < 1e6 and 0 < rate < 1e6):
         return None
-    length_s = count / rate
-    return block_middle(name, length_s) if length_s < 86400 else None
+    return count / rate if count / rate < 86400 else None
 
 
 def block_middle(name: str, length_s: float) -> datetime | None:

@@ -56,7 +56,14 @@ class FramesManifest:
 def write_frames_manifest(folder: Path, scenario: Scenario, files: list[StoredFile]) -> None:
     """Write the manifest of a finished folder atomically."""
     listed = tuple(sorted(files, key=lambda file: file.path))
-    manifest = FramesManifest(scenario.name, scenario.sha256, scenario.seed, __version__, scenario.frame_count, listed)
+    write_manifest(
+        folder,
+        FramesManifest(scenario.name, scenario.sha256, scenario.seed, __version__, scenario.frame_count, listed),
+    )
+
+
+def write_manifest(folder: Path, manifest: FramesManifest) -> None:
+    """Write a manifest atomically; the last file of a folder."""
     text = json.dumps({"format": FORMAT, **asdict(manifest)}, indent=1) + "\n"
     write_bytes(folder / FRAMES_MANIFEST, text.encode())
 

@@ -11,6 +11,7 @@ from generator.frame.manifest import FRAMES_MANIFEST, FramesManifest, frame_inde
 from generator.imu.table import IMU_SCHEMA
 from generator.reading.png_header import PNG_HEADER_BYTES, check_png
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
+from generator.reading.stars import read_stars
 from generator.reading.table import read_table
 from generator.stored_files import problems_of_files, strange_files
 
@@ -65,7 +66,8 @@ def _content_problems(folder: Path, manifest: FramesManifest) -> Iterator[str]:
     schemas = SCHEMAS | {IMU_FILE: IMU_SCHEMA}
     for name in sorted(schemas.keys() & {file.path for file in manifest.files}):
         try:
-            read_table(folder / name, schemas[name], needed=schemas[name].names)
+            read = read_stars if name == STARS_FILE else read_table
+            read(folder / name, schemas[name], needed=schemas[name].names)
         except GeneratorError as error:
             yield str(error)
 

@@ -9,6 +9,7 @@ import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import numpy as np
 import pytest
 from documented_commands import (
     ROOT,
@@ -20,6 +21,7 @@ from documented_commands import (
     shown_in_words,
     skybench_app,
 )
+from photograph_files import standin, write_camera, write_ff, write_fits
 from typer.testing import CliRunner
 
 from benchmark.cli.datasets import FORMS
@@ -151,6 +153,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
     """Each row once, in an order in which each finds what it needs, on two small frames."""
     monkeypatch.chdir(tmp_path)
     Path("small.yaml").write_text(SMALL, encoding="utf-8")
+    write_photographs()
     frame = "out/frame-00000"
     rendered = {"SCENARIO": "small.yaml", "DIR": "out"}
     made = {"SCENARIO": "small.yaml", "DIR": "set"}
@@ -161,6 +164,11 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
         "skybench verify": [filled_in(row("skybench verify"), made)],
         "skybench show": ["skybench show set", "skybench show set --video set.mp4 --truth"],
         "skybench export": [f"skybench export set --to {form} --out {form}" for form in FORMS],
+        "skybench import photos": [
+            "skybench import photos photos --site 52.0 4.36 10 --camera told.json --out imported",
+            "skybench verify imported",
+        ],
+        "skybench import rms": ["skybench import rms night --site 52.0 4.36 10 --camera told.json --out meteors"],
         "skybench bench list": [row("skybench bench list")],
         "skybench bench run": ["skybench bench run out --solver skybench --solver brightest-n --out results"],
         "skybench bench report": ["skybench bench report --out results"],
@@ -206,6 +214,16 @@ def test_rows_of_the_table_that_take_long_run(name: str, tmp_path, monkeypatch) 
     monkeypatch.chdir(tmp_path)
     assert refusal(TAKE_LONG[name]) is None
     assert run(TAKE_LONG[name]) == 0
+
+
+def write_photographs() -> None:
+    """A photograph, a meteor station's night, and the camera of both."""
+    for folder in ("photos", "night"):
+        Path(folder).mkdir()
+    write_camera(Path("told.json"))
+    write_fits(Path("photos/a.fits"))
+    mean = np.clip(standin("2020-01-15T20:00:00Z") // 4, 0, 255).astype(np.uint8)
+    write_ff(Path("night"), "FF_XX0001_20200115_195954_880_0000000.fits", mean)
 
 
 def row(name: str) -> str:

@@ -20,6 +20,7 @@ from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.reading.record import read_record
+from generator.reading.stars import read_stars
 from generator.reading.table import read_table
 
 
@@ -145,7 +146,7 @@ class FolderSource:
             str(frames["scenario"].iloc[0]),
             str(frames["scenario_sha256"].iloc[0]),
             frames,
-            _truth(folder / STARS_FILE, STAR_SCHEMA),
+            _stars(folder / STARS_FILE),
             _truth(folder / OBJECTS_FILE, OBJECT_SCHEMA) if (folder / OBJECTS_FILE).is_file() else pd.DataFrame(),
         )
 
@@ -189,6 +190,13 @@ def _record_row(path: Path) -> dict[str, Any]:
     with damage_named(path):
         record = read_record(path.read_bytes(), str(path), path.stem)
         return frame_row(record, "", "", f"{path.stem}.png", b"")
+
+
+def _stars(path: Path) -> pd.DataFrame:
+    """Truth of stars; one of a photograph that nobody knows to be hidden or saturated counts as neither."""
+    with damage_named(path):
+        stars = read_stars(path, STAR_SCHEMA, needed=STAR_SCHEMA.names).to_pandas()
+    return stars.assign(**{name: stars[name].eq(True) for name in ("saturated", "occluded")})
 
 
 def _truth(path: Path, schema: pa.Schema) -> pd.DataFrame:

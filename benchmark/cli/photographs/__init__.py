@@ -1,0 +1,1 @@
+"""Commands on frames that nobody rendered: `skybench import` and `skybench fetch`."""

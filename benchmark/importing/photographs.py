@@ -1,0 +1,250 @@
+"""Files of photographs as images of DN with the middle and the length of their exposure.
+
+Times: a FITS header's are UTC (DATE-AVG; DATE-BEG or DATE-OBS as the start, with the exposure; Rots et al. 2015, A&A 574,
+A36); those of EXIF tags are a clock's, whose zone the tags or the caller state; a block of a meteor station is dated by its
+name. Sizes are judged before anything is decoded.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import celnav
+from benchmark.errors import PhotographError
+from celnav.command.exif import RAW_SUFFIXES, read_tags
+from celnav.command.exposure_time import Stamp, exposure_time
+from celnav.detecting.fits_file import FitsImage, is_fits, read_fits
+from celnav.errors import TimeError
+from generator.places.times import Instant
+from generator.reading.record import LARGEST_SIDE_PX
+
+PLAIN_SUFFIXES = (".fits", ".fit", ".fts", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".heic", ".heif")
+PACKED_SUFFIXES = (".bz2", ".gz")
+MOST_PHOTOGRAPHS = 20_000
+LARGEST_FILE_BYTES = 500_000_000
+LARGEST_TABLE_BYTES = 10_000_000
+LARGEST_DN = 65535
+LONGEST_EXPOSURE_S = 86_400.0
+_CHUNK = 1 << 20
+_TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, exposure_s"
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What the caller knows of the times of photographs.
+
+    Attributes
+    ----------
+    time_zone : str or None
+        Of the camera's clock, ``+02:00`` or ``Europe/Berlin``; None takes it from the tags.
+    stamp : str
+        What EXIF's time marks: ``start``, ``middle`` or ``end`` of the exposure.
+    exposure_s : float or None
+        For files that do not say.
+    table : mapping
+        Middle (UTC) and exposure (s) by the file's name, which come before all else.
+    """
+
+    time_zone: str | None = None
+    stamp: Stamp = "start"
+    exposure_s: float | None = None
+    table: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+
+
+def read_times(path: Path) -> dict[str, tuple[str, float]]:
+    """Read a table of times, CSV with the columns ``file``, ``utc_mid`` and ``exposure_s``.
+
+    Raises
+    ------
+    PhotographError
+        Names the line.
+    """
+    try:
+        if path.stat().st_size > LARGEST_TABLE_BYTES:
+            raise PhotographError(f"{path}: larger than {LARGEST_TABLE_BYTES} bytes")
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise PhotographError(f"{path}: cannot be read ({error})") from error
+    found = {}
+    for line, row in enumerate(rows, 2):
+        try:
+            exposure_s = float(row["exposure_s"])
+            Instant.parse(row["utc_mid"])
+            if not 0 < exposure_s <= LONGEST_EXPOSURE_S:
+                raise ValueError(f"exposure_s {exposure_s:g} is not within a day")
+            found[row["file"]] = (row["utc_mid"], exposure_s)
+        except (KeyError, TypeError, ValueError) as error:
+            raise PhotographError(
+                f"{path}, line {line}: {error}; expected the columns file, utc_mid, exposure_s"
+            ) from error
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph with its time.
+
+    Attributes
+    ----------
+    pixels : (height, width) uint16 array
+        DN.
+    bits : int
+        Of them.
+    scale, offset : float
+        The file's values are (DN - offset) / scale.
+    bayer_pattern : str or None
+        Colours of a mosaic.
+    utc_mid : str
+        ISO 8601 with Z.
+    exposure_s : float
+    assumed : tuple of str
+        How the time follows from the file, a sentence each.
+    """
+
+    pixels: NDArray[np.uint16]
+    bits: int
+    scale: float
+    offset: float
+    bayer_pattern: str | None
+    utc_mid: str
+    exposure_s: float
+    assumed: tuple[str, ...] = ()
+
+
+def photographs_in(folder: Path) -> list[Path]:
+    """Files of photographs in a folder, by name.
+
+    Raises
+    ------
+    PhotographError
+        There is no such folder, or no photograph or too many in it.
+    """
+    if not folder.is_dir():
+        raise PhotographError(f"{folder}: no such folder")
+    found = sorted(path for path in folder.iterdir() if path.is_file() and _is_photograph(path))
+    if not found:
+        known = " ".join((*PLAIN_SUFFIXES, "and raw files"))
+        raise PhotographError(f"{folder}: no photograph in it ({known}; FITS also packed, .bz2 or .gz)")
+    if len(found) > MOST_PHOTOGRAPHS:
+        raise PhotographError(f"{folder}: {len(found)} photographs; at most {MOST_PHOTOGRAPHS} make one dataset")
+    return found
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file. Raises PhotographError where it is larger than any photograph, or cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise PhotographError(f"{path}: larger than {LARGEST_FILE_BYTES // 10**6} MB, which is no photograph")
+        with path.open("rb") as stream:
+            while piece := stream.read(_CHUNK):
+                digest.update(piece)
+    except OSError as error:
+        raise PhotographError(f"{path}: cannot be read ({error.strerror})") from error
+    return digest.hexdigest()
+
+
+def read_photograph(path: Path, clock: Clock) -> Photograph:
+    """Read a photograph and its time.
+
+    Raises
+    ------
+    PhotographError
+        It cannot be read, is too large, or its time, zone or exposure is not known; names file, key and remedy.
+    """
+    try:
+        if path.suffix.lower() in RAW_SUFFIXES:
+            from benchmark.importing.raw_file import read_raw
+
+            mosaic = read_raw(path)
+            utc_mid, exposure_s, assumed = _tagged_time(path, clock)
+            return Photograph(mosaic.pixels, mosaic.bits, 1.0, 0.0, mosaic.pattern, utc_mid, exposure_s, assumed)
+        if is_fits(path):
+            found = read_fits(path)
+            utc_mid, exposure_s = _header_time(path, found, clock)
+            pixels, bits, scale, offset = as_dn(found.pixels, path)
+            return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s)
+        utc_mid, exposure_s, assumed = _tagged_time(path, clock)
+        pixels, bits, scale, offset = as_dn(celnav.read_image(path), path)
+        return Photograph(pixels, bits, scale, offset, None, utc_mid, exposure_s, assumed)
+    except celnav.CelnavError as error:
+        raise PhotographError(str(error).removeprefix("image ")) from error
+
+
+def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], int, float, float]:
+    """An image's values as DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
+
+    Colours are added, which no rounding spoils. Numbers between 0 and 1 become 0 to 65535; negative ones, which calibrated
+    images have, are lifted.
+
+    Raises
+    ------
+    PhotographError
+        Not finite, or beyond 16 bits.
+    """
+    if max(values.shape) > LARGEST_SIDE_PX:
+        raise PhotographError(
+            f"{path}: {values.shape[1]} x {values.shape[0]} px; a frame has at most {LARGEST_SIDE_PX} a side"
+        )
+    grey = values.astype(np.uint32).sum(axis=2) if values.ndim == 3 else values
+    low, high = float(grey.min()), float(grey.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
+    scale = float(LARGEST_DN) if np.issubdtype(grey.dtype, np.floating) and low >= 0.0 and high <= 1.0 else 1.0
+    offset = float(math.ceil(max(-low, 0.0)))
+    if offset + scale * high > LARGEST_DN:
+        raise PhotographError(
+            f"{path}: values from {low:g} to {high:g}; at most {LARGEST_DN} fit a frame: divide them, and save anew"
+        )
+    dn = np.rint(offset + scale * grey.astype(np.float64)).astype(np.uint16)
+    return dn, max(8, int(dn.max()).bit_length()), scale, offset
+
+
+def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float]:
+    if path.name in clock.table:
+        return clock.table[path.name]
+    if found.middle is None:
+        raise PhotographError(
+            f"{path}: its header has no DATE-OBS with an exposure time (EXPTIME), and no DATE-AVG; add them, or {_TIMES}"
+        )
+    exposure_s = found.exposure_s if found.exposure_s is not None else clock.exposure_s
+    if exposure_s is None:
+        raise PhotographError(f"{path}: its header has no EXPTIME; give --exposure-s, or {_TIMES}")
+    return found.middle.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), exposure_s
+
+
+def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]:
+    if path.name in clock.table:
+        return *clock.table[path.name], ()
+    try:
+        tags = read_tags(path)
+    except celnav.CelnavError as error:
+        raise PhotographError(
+            f"{str(error).removeprefix('image ')}; of a raw file without readable tags {_TIMES}"
+        ) from error
+    if tags.taken is None and tags.gps_utc is None:
+        raise PhotographError(f"{path}: has no tag DateTimeOriginal, so its time is not known; {_TIMES}")
+    exposure_s = tags.exposure_s if tags.exposure_s is not None else clock.exposure_s
+    if exposure_s is None:
+        raise PhotographError(f"{path}: has no tag ExposureTime; give --exposure-s, or {_TIMES}")
+    try:
+        found = exposure_time(replace(tags, exposure_s=exposure_s), None, clock.time_zone, clock.stamp)
+    except TimeError as error:
+        raise PhotographError(f"{path}: {error}".replace("or --utc", f"or {_TIMES}")) from error
+    return found.utc, exposure_s, found.assumed
+
+
+def _is_photograph(path: Path) -> bool:
+    name = path.name.lower()
+    for packed in PACKED_SUFFIXES:
+        if name.endswith(packed):
+            return name.removesuffix(packed).endswith(PLAIN_SUFFIXES[:3])
+    return name.endswith((*PLAIN_SUFFIXES, *RAW_SUFFIXES)) and not name.startswith(".")

@@ -1,0 +1,122 @@
+"""A night of a station of the Global Meteor Network, as its program RMS leaves it: FF files, .config, platepars.
+
+An FF file holds 256 frames of video as four pictures; the mean (AVEPIXEL) is the photograph. Its name dates the first frame,
+UTC. Source: D. Vida et al., MNRAS 506, 5046-5074, 2021; github.com/CroatianMeteorNetwork/RMS, RMS/Formats/FFfits.py.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import celnav
+from benchmark.errors import PhotographError
+from benchmark.importing.known_sky import Place
+from benchmark.importing.told import ToldCamera
+from celnav.command.calibration_frames import read_rms_centroids
+from generator.errors import GeneratorError
+from generator.reading.json_text import strict_json
+
+PLATEPARS = "platepars_all_recalibrated.json"
+CONFIG = ".config"
+LARGEST_CONFIG_BYTES = 1_000_000
+LARGEST_PLATEPARS_BYTES = 200_000_000
+_ENDINGS = (".fits", ".fits.gz", ".fits.bz2")
+MOST_CALIBRATED = 12
+"""Frames of centroids that a lens is calibrated on: more, evenly spread over a night, add little."""
+
+
+@dataclass(frozen=True, eq=False)
+class RmsNight:
+    """A folder of RMS.
+
+    Attributes
+    ----------
+    files : list of Path
+        FF files by name, which is by time.
+    place : Place
+    station : str
+    """
+
+    files: list[Path]
+    place: Place
+    station: str
+
+
+def read_night(folder: Path, place: Place | None = None) -> RmsNight:
+    """Read a folder of RMS: its files, and the place of the station from .config or from the platepars.
+
+    Raises
+    ------
+    PhotographError
+        No FF file, or the place is not known; says what to do.
+    """
+    if not folder.is_dir():
+        raise PhotographError(f"{folder}: no such folder")
+    files = sorted(path for path in folder.iterdir() if path.name.startswith("FF") and path.name.endswith(_ENDINGS))
+    if not files:
+        raise PhotographError(f"{folder}: no FF file (FF_STATION_DATE_TIME_MS_FRAME.fits, also .gz or .bz2) in it")
+    found = place or _place_of_config(folder / CONFIG) or _place_of_platepars(folder / PLATEPARS)
+    if found is None:
+        raise PhotographError(
+            f"{folder}: neither {CONFIG} nor {PLATEPARS} in it, so the place is not known; give --site LAT LON HEIGHT"
+        )
+    parts = files[0].name.split("_")
+    return RmsNight(files, found, parts[1] if len(parts) > 2 else "station")
+
+
+def calibrate_night(folder: Path, place: Place) -> ToldCamera:
+    """Calibrate the camera on the centroids that RMS measured (not on the names or poses that it gave them).
+
+    Raises
+    ------
+    PhotographError
+        There are no centroids, or the calibration fails.
+    """
+    path = folder / PLATEPARS
+    if not path.is_file():
+        raise PhotographError(
+            f"{path}: missing, so the camera is not known; give --camera, made by `celnav calibrate` on some of the FF files"
+        )
+    try:
+        frames = read_rms_centroids(path)
+        chosen = frames[:: max(1, math.ceil(len(frames) / MOST_CALIBRATED))]
+        found = celnav.calibrate(chosen, place.latitude_deg, place.longitude_deg, height_m=place.height_m)
+    except celnav.CelnavError as error:
+        raise PhotographError(f"{path}: {error}; give --camera") from error
+    return ToldCamera(found.camera, found.mount.R_cam, found.mount.tilt_sigma_deg, found.mount.heading_sigma_deg)
+
+
+def _place_of_config(path: Path) -> Place | None:
+    """Place of a station by its .config; None where there is none."""
+    if not path.is_file():
+        return None
+    parser = configparser.ConfigParser(inline_comment_prefixes=(";",), interpolation=None, strict=False)
+    try:
+        if path.stat().st_size > LARGEST_CONFIG_BYTES:
+            raise PhotographError(f"{path}: larger than {LARGEST_CONFIG_BYTES} bytes")
+        parser.read_string(path.read_text(encoding="utf-8"))
+        return Place(*(float(parser["System"][key]) for key in ("latitude", "longitude", "elevation")))
+    except (OSError, UnicodeDecodeError, configparser.Error, KeyError, ValueError) as error:
+        words = " ".join(str(error).split())
+        raise PhotographError(
+            f"{path}: [System] must have the numbers latitude, longitude and elevation ({words}); mend it or give --site"
+        ) from error
+
+
+def _place_of_platepars(path: Path) -> Place | None:
+    """Place of a station by its platepars; None where there are none."""
+    if not path.is_file():
+        return None
+    try:
+        if path.stat().st_size > LARGEST_PLATEPARS_BYTES:
+            raise PhotographError(f"{path}: larger than {LARGEST_PLATEPARS_BYTES // 10**6} MB")
+        content: Any = strict_json(path.read_bytes(), str(path), LARGEST_PLATEPARS_BYTES)
+        first = content[min(content)]
+        return Place(*(float(first[key]) for key in ("lat", "lon", "elev")))
+    except (OSError, GeneratorError, json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise PhotographError(f"{path}: lat, lon and elev cannot be read ({error}); mend it or give --site") from error

@@ -1,0 +1,88 @@
+"""What solvers are told of a camera that nobody rendered: its lens and its attitude, from a file of a calibration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import celnav
+from benchmark.errors import PhotographError
+from celnav.command.attitude_option import read_attitude
+from celnav.command.camera_file import read_camera_file
+
+
+@dataclass(frozen=True, eq=False)
+class ToldCamera:
+    """A camera as solvers are told it.
+
+    Attributes
+    ----------
+    camera : celnav.Camera
+    R_cam : (3, 3) array
+        ENU to camera.
+    tilt_sigma_deg, heading_sigma_deg : float
+        Standard deviations of the attitude; an infinite one: the heading is not known.
+    """
+
+    camera: celnav.Camera
+    R_cam: NDArray[np.float64]
+    tilt_sigma_deg: float
+    heading_sigma_deg: float
+
+    @property
+    def sigma_px(self) -> float:
+        """How far a star near the axis may lie from where this attitude puts it, one standard deviation, px."""
+        return float(self.camera.f_px * math.radians(math.hypot(self.tilt_sigma_deg, self.heading_sigma_deg)))
+
+    def meaning(self) -> dict[str, Any]:
+        """All of it as JSON-ready data."""
+        return {
+            "camera": camera_object(self.camera),
+            "R_cam": np.asarray(self.R_cam).tolist(),
+            "tilt_sigma_deg": self.tilt_sigma_deg,
+            "heading_sigma_deg": None if math.isinf(self.heading_sigma_deg) else self.heading_sigma_deg,
+        }
+
+
+def read_told(camera_file: Path, attitude: str | None = None) -> ToldCamera:
+    """Read a camera's file, and its attitude from the same file or as the option ``--attitude`` gives it.
+
+    Raises
+    ------
+    PhotographError
+        There is no camera or no attitude in it; says what to do.
+    """
+    try:
+        camera = read_camera_file(camera_file).camera
+        known = celnav.Attitude.from_json(camera_file) if attitude is None else read_attitude(attitude)
+    except celnav.CelnavError as error:
+        hint = "; give --attitude, or make the file by `celnav calibrate`, which finds it" if attitude is None else ""
+        raise PhotographError(f"{error}{hint}") from error
+    if known is None:
+        raise PhotographError("--attitude unknown: a position needs the vertical; give at least an altitude and a roll")
+    return told_by(camera, known)
+
+
+def told_by(camera: celnav.Camera, known: celnav.Attitude) -> ToldCamera:
+    """A camera with what is known of its attitude."""
+    rows = np.array(known.rows, dtype=np.float64)
+    R_cam = rows if known.kind == "rotation" else _upright(rows[0])
+    return ToldCamera(camera, R_cam, known.tilt_deg, known.heading_deg if known.kind == "rotation" else math.inf)
+
+
+def camera_object(camera: celnav.Camera) -> dict[str, Any]:
+    """A camera as the frame record has it (docs/dataset_format.md)."""
+    return {"p": []} | camera.to_dict()
+
+
+def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A rotation ENU to camera that takes the vertical to a direction of the camera frame, whatever its heading."""
+    aside = np.eye(3)[int(np.argmin(np.abs(up)))]
+    east = np.cross(aside, up)
+    east /= np.linalg.norm(east)
+    return np.column_stack((east, np.cross(up, east), up))

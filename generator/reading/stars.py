@@ -1,0 +1,54 @@
+"""Tables of stars, of rendered frames and of photographs: what nobody can know of a photograph is empty there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import pyarrow as pa
+
+from generator.errors import GeneratorError
+from generator.reading.table import read_table
+
+PHOTOGRAPHS = {b"truth": b"photographs"}
+"""Metadata of a table whose stars are those of photographs."""
+UNKNOWN_OF_PHOTOGRAPHS = frozenset(
+    {
+        "light_u_px", "light_v_px", "electrons_e", "snr", "saturated", "occluded", "hidden_fraction",
+        "cloud_optical_depth", "cloud_transmission", "scintillation",
+    }
+)  # fmt: skip
+"""Columns that may be empty in the table of photographs, and there alone."""
+
+
+def photograph_schema(schema: pa.Schema) -> pa.Schema:
+    """The schema of stars for photographs: columns that may be unknown are nullable, and the metadata says so."""
+    fields = [field.with_nullable(field.name in UNKNOWN_OF_PHOTOGRAPHS) for field in schema]
+    return pa.schema(fields, metadata={**(schema.metadata or {}), **PHOTOGRAPHS})
+
+
+def read_stars(
+    path: Path, schema: pa.Schema, *, needed: Collection[str] = (), columns: Collection[str] | None = None
+) -> pa.Table:
+    """Read a table of stars, which has empty cells only if it says that it is of photographs.
+
+    Parameters
+    ----------
+    path : Path
+    schema : pyarrow.Schema
+        Of rendered stars.
+    needed, columns
+        As of `generator.reading.table.read_table`.
+
+    Raises
+    ------
+    GeneratorError
+        Damaged, or not such a table; names the file and the column.
+    """
+    table = read_table(path, photograph_schema(schema), needed=needed, columns=columns)
+    if PHOTOGRAPHS.items() <= (table.schema.metadata or {}).items():
+        return table
+    for name in table.column_names:
+        if empty := table[name].null_count:
+            raise GeneratorError(f"{path}: column {name} has {empty} empty cells; it may have none")
+    return table

@@ -1,0 +1,316 @@
+"""Datasets of photographs: what is read, what becomes the truth, what nobody knows, and what is refused."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from photograph_files import (
+    CAMERA,
+    EXPOSURE_S,
+    MOUNT,
+    NOISE_DN,
+    PLACE,
+    R_MOUNT,
+    SKY_DN,
+    UTC_MID,
+    WANDER_DEG,
+    standin,
+    true_attitude,
+    write_camera,
+    write_dng,
+    write_ff,
+    write_fits,
+    write_jpeg,
+)
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import celnav
+from benchmark.errors import PhotographError
+from benchmark.frames.dataset import open_dataset
+from benchmark.importing import raw_file
+from benchmark.importing.known_sky import Place, known_sky
+from benchmark.importing.photographs import Clock, as_dn, photographs_in, read_photograph, read_times
+from benchmark.importing.photometry import measure_light
+from benchmark.importing.rms import calibrate_night, read_night
+from benchmark.importing.star_truth import find_pointing
+from benchmark.importing.told import read_told, told_by
+from benchmark.importing.write import Import, import_photographs
+from benchmark.judge.frame_bounds import bound_of
+from benchmark.judge.geodesy import geodesic_km
+from generator.errors import GeneratorError
+from generator.frame.record import STAR_SCHEMA
+from generator.frame.verify import problems
+from generator.reading.stars import PHOTOGRAPHS, UNKNOWN_OF_PHOTOGRAPHS, photograph_schema, read_stars
+
+OSLO = Clock(time_zone="Europe/Oslo")
+TOLD = told_by(CAMERA, celnav.Attitude.with_sigma(R_MOUNT, tilt_deg=0.05, heading_deg=0.05))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("photos")
+    write_fits(folder / "a.fits")
+    given = Import("night", photographs_in(folder), PLACE, TOLD)
+    import_photographs(given, folder / "out")
+    return folder / "out"
+
+
+def angle_deg(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.degrees(Rotation.from_matrix(one @ other.T).magnitude()))
+
+
+def test_the_attitude_is_that_of_the_stars_and_solvers_are_told_the_mounts(dataset: Path) -> None:
+    record = json.loads((dataset / "frame-00000.json").read_text())
+    # 0.08 px at the frame's edge: centroids in apertures of some tens of stars.
+    assert angle_deg(np.array(record["attitude"]["R_cam"]), true_attitude()) < 0.01
+    assert record["photograph"]["turned_deg"] == pytest.approx(WANDER_DEG, abs=0.01)
+    (frame,) = open_dataset(dataset).frames
+    assert np.allclose(frame.observation.R_cam, R_MOUNT)
+    assert (frame.observation.tilt_sigma_deg, frame.observation.heading_sigma_deg) == (0.05, 0.05)
+    assert frame.observation.utc == "2020-01-15T20:00:05.000000Z"
+
+
+def test_stars_are_named_where_they_are_and_measured(dataset: Path) -> None:
+    stars = pq.read_table(dataset / "stars.parquet").to_pandas()
+    sky = known_sky(PLACE, UTC_MID, EXPOSURE_S)
+    true_uv = dict(zip(sky.stars.star_id.tolist(), CAMERA.project(sky.middle.enu @ true_attitude().T), strict=True))
+    uv = np.array([true_uv[star] for star in stars["star_id"]])
+    assert np.abs(stars[["u_px", "v_px"]].to_numpy() - uv).max() < 0.1
+    bright = stars[(stars["v_mag"] < 4) & stars["snr"].notna()]
+    assert len(bright) >= 15
+    assert np.abs(bright[["light_u_px", "light_v_px"]] - bright[["u_px", "v_px"]].to_numpy()).to_numpy().max() < 0.2
+    # A matched filter of the peak P and the width s has the ratio P s sqrt(pi) / noise; faint stars around raise the noise.
+    expected = 2e4 * 10 ** (-0.4 * bright["v_mag"]) * 0.9 * math.sqrt(math.pi) / NOISE_DN
+    assert float((bright["snr"] / expected).median()) == pytest.approx(0.9, abs=0.1)
+
+
+def test_noise_alone_has_the_ratios_of_noise() -> None:
+    image = np.random.default_rng(7).normal(SKY_DN, NOISE_DN, (600, 600))
+    v, u = np.mgrid[20:580:20, 20:580:20]
+    snr = measure_light(image, np.column_stack((u.ravel(), v.ravel())).astype(float)).snr
+    # 784 independent ratios: their scatter is 1 within 0.13 but for chances of 1e-6.
+    assert np.std(snr) == pytest.approx(1.0, abs=0.13)
+    assert abs(np.mean(snr)) < 0.2
+
+
+def test_what_nobody_knows_is_empty_and_what_reads_it_copes(dataset: Path) -> None:
+    assert problems(dataset) == []
+    table = pq.read_table(dataset / "stars.parquet")
+    assert {name for name in table.column_names if table[name].null_count == len(table)} == {
+        "electrons_e", "occluded", "hidden_fraction", "cloud_optical_depth", "cloud_transmission", "scintillation",
+    }  # fmt: skip
+    record = json.loads((dataset / "frame-00000.json").read_text())
+    assert record["sky"]["bortle"] is None
+    assert record["optics"]["psf_sigma_px"] is None
+    (frame,) = open_dataset(dataset).frames
+    assert frame.conditions.cloud_optical_depth is None
+    assert frame.conditions.bortle is None
+    assert bound_of(frame) is None
+    assert np.isfinite(frame.truth.brightness).all()
+    assert np.isfinite(frame.truth.detected_uv).all()
+
+
+def test_another_astrometry_finds_the_place(dataset: Path) -> None:
+    (frame,) = open_dataset(dataset).frames
+    image = np.asarray(Image.open(frame.image_path)).astype(np.uint16)
+    seen = frame.observation
+    fix = celnav.solve(
+        celnav.detect(image), CAMERA, utc=seen.utc, attitude=celnav.Attitude.exact(true_attitude()),
+        pressure_hpa=seen.pressure_hpa, temperature_c=seen.temperature_c,
+    )  # fmt: skip
+    assert fix.ok
+    assert geodesic_km(fix.lat_deg, fix.lon_deg, PLACE.latitude_deg, PLACE.longitude_deg) < 1.0
+
+
+def test_a_dataset_that_is_there_is_left_and_another_is_not_replaced_unasked(dataset: Path, tmp_path: Path) -> None:
+    before = {path.name: path.stat().st_mtime_ns for path in dataset.iterdir()}
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    assert import_photographs(given, dataset) == []
+    assert {path.name: path.stat().st_mtime_ns for path in dataset.iterdir()} == before
+    other = dataclasses.replace(given, place=Place(51.0, 4.0, 0.0))
+    with pytest.raises(PhotographError, match="--overwrite"):
+        import_photographs(other, dataset)
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(PhotographError, match="other files"):
+        import_photographs(given, tmp_path)
+
+
+def test_a_damaged_dataset_is_made_again(dataset: Path, tmp_path: Path) -> None:
+    given = Import("night", [dataset.parent / "a.fits"], PLACE, TOLD)
+    import_photographs(given, tmp_path)
+    whole = (tmp_path / "frame-00000.png").read_bytes()
+    (tmp_path / "frame-00000.png").write_bytes(whole[:-1])
+    assert len(import_photographs(given, tmp_path)) == 1
+    assert (tmp_path / "frame-00000.png").read_bytes() == whole
+
+
+def test_stars_of_the_wrong_place_are_not_named() -> None:
+    away = known_sky(Place(20.0, 100.0, 0.0), UTC_MID, EXPOSURE_S)
+    found = find_pointing(standin(), TOLD, away)
+    assert (found.stars, found.turned_deg) == (0, None)
+    assert np.array_equal(found.R_cam, R_MOUNT)
+    rough = told_by(CAMERA, celnav.Attitude.with_sigma(R_MOUNT, tilt_deg=3.0, heading_deg=3.0))
+    assert not find_pointing(standin(), rough, away).named
+
+
+def test_an_unknown_heading_is_told_as_unknown(tmp_path: Path) -> None:
+    path = write_fits(tmp_path / "a.fits")
+    upright = told_by(CAMERA, celnav.Attitude.up([0.0, 0.0, 1.0], tilt_deg=0.1))
+    import_photographs(Import("night", [path], PLACE, upright), tmp_path / "out")
+    (frame,) = open_dataset(tmp_path / "out").frames
+    assert math.isinf(frame.observation.heading_sigma_deg)
+    assert np.allclose(frame.observation.R_cam[:, 2], [0, 0, 1])
+    assert len(frame.truth.star_id) == 0
+    assert problems(tmp_path / "out") == []
+
+
+def test_rendered_stars_may_have_no_empty_cells(tmp_path: Path) -> None:
+    assert set(STAR_SCHEMA.names) >= UNKNOWN_OF_PHOTOGRAPHS
+    loose = photograph_schema(STAR_SCHEMA)
+    row = {field.name: [None if field.nullable else {"string": "x"}.get(str(field.type), 1)] for field in loose}
+    table = pa.Table.from_arrays([pa.array(row[field.name], field.type) for field in loose], schema=loose)
+    pq.write_table(table, tmp_path / "photographs.parquet")
+    assert read_stars(tmp_path / "photographs.parquet", STAR_SCHEMA).num_rows == 1
+    bare = {key: value for key, value in loose.metadata.items() if key not in PHOTOGRAPHS}
+    pq.write_table(table.replace_schema_metadata(bare), tmp_path / "rendered.parquet")
+    with pytest.raises(GeneratorError, match="has 1 empty cells"):
+        read_stars(tmp_path / "rendered.parquet", STAR_SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("values", "dn", "scale", "offset"),
+    [
+        (np.array([[0, 255]], np.uint8), [0, 255], 1.0, 0.0),
+        (np.array([[[1, 2, 3], [250, 250, 250]]], np.uint8), [6, 750], 1.0, 0.0),
+        (np.array([[0.0, 0.5]]), [0, 32768], 65535.0, 0.0),
+        (np.array([[-2.5, 100.0]]), [0, 103], 1.0, 3.0),
+    ],
+)
+def test_values_become_dn(values: np.ndarray, dn: list[int], scale: float, offset: float) -> None:
+    pixels, bits, found_scale, found_offset = as_dn(values, Path("a.fits"))
+    assert pixels.dtype == np.uint16
+    assert pixels.ravel().tolist() == dn
+    assert (found_scale, found_offset) == (scale, offset)
+    assert max(dn) < 2**bits
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (np.array([[0.0, np.nan]]), "no numbers"),
+        (np.array([[0.0, 70000.0]]), "at most 65535"),
+        (np.zeros((1, 16385), np.uint8), "16384"),
+    ],
+)
+def test_values_that_fit_no_frame_are_refused(values: np.ndarray, words: str) -> None:
+    with pytest.raises(PhotographError, match=words):
+        as_dn(values, Path("a.fits"))
+
+
+def test_times_of_clocks_need_a_zone(tmp_path: Path) -> None:
+    path = write_jpeg(tmp_path / "a.jpg", "2020:01:15 21:00:00")
+    with pytest.raises(PhotographError, match="--time-zone"):
+        read_photograph(path, Clock())
+    # Oslo is an hour ahead of UTC in January; the tag marks the start, and the exposure takes 10 s.
+    assert read_photograph(path, OSLO).utc_mid == "2020-01-15T20:00:05Z"
+    zoned = write_jpeg(tmp_path / "b.jpg", "2020:01:15 21:00:00", "+01:00")
+    assert read_photograph(zoned, Clock()).utc_mid == "2020-01-15T20:00:05Z"
+    assert read_photograph(zoned, Clock(stamp="end")).utc_mid == "2020-01-15T19:59:55Z"
+
+
+def test_times_and_exposures_that_are_missing_have_a_remedy(tmp_path: Path) -> None:
+    with pytest.raises(PhotographError, match=r"a.jpg: has no tag DateTimeOriginal.*--times"):
+        read_photograph(write_jpeg(tmp_path / "a.jpg", None), Clock())
+    bare = write_jpeg(tmp_path / "b.jpg", "2020:01:15 21:00:00", "+01:00", None)
+    with pytest.raises(PhotographError, match=r"b.jpg: has no tag ExposureTime; give --exposure-s"):
+        read_photograph(bare, Clock())
+    assert read_photograph(bare, Clock(exposure_s=4.0)).utc_mid == "2020-01-15T20:00:02Z"
+    with pytest.raises(PhotographError, match=r"c.fits.*DATE-OBS"):
+        read_photograph(write_fits(tmp_path / "c.fits", DATE_OBS=""), Clock())
+
+
+def test_a_table_of_times_comes_before_tags(tmp_path: Path) -> None:
+    table = tmp_path / "times.csv"
+    table.write_text("file,utc_mid,exposure_s\na.jpg,2021-02-03T04:05:06Z,2.5\n", encoding="utf-8")
+    clock = Clock(table=read_times(table))
+    read = read_photograph(write_jpeg(tmp_path / "a.jpg", None), clock)
+    assert (read.utc_mid, read.exposure_s) == ("2021-02-03T04:05:06Z", 2.5)
+    table.write_text("file,utc_mid,exposure_s\na.jpg,yesterday,2.5\n", encoding="utf-8")
+    with pytest.raises(PhotographError, match="line 2"):
+        read_times(table)
+
+
+def test_a_raw_file_gives_its_mosaic(tmp_path: Path) -> None:
+    mosaic = np.random.default_rng(3).integers(0, 4000, (64, 96)).astype(np.uint16)
+    write_dng(tmp_path / "a.dng", mosaic)
+    clock = Clock(table={"a.dng": (UTC_MID, EXPOSURE_S)})
+    read = read_photograph(tmp_path / "a.dng", clock)
+    assert np.array_equal(read.pixels, mosaic)
+    assert (read.bits, read.bayer_pattern, read.exposure_s) == (12, "RGGB", EXPOSURE_S)
+    (tmp_path / "b.dng").write_bytes((tmp_path / "a.dng").read_bytes()[:300])
+    with pytest.raises(PhotographError, match=r"b\.dng"):
+        read_photograph(tmp_path / "b.dng", clock)
+
+
+def test_a_large_raw_file_is_refused_before_it_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_dng(tmp_path / "a.dng", np.zeros((64, 96), np.uint16))
+    monkeypatch.setattr(raw_file, "MOST_PIXELS", 64 * 96 - 1)
+    with pytest.raises(PhotographError, match="96 x 64 px"):
+        raw_file.read_raw(tmp_path / "a.dng")
+
+
+def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    with pytest.raises(PhotographError, match="no photograph"):
+        photographs_in(tmp_path)
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(PhotographError, match=r"a\.png"):
+        read_photograph(tmp_path / "a.png", Clock())
+    small = write_fits(tmp_path / "small.fits", np.zeros((3, 4), np.uint16))
+    with pytest.raises(PhotographError, match="4 x 3 px, the camera 480 x 360"):
+        import_photographs(Import("x", [small], PLACE, TOLD), tmp_path / "out")
+
+
+def test_a_camera_without_attitude_has_a_remedy(tmp_path: Path) -> None:
+    path = write_camera(tmp_path / "camera.json", attitude=False)
+    with pytest.raises(PhotographError, match="--attitude"):
+        read_told(path)
+    assert read_told(path, "zenith-north-up").R_cam.tolist() == np.array(MOUNT.rows).tolist()
+    with pytest.raises(PhotographError, match="vertical"):
+        read_told(path, "unknown")
+
+
+NIGHT = "FF_XX0001_20200115_195954_880_0000000.fits"  # 256 frames at 25 a second: its middle is at 20:00:00
+CONFIG = "[System]\nstationID: XX0001\nlatitude: 52.0 ; north\nlongitude: 4.36\nelevation: 10\n"
+
+
+def test_a_night_of_a_meteor_station_is_a_dataset(tmp_path: Path) -> None:
+    mean = np.clip(standin("2020-01-15T20:00:00Z") // 4, 0, 255).astype(np.uint8)
+    write_ff(tmp_path, NIGHT, mean)
+    (tmp_path / ".config").write_text(CONFIG, encoding="utf-8")
+    night = read_night(tmp_path)
+    assert (night.station, night.place) == ("XX0001", PLACE)
+    (made,) = import_photographs(Import("m", night.files, night.place, TOLD), tmp_path / "out")
+    assert made.utc_mid == "2020-01-15T20:00:00.000000Z"
+    assert made.stars >= 20
+    record = json.loads((tmp_path / "out" / "frame-00000.json").read_text())
+    assert record["time"]["exposure_s"] == 10.24
+    assert record["sensor"]["bits"] == 8
+
+
+def test_a_night_without_place_or_camera_has_a_remedy(tmp_path: Path) -> None:
+    with pytest.raises(PhotographError, match="no FF file"):
+        read_night(tmp_path)
+    write_ff(tmp_path, NIGHT, np.zeros((4, 4), np.uint8))
+    with pytest.raises(PhotographError, match="--site"):
+        read_night(tmp_path)
+    (tmp_path / ".config").write_text("[System]\nlatitude: north\n", encoding="utf-8")
+    with pytest.raises(PhotographError, match="latitude"):
+        read_night(tmp_path)
+    with pytest.raises(PhotographError, match="--camera"):
+        calibrate_night(tmp_path, PLACE)
