@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields, real_array
+from celnav.detecting.filtered_noise import noise_ratio
 from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
 from celnav.detecting.image_background import (
     as_image,
@@ -17,6 +18,7 @@ from celnav.detecting.image_background import (
     repair_defects,
     used_pixels,
 )
+from celnav.detecting.shape_stars import shape_of_bright, shape_of_components
 from celnav.detecting.star_candidates import (
     Components,
     Cores,
@@ -27,7 +29,8 @@ from celnav.detecting.star_candidates import (
     without_flanks,
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
-from celnav.detecting.star_shape import Filtered, StarShape, adaptive_moments, axes, fit_shape, matched_filter
+from celnav.detecting.star_shape import Filtered, StarShape, axes, matched_filter
+from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError, DetectionError
 
 F4 = NDArray[np.float32]
@@ -37,12 +40,14 @@ Mask = NDArray[np.bool_]
 # The background is subtracted in single precision; anything smaller than this part of the image is rounding.
 _FLOAT_ROUNDING = 4e-6
 _FIRST_SIGMA_PX = 1.0
-_SHAPE_STARS, _SHAPE_ROUNDS = 100, 2
+# A filter serves stars whose width is within these factors of its own, and loses 6 % of their signal at most.
+_SERVES = (0.7, 1.35)
+_SHAPE_ROUNDS = 2
+# The map of noise is clipped, and known to some per cent: so much more keeps the false alarms at those of the threshold.
+_NOISE_MARGIN = 1.04
 # Light of another form than a star's, over the star's, from which on a compact image is no star's.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
 _COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
-# Filtered noise beyond this is no noise but unresolved stars.
-_MOST_EXCESS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +160,8 @@ def detect(
     nothing = Detections(np.empty((0, 2)), np.empty(0), pixels.shape, np.empty(0))
     if not used.any():
         return nothing
-    background, noise = background_and_noise(pixels, used, config.tile_px)
+    tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
+    background, noise = background_and_noise(pixels, used, tiles)
     light = pixels - background
     light[~used] = 0.0
     highest = float(light.max())
@@ -164,23 +170,32 @@ def detect(
     floor = 1.0
     if not np.issubdtype(original.dtype, np.integer):
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * float(np.abs(pixels).max()))
-    noise = np.maximum(noise, np.float32(floor / config.seed_sigma))
+    floor /= config.seed_sigma
+    noise = np.maximum(noise, np.float32(floor))
     cores = saturated_cores(pixels if mask is None else np.where(used, pixels, background), light, config.saturation_dn)
-    light = repair_defects(remove_line_offsets(light, noise), noise, used)
+    light = repair_defects(remove_line_offsets(light, noise), noise)
 
     shape = first_guess = _given_shape(config, pixels.shape)
-    found = _search(light, noise, used, shape, config)
-    if config.psf_sigma_px is None and config.streak_px is None:
+    known = config.psf_sigma_px is not None or config.streak_px is not None
+    if not known and (seen := shape_of_bright(light, noise, cores)) is not None:
+        shape, known = seen, True
+    found = _search(light, noise, floor, used, shape, tiles, config)
+    if not known:
         # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
         for _ in range(_SHAPE_ROUNDS):
-            measured = _measured_shape(light, noise, found, cores, config)
+            measured = shape_of_components(
+                light, found.noise, found.parts, found.part_of_peak, cores, config.max_area_px
+            )
             if measured is None:
                 break
-            shape = measured
-            sigma = shape.round_sigma_px
-            if sigma is not None and 0.75 < sigma / _FIRST_SIGMA_PX < 1.3:
+            filtered_by, shape = shape.filter_sigma_px, measured
+            sigma = shape.filter_sigma_px
+            if sigma is not None and filtered_by is not None and _SERVES[0] < sigma / filtered_by < _SERVES[1]:
                 break
-            found = _search(light, noise, used, shape, config)
+            alike = sigma is not None and filtered_by is not None and 0.5 < sigma / filtered_by < 2
+            found = _search(light, noise, floor, used, shape, tiles, config, found.parts if alike else None)
+            if alike:
+                break
     kept = np.ones(len(found.uv), dtype=bool)
     if config.trail_length_px is not None:
         of_trail = trails(found.parts, found.filtered.amplitude, shape, cores, config.trail_length_px)
@@ -191,8 +206,8 @@ def detect(
     if gain is None:
         gain = max(float(np.median(background[::16, ::16])), 1e-6) / float(np.median(noise[::16, ::16])) ** 2
     covariance = shape.at(uv)
-    stars = measure_stars(light, noise, uv, covariance, gain)
-    guessed = shape is first_guess and config.psf_sigma_px is None and config.streak_px is None
+    stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
+    guessed = not known and shape is first_guess
     like_stars = _like_stars(stars, covariance, guessed)
     bright = _saturated_stars(light, cores, shape, config)
     uv, flux, sigma_px = (
@@ -203,18 +218,22 @@ def detect(
     return Detections(uv[order], flux[order], pixels.shape, sigma_px[order])
 
 
-def _given_shape(config: DetectionConfig, size: tuple[int, int]) -> StarShape:
+def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
     """The shape that is known beforehand, or a guess to start from."""
     variance = (_FIRST_SIGMA_PX if config.psf_sigma_px is None else config.psf_sigma_px) ** 2
     du, dv = (0.0, 0.0) if config.streak_px is None else config.streak_px
-    return StarShape.constant(variance + du * du / 12, du * dv / 12, variance + dv * dv / 12, size)
+    return StarShape.constant(variance + du * du / 12, du * dv / 12, variance + dv * dv / 12, (size[0], size[1]))
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The filtered image; its components; its peaks, brightest first, and the components that they lie in."""
+    """The filtered image, the noise of white pixels that would make its own, its components, and its peaks.
+
+    Peaks are brightest first; `part_of_peak` are the components that they lie in.
+    """
 
     filtered: Filtered
+    noise: F4
     parts: Components
     uv: F8
     amplitude: F8
@@ -222,44 +241,33 @@ class _Found:
     part_of_peak: NDArray[np.int32]
 
 
-def _search(light: F4, noise: F4, used: Mask, shape: StarShape, config: DetectionConfig) -> _Found:
-    """Filter the image, and find the components and peaks of what stands out."""
+def _search(
+    light: F4,
+    noise: F4,
+    floor: float,
+    used: Mask,
+    shape: StarShape,
+    tiles: Tiles,
+    config: DetectionConfig,
+    parts: Components | None = None,
+) -> _Found:
+    """Filter the image, and find the peaks of what stands out, and its components unless they are known."""
     filtered = matched_filter(light, shape)
-    spread = noise * filtered.noise_factor * np.float32(_excess_noise(filtered, noise))
-    threshold = config.seed_sigma * spread
-    parts = components(light, filtered.amplitude > config.grow_sigma * spread, filtered.amplitude > threshold)
-    uv, amplitude, sigma = peaks(filtered, noise, threshold, used)
-    at = np.rint(uv).astype(np.intp)
-    return _Found(filtered, parts, uv, amplitude, sigma, parts.labels[at[:, 1], at[:, 0]])
-
-
-def _excess_noise(filtered: Filtered, noise: F4) -> float:
-    """How much more the filtered image scatters than white noise would: compression and resampling correlate pixels."""
-    factor = filtered.noise_factor if filtered.noise_factor.size == 1 else filtered.noise_factor[::11, ::13]
-    ratio = np.abs(filtered.amplitude[::11, ::13]) / (noise[::11, ::13] * factor)
-    return float(np.clip(1.4826 * np.median(ratio), 1.0, _MOST_EXCESS))
-
-
-def _measured_shape(light: F4, noise: F4, found: _Found, cores: Cores, config: DetectionConfig) -> StarShape | None:
-    """Measure the shape on bright stars that are neither saturated nor, if there are enough others, blended."""
-    parts = found.parts
-    at = np.rint(parts.uv).astype(np.intp)
-    clear = parts.flux > 15 * noise[at[:, 1], at[:, 0]] * np.sqrt(np.maximum(parts.area, 1))
-    clear &= (parts.area >= 5) & (parts.area <= config.max_area_px)
-    if len(cores.uv):
-        nearest = np.rint(cores.uv).astype(np.intp)
-        clear &= ~np.isin(parts.label, parts.labels[nearest[:, 1], nearest[:, 0]])
-    single = clear & (np.bincount(found.part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
-    chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
-    chosen = chosen[np.argsort(-parts.flux[chosen], kind="stable")[:_SHAPE_STARS]]
-    if not len(chosen):
-        return None
-    # From the components' own moments: streaks differ in length and direction over the frame.
-    begun = np.clip(parts.covariance[chosen], [0.5, -150, 0.5], [150, 150, 150])
-    determinant = begun[:, 0] * begun[:, 2] - begun[:, 1] ** 2
-    begun = np.where((determinant > 0.1)[:, None], begun, [[1.0, 0.0, 1.0]])
-    covariance = adaptive_moments(light, parts.uv[chosen], begun)
-    return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
+    effective = noise_ratio(filtered, noise, floor, used, tiles)
+    effective *= noise
+    with np.errstate(divide="ignore", invalid="ignore"):
+        significance = np.divide(filtered.amplitude, effective)
+    if filtered.noise_factor.size > 1:
+        significance /= np.float32(_NOISE_MARGIN) * filtered.noise_factor
+    else:
+        significance *= np.float32(1 / (_NOISE_MARGIN * filtered.noise_factor[0, 0]))
+    at = np.flatnonzero(significance > config.grow_sigma)
+    seeded = significance.ravel()[at] > config.seed_sigma
+    if parts is None:
+        parts = components(light, at, seeded)
+    uv, amplitude, sigma = peaks(filtered, effective, at[seeded], used)
+    nearest = np.rint(uv).astype(np.intp)
+    return _Found(filtered, effective, parts, uv, amplitude, sigma, parts.labels[nearest[:, 1], nearest[:, 0]])
 
 
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields
 from celnav.detecting.image_background import as_image, background_and_noise, grey, used_pixels
+from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError
 
 F8 = NDArray[np.float64]
@@ -58,7 +59,7 @@ def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig
     nothing = np.empty((0, 2)), np.empty(0), size
     if not used.any():
         return nothing
-    background, noise = background_and_noise(pixels, used, config.tile_px)
+    background, noise = background_and_noise(pixels, used, Tiles.of(size, config.tile_px))
     light = pixels - background
     light[~used] = 0.0
     # Of noise-free images the noise is zero: one step of integers, and what rounding leaves of other numbers.

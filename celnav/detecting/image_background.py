@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.detecting.tiles import Tiles
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 LARGEST_VALUE = 1e15
 
-# Samples along each side of a tile: the mean of 144 pixels is good to 8 % of the noise.
-_SAMPLES = 12
 # Clipped at three standard deviations a normal distribution keeps this part of its own.
 _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
+_STRIP_PX = 32  # rows at a time, which stay in the processor's cache
 # A star of 0.5 px, the sharpest that a lens makes, puts this part of its middle pixel into the four beside it, at least.
 _SHARPEST = 0.12
 
@@ -59,49 +59,28 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     return np.logical_not(ignored)
 
 
-def background_and_noise(pixels: F4, used: Mask, tile_px: int) -> tuple[F4, F4]:
+def background_and_noise(pixels: F4, used: Mask, tiles: Tiles) -> tuple[F4, F4]:
     """Estimate background and noise, both of the image's shape.
 
     Clipped means of tiles, and standard deviations of the differences between neighbouring pixels, smoothed by a 3x3
-    median and interpolated bilinearly. Unused pixels do not count; a tile without pixels takes the image's median.
+    median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the nearest other's.
     """
-    from scipy import ndimage
-
-    height, width = pixels.shape
-    rows, columns = max(1, round(height / tile_px)), max(1, round(width / tile_px))
-    row_edges = np.linspace(0, height, rows + 1).astype(int)
-    column_edges = np.linspace(0, width, columns + 1).astype(int)
-    at = _sample_places(row_edges)[:, None, :, None], _sample_places(column_edges)[None, :, None, :]
-    samples = pixels[at].reshape(rows * columns, -1)
-    counted = np.ones(samples.shape, dtype=bool) if used.all() else used[at].reshape(samples.shape)
+    samples = tiles.pairs(pixels)
+    counted = np.ones(samples.shape, dtype=bool) if used.all() else tiles.pairs(used)
     one = 1.01 if (samples[:, ::8] == np.rint(samples[:, ::8])).all() else 0.0  # the step of an integer image
     # Differences of neighbours know nothing of the sky's slope.
     steps = (samples[:, 1::2] - samples[:, ::2]) * np.float32(np.sqrt(0.5))
     both = counted[:, 1::2] & counted[:, ::2]
-    limit = np.maximum(_CLIP * np.float32(1.4826) * _medians(np.abs(steps), both), np.float32(one))
+    limit = np.maximum(_CLIP * np.float32(1.4826) * medians(np.abs(steps), both), np.float32(one))
     mean, square = _moments_within(steps, limit, both)
     spread = np.asarray(np.sqrt(np.maximum(square - mean * mean, 0)) / _CLIPPED_NORMAL, dtype=np.float32)
-    middle = _medians(samples, counted)
+    middle = medians(samples, counted)
     offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(one)), counted)
     level = middle + offset
-    known = np.isfinite(level) & np.isfinite(spread)
-    if not known.all():
-        level = np.where(known, level, np.median(pixels[used]))
-        spread = np.where(known, spread, np.median(spread[known]) if known.any() else np.float32(0))
-    row_weights, column_weights = _interpolation(row_edges), _interpolation(column_edges)
-
-    def spread_out(tiles: F4) -> F4:
-        smooth = ndimage.median_filter(tiles.astype(np.float32).reshape(rows, columns), 3, mode="nearest")
-        return np.asarray(row_weights @ (smooth @ column_weights.T), dtype=np.float32)
-
-    return spread_out(level), spread_out(spread)
-
-
-def _sample_places(edges: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Pixels of each tile that are sampled, shape (tiles, samples): neighbours two by two, for the sake of colour mosaics."""
-    size = np.diff(edges)[:, None]
-    k = np.arange(_SAMPLES)[None, :]
-    return np.asarray(edges[:-1, None] + np.minimum((k // 2) * size * 2 // _SAMPLES + k % 2, size - 1))
+    return (
+        tiles.interpolated(tiles.smooth(tiles.filled(level, counted.sum(axis=1)))),
+        tiles.interpolated(tiles.smooth(tiles.filled(spread, 2 * both.sum(axis=1))), extrapolated=False),
+    )
 
 
 def _moments_within(deviation: F4, limit: F4, counted: Mask) -> tuple[F4, F4]:
@@ -115,7 +94,7 @@ def _moments_within(deviation: F4, limit: F4, counted: Mask) -> tuple[F4, F4]:
     return inside.sum(axis=1) / number, np.asarray(np.einsum("ij,ij->i", inside, inside) / number, dtype=np.float32)
 
 
-def _medians(samples: F4, counted: Mask) -> F4:
+def medians(samples: F4, counted: Mask) -> F4:
     """Upper medians of the counted samples of each row, shape (n,); NaN for rows without any."""
     number = counted.sum(axis=1)
     if (number == samples.shape[1]).all():
@@ -124,22 +103,6 @@ def _medians(samples: F4, counted: Mask) -> F4:
     ordered = np.sort(np.where(counted, samples, np.float32(np.inf)), axis=1)
     middles = ordered[np.arange(len(samples)), np.minimum(number // 2, samples.shape[1] - 1)]
     return np.where(number > 0, middles, np.float32(np.nan))
-
-
-def _interpolation(edges: NDArray[np.int_]) -> F4:
-    """Matrix, shape (pixels, tiles), that interpolates linearly between tile centres and extrapolates at the ends."""
-    pixels, tiles = int(edges[-1]), len(edges) - 1
-    weights = np.zeros((pixels, tiles), dtype=np.float32)
-    if tiles == 1:
-        weights[:, 0] = 1
-        return weights
-    centres = (edges[:-1] + edges[1:] - 1) / 2
-    at = np.arange(pixels)
-    left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
-    part = (at - centres[left]) / (centres[left + 1] - centres[left])
-    weights[at, left] = 1 - part
-    weights[at, left + 1] = part
-    return weights
 
 
 def remove_line_offsets(light: F4, noise: F4) -> F4:
@@ -168,27 +131,27 @@ def remove_line_offsets(light: F4, noise: F4) -> F4:
     return light
 
 
-def repair_defects(light: F4, noise: F4, used: Mask) -> F4:
-    """Replace single pixels that no optics could make (hot, dead, unused) by the mean of the four beside them.
+def repair_defects(light: F4, noise: F4) -> F4:
+    """Replace single pixels that no optics could make (hot, dead) by the mean of the four beside them.
 
     A pixel is hot where its neighbours hold less light than those of the sharpest star would, dead where it is far
     below neighbours that are not.
     """
     repaired = light.copy()
-    repaired[~used] = 0.0
-    inner, spread = repaired[1:-1, 1:-1], noise[1:-1, 1:-1]
-    at = np.flatnonzero(np.abs(inner) > 5 * spread)
-    rows, columns = np.divmod(at, inner.shape[1])
-    rows, columns = rows + 1, columns + 1
-    value, sigma = repaired[rows, columns], noise[rows, columns]
-    beside = 0.25 * (
-        repaired[rows - 1, columns] + repaired[rows + 1, columns] + repaired[rows, columns - 1]
-        + repaired[rows, columns + 1]
-    )  # fmt: skip
-    hot = (value > 0) & (beside < _SHARPEST * value + 0.5 * sigma)
-    dead = (value < 0) & (beside > 0.4 * value)
-    bad = hot | dead
-    repaired[rows[bad], columns[bad]] = np.where(
-        dead[bad], np.maximum(beside[bad], 0), np.minimum(beside[bad], sigma[bad])
-    )
+    for top in range(1, light.shape[0] - 1, _STRIP_PX):
+        bottom = min(top + _STRIP_PX, light.shape[0] - 1)
+        strip = light[top - 1 : bottom + 1]
+        value, sigma = strip[1:-1, 1:-1], noise[top:bottom, 1:-1]
+        beside = strip[:-2, 1:-1] + strip[2:, 1:-1]
+        beside += strip[1:-1, :-2]
+        beside += strip[1:-1, 2:]
+        beside *= np.float32(0.25)
+        far = np.abs(value)
+        far *= np.float32(0.2)
+        at = np.nonzero((far > sigma) & ((beside < _SHARPEST * value + 0.5 * sigma) | (value < 0)))
+        one, four, spread = value[at], beside[at], sigma[at]
+        hot = (one > 0) & (four < _SHARPEST * one + 0.5 * spread)
+        dead = (one < 0) & (four > 0.4 * one)
+        better = np.where(hot, np.minimum(four, spread), np.where(dead, np.maximum(four, 0), one))
+        repaired[top:bottom, 1:-1][at] = better
     return repaired

@@ -68,15 +68,27 @@ class Cores:
     level: float
 
 
-def components(light: F4, above: Mask, seeded: Mask) -> Components:
-    """Find connected pixels of `above` that hold a pixel of `seeded`."""
+def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
+    """Find connected pixels that hold a seed.
+
+    Parameters
+    ----------
+    light : ndarray, shape (height, width)
+        Image less background.
+    above : ndarray of int, shape (n,)
+        Pixels above the lower threshold, as indices of the flattened image, in order.
+    seeded : ndarray of bool, shape (n,)
+        Those above the higher one.
+    """
     from scipy import ndimage
 
-    labels, n = ndimage.label(above, structure=np.ones((3, 3)))
-    rows, columns = np.divmod(np.flatnonzero(labels), labels.shape[1])
+    mask = np.zeros(light.shape, dtype=bool)
+    mask.ravel()[above] = True
+    labels, n = ndimage.label(mask, structure=np.ones((3, 3)))
+    rows, columns = np.divmod(above, labels.shape[1])
     label, value = labels[rows, columns], np.maximum(light[rows, columns].astype(np.float64), 0.0)
     area = np.bincount(label, minlength=n + 1)
-    good = np.bincount(label, weights=seeded[rows, columns], minlength=n + 1) > 0
+    good = np.bincount(label, weights=seeded, minlength=n + 1) > 0
     flux: F8 = np.bincount(label, weights=value, minlength=n + 1).astype(np.float64, copy=False)
     good &= flux > 0
     good[0] = False
@@ -156,19 +168,29 @@ def trails(
     return np.array(chosen, dtype=np.int64)
 
 
-def peaks(filtered: Filtered, noise: F4, threshold: F4, used: Mask) -> tuple[F8, F8, F8]:
-    """Return local maxima of the filtered image above a threshold, brightest first.
+def peaks(filtered: Filtered, noise: F4, above: NDArray[np.intp], used: Mask) -> tuple[F8, F8, F8]:
+    """Return local maxima of the filtered image among pixels above a threshold, brightest first.
+
+    Parameters
+    ----------
+    filtered : Filtered
+        The image under the matched filter.
+    noise : ndarray, shape (height, width)
+        Standard deviation of white pixels that would make its noise.
+    above : ndarray of int, shape (n,)
+        The pixels, as indices of the flattened image.
+    used : ndarray of bool, shape (height, width)
+        Where peaks count.
 
     Returns
     -------
     Places to a fraction of a pixel, shape (n, 2), amplitudes, shape (n,), and their standard deviations, shape (n,).
     """
     amplitude = filtered.amplitude
-    width = amplitude.shape[1]
-    inner = np.zeros(amplitude.shape, dtype=bool)
-    inner[1:-1, 1:-1] = (amplitude > threshold)[1:-1, 1:-1]
-    inner &= used
-    at = np.flatnonzero(inner)
+    height, width = amplitude.shape
+    rows, columns = np.divmod(above, width)
+    inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used.ravel()[above]
+    at = above[inner]
     flat = amplitude.ravel()
     value = flat[at]
     for offset in (-width - 1, -width, -width + 1, -1):

@@ -56,7 +56,9 @@ class Measured:
     significance: F8
 
 
-def measure_stars(light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit: float) -> Measured:
+def measure_stars(
+    light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit: float, white: F4 | None = None
+) -> Measured:
     """Measure stars at places, shape (n, 2), that are good to a pixel or two.
 
     Parameters
@@ -71,7 +73,11 @@ def measure_stars(light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit:
         Of the star's image: uu, uv, vv, px^2.
     gain_e_per_unit : float
         Electrons that make one unit of the image; infinity leaves the photon noise of the stars out.
+    white : ndarray, shape (height, width), optional
+        Noise by the differences of neighbouring pixels, where `noise` is that of white pixels that scatter as much under a
+        filter; the same unless given.
     """
+    white = noise if white is None else white
     if not len(uv):
         empty = np.empty(0)
         return Measured(np.empty((0, 2)), empty, empty, empty, empty, empty, empty, empty)
@@ -80,7 +86,16 @@ def measure_stars(light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit:
     neighbours = _neighbours(uv, covariance)
     parts = [
         _measure(
-            light, noise, uv, covariance, gain_e_per_unit, (reach[0], reach[1]), neighbours, start, start + at_once
+            light,
+            noise,
+            white,
+            uv,
+            covariance,
+            gain_e_per_unit,
+            (reach[0], reach[1]),
+            neighbours,
+            start,
+            start + at_once,
         )
         for start in range(0, len(uv), at_once)
     ]
@@ -100,6 +115,7 @@ def _neighbours(uv: F8, covariance: F8) -> NDArray[np.intp]:
 def _measure(
     light: F4,
     noise: F4,
+    white: F4,
     uv: F8,
     covariance: F8,
     gain: float,
@@ -151,7 +167,9 @@ def _measure(
     snr = light_under / np.maximum(np.sqrt(pixel**2 * area / 2 + flux / (3 * gain)), 1e-30)
     star = _window(p, q, r, du[:, None, :], dv[:, :, None])
     photons = star * (flux / area / gain)[:, None, None]
-    unlike, significance = unlikeness(cut, star, np.square(pixel)[:, None, None] + photons)
+    # Of correlated noise a single pixel has less than the window has: half of it in logarithm.
+    single = pixel * np.maximum(_values_at(white, at), 1e-30)
+    unlike, significance = unlikeness(cut, star, single[:, None, None] + photons)
     return Measured(at, flux, sigma, narrow, wide, snr, unlike, significance)
 
 

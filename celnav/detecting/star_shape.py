@@ -22,11 +22,22 @@ Mask = NDArray[np.bool_]
 LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 400.0  # px^2: half a pixel, and streaks of 70 px
 # A star's image is round where its axes differ by less than this factor.
 _ROUND = 1.2
+# One round filter serves shapes whose variances differ by no more than this factor.
+_ONE_FILTER = 2.6
 _ZONE_PX = 180
+_STRIP_PX = 32
 # px^2: the track of a particle is narrower than the image of a star.
 _TRACK_VARIANCE = 0.2
+# A Gaussian of 0.8 px that is laid over stars before they are measured, and its variance: sums over pixels are not the
+# moments of a star that is sharper.
+_SMOOTHED = 0.64
+_SMOOTHING = np.exp(-0.5 * np.arange(-4, 5) ** 2 / _SMOOTHED)
+_SMOOTHING /= _SMOOTHING.sum()
 # Shapes that differ by less than this part of their variance agree; so many must, and this part of all.
 _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
+# A shape that varies starts from those within so many times the agreement, and has to leave so much less scatter: a part
+# where one filter serves it all the same, or half.
+_LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +75,22 @@ class StarShape:
             return None
         large, small = axes(np.array([[uu, uv, vv]]))
         return float((large[0] * small[0]) ** 0.25) if large[0] < _ROUND**2 * small[0] else None
+
+    @property
+    def filter_sigma_px(self) -> float | None:
+        """Standard deviation of one round filter that serves the whole frame; None where none does.
+
+        A filter that is wider or narrower than the star by a factor a loses 1 - 2 a / (1 + a^2) of the signal: within the
+        limit 3 % at most.
+        """
+        if not self.varies:
+            variances = axes(self.coefficients[:1])
+        else:
+            v, u = np.mgrid[0:5, 0:5] / 4
+            places = np.column_stack((u.ravel() * (self.size[1] - 1), v.ravel() * (self.size[0] - 1)))
+            variances = axes(self.at(places))
+        large, small = float(variances[0].max()), float(variances[1].min())
+        return float((large * small) ** 0.25) if 0 < large < _ONE_FILTER * small else None
 
     def at(self, uv: F8) -> F8:
         """Return the covariances (uu, uv, vv), shape (n, 3), at positions, shape (n, 2); kept within sensible widths."""
@@ -116,14 +143,21 @@ def patches(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F8, NDArray[np.i
     return cut, rows, columns
 
 
-def adaptive_moments(light: F4, uv: F8, start: F8, rounds: int = 8) -> F8:
+def adaptive_moments(light: F4, uv: F8, start: F8, largest: float = LARGEST_VARIANCE, rounds: int = 8) -> F8:
     """Measure covariances (uu, uv, vv), shape (n, 3), of stars at positions, shape (n, 2); NaN where there is no star.
+
+    What is wider than the variance `largest` is no star: slopes of light fill any window.
 
     The window has the covariance of the star: it is what the light under the window and the window itself agree on.
     """
+    from scipy import ndimage
+
     reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 30))
     cut, rows, columns = patches(light, uv, (reach, reach))
-    at, covariance = uv.copy(), start.copy()
+    cut = ndimage.correlate1d(
+        ndimage.correlate1d(cut, _SMOOTHING, axis=1, mode="nearest"), _SMOOTHING, axis=2, mode="nearest"
+    )
+    at, covariance = uv.copy(), start + np.array([_SMOOTHED, 0, _SMOOTHED])
     for _ in range(rounds):
         du, dv = (columns - at[:, :1])[:, None, :], (rows - at[:, 1:])[:, :, None]
         p, q, r = (value[:, None, None] for value in inverse(covariance).T)
@@ -139,8 +173,8 @@ def adaptive_moments(light: F4, uv: F8, start: F8, rounds: int = 8) -> F8:
         good = (difference[:, 0] > 0) & (difference[:, 0] * difference[:, 2] > difference[:, 1] ** 2)
         covariance = np.where(good[:, None], inverse(np.where(good[:, None], difference, [[1.0, 0.0, 1.0]])), np.nan)
         large, small = axes(covariance)
-        covariance[~((small > 0.05) & (large < LARGEST_VARIANCE))] = np.nan
-    return covariance
+        covariance[~((small > _SMOOTHED + 0.05) & (large < largest))] = np.nan
+    return covariance - np.array([_SMOOTHED, 0, _SMOOTHED])
 
 
 def unlikeness(cut: F8, star: F8, noise_power: F8) -> tuple[F8, F8]:
@@ -180,7 +214,7 @@ def unlikeness(cut: F8, star: F8, noise_power: F8) -> tuple[F8, F8]:
 def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
     """Fit the shape to the covariances of single stars, shape (n, 3); None where too few are known, or agree.
 
-    It varies over the frame only where that halves the scatter.
+    It varies over the frame only where that leaves clearly less scatter.
     """
     known = np.isfinite(covariance).all(axis=1)
     if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= 8:
@@ -194,25 +228,48 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if len(uv) < 20:
         return fixed
     terms = _terms(uv, size)
-    kept = np.ones(len(uv), dtype=bool)
+    tolerance = _tolerance(covariance)
+    best, alike = None, agreeing
+    for begun in (np.ones(len(uv), dtype=bool), _near(covariance, middle, _LOOSE)):
+        if begun.sum() < 20:
+            continue
+        coefficients = _robust_fit(terms, covariance, begun)
+        near = np.abs(covariance - terms @ coefficients).sum(axis=1) < tolerance
+        if best is None or near.sum() > alike.sum():
+            best, alike = StarShape(coefficients, size), near
+    if best is None or not _enough(alike):
+        return fixed
+    both = alike | agreeing
+    rest: F8 = np.abs(covariance - middle).sum(axis=1)[both]
+    residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
+    least = _MILD if best.filter_sigma_px is not None else _STRONG
+    return best if np.median(residual) < least * np.median(rest) else fixed
+
+
+def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:
+    """Fit the polynomial to the covariances, shape (n, 3), that agree with it, from those of `begun` on."""
+    kept = begun
     coefficients = np.zeros((6, 3))
     for _ in range(6):
         coefficients = np.asarray(np.linalg.lstsq(terms[kept], covariance[kept], rcond=None)[0], dtype=np.float64)
         residual: F8 = np.abs(covariance - terms @ coefficients).sum(axis=1)
-        kept = residual <= 3.5 * np.median(residual)
-    rest: F8 = np.abs(covariance - middle).sum(axis=1)
-    varies = 2 * np.median(residual) < np.median(rest) and _enough(residual < _AGREEMENT * _trace(covariance))
-    return StarShape(coefficients, size) if varies else fixed
+        kept = residual <= 3.5 * np.median(residual[begun])
+    return coefficients
 
 
-def _trace(covariance: F8) -> F8:
-    return np.asarray(covariance[:, 0] + covariance[:, 2])
+def _tolerance(covariance: F8) -> F8:
+    """Difference up to which covariances agree, shape (n,): they were measured under the Gaussian laid over them."""
+    return np.asarray(_AGREEMENT * (covariance[:, 0] + covariance[:, 2] + _SMOOTHED))
+
+
+def _near(covariance: F8, middle: F8, factor: float) -> Mask:
+    return np.asarray(np.abs(covariance - middle).sum(axis=1) < factor * _tolerance(covariance))
 
 
 def _largest_agreement(covariance: F8) -> Mask:
     """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
     apart = np.abs(covariance[:, None] - covariance).sum(axis=2)
-    near = apart < _AGREEMENT * _trace(covariance)[:, None]
+    near = apart < _tolerance(covariance)[:, None]
     return np.asarray(near[np.argmax(near.sum(axis=1))])
 
 
@@ -245,7 +302,7 @@ def matched_filter(light: F4, shape: StarShape) -> Filtered:
     """Correlate with the star's image less its mean over a square: constant and sloping backgrounds cancel."""
     from scipy import ndimage
 
-    sigma = shape.round_sigma_px
+    sigma = shape.filter_sigma_px
     if sigma is None:
         return _filter_by_zones(light, shape)
     reach = max(2, int(np.ceil(3 * sigma)))
@@ -254,23 +311,39 @@ def matched_filter(light: F4, shape: StarShape) -> Filtered:
     side = 2 * int(np.ceil(7 * sigma)) + 1
     gain, noise = _response(np.outer(line, line), side**2)
     scaled = (line / line.sum()).astype(np.float32)
-    summed = _correlate_rows(_correlate_rows(light.T, scaled).T, scaled)
+    summed = _correlated(light, scaled)
     summed -= ndimage.uniform_filter(light, side, mode="nearest")
     summed *= np.float32(1 / gain)
     return Filtered(summed, np.full((1, 1), noise / gain, dtype=np.float32))
 
 
-def _correlate_rows(values: F4, line: F4) -> F4:
-    """Correlate along the second axis with a symmetrical line; faster than SciPy's for a few pixels."""
+def _correlated(values: F4, line: F4) -> F4:
+    """Correlate along both axes with a symmetrical line, strip by strip, so that a strip stays in the processor's cache."""
     reach = len(line) // 2
-    width = values.shape[1]
-    padded = np.pad(values, ((0, 0), (reach, reach)), mode="edge")
-    result = padded[:, reach : reach + width] * line[reach]
-    for k in range(1, reach + 1):
-        pair = padded[:, reach - k : reach - k + width] + padded[:, reach + k : reach + k + width]
-        pair *= line[reach + k]
-        result += pair
-    return np.asarray(result)
+    height, width = values.shape
+    result = np.empty_like(values)
+    down = np.empty((_STRIP_PX, width + 2 * reach), dtype=np.float32)
+    pair = np.empty((_STRIP_PX, width), dtype=np.float32)
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    for top in range(0, height, _STRIP_PX):
+        rows = min(_STRIP_PX, height - top)
+        strip, part = down[:rows], pair[:rows]
+        middle = strip[:, reach : reach + width]
+        np.multiply(padded[top + reach : top + reach + rows], line[reach], out=middle)
+        for k in range(1, reach + 1):
+            above, below = top + reach - k, top + reach + k
+            np.add(padded[above : above + rows], padded[below : below + rows], out=part)
+            part *= line[reach + k]
+            middle += part
+        strip[:, :reach] = middle[:, :1]
+        strip[:, reach + width :] = middle[:, -1:]
+        out = result[top : top + rows]
+        np.multiply(middle, line[reach], out=out)
+        for k in range(1, reach + 1):
+            np.add(strip[:, reach - k : reach - k + width], strip[:, reach + k : reach + k + width], out=part)
+            part *= line[reach + k]
+            out += part
+    return result
 
 
 def _response(star: F8, area: int) -> tuple[float, float]:

@@ -1,0 +1,140 @@
+"""The stars that tell the shape of a star's image: bright, single, whole, and from all over the frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.detecting.star_candidates import Components, Cores
+from celnav.detecting.star_shape import LARGEST_VARIANCE, StarShape, adaptive_moments, fit_shape, patches
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_STARS = 120
+# Cells of the frame, columns and rows, that give so many sources at a time.
+_CELLS, _EACH = (12, 9), 2
+# Maxima this many times above the noise of a pixel, without a brighter one so near.
+_BRIGHT, _ALONE_PX = 20.0, 6.0
+# Maxima that are considered at most, and fewest of which a shape is believed.
+_MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 20
+# Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
+_LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.3, 5
+# Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
+_WIDE_VARIANCE, _LARGEST_COMPACT = 6.0, 9.0
+
+
+def shape_of_bright(light: F4, noise: F4, cores: Cores) -> StarShape | None:
+    """Measure the shape on bright maxima of the image itself; None where they are few or do not agree, as streaks do not.
+
+    Parameters
+    ----------
+    light : ndarray, shape (height, width)
+        Image less background.
+    noise : ndarray, shape (height, width)
+        Standard deviation of its pixels.
+    cores : Cores
+        Saturated stars, which are left out.
+    """
+    from scipy.spatial import cKDTree
+
+    width = light.shape[1]
+    bright = light > np.float32(_BRIGHT) * noise
+    bright[[0, -1]] = False
+    bright[:, [0, -1]] = False
+    at = np.flatnonzero(bright)
+    flat = light.ravel()
+    value = flat[at]
+    for offset in (-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1):
+        highest = value >= flat[at + offset]
+        at, value = at[highest], value[highest]
+    if len(at) < _FEWEST_MAXIMA:
+        return None
+    order = np.argsort(-value, kind="stable")[:_MOST_MAXIMA]
+    rows, columns = np.divmod(at[order], width)
+    uv, value = np.column_stack((columns, rows)).astype(np.float64), value[order]
+    alone = np.ones(len(uv), dtype=bool)
+    alone[cKDTree(uv).query_pairs(_ALONE_PX, output_type="ndarray").max(axis=1, initial=0)] = False
+    if len(cores.uv):
+        distance, core = cKDTree(cores.uv).query(uv)
+        alone &= distance > 3 * cores.radius_px[core] + _ALONE_PX
+    uv, value = uv[alone], value[alone]
+    if len(uv) < _FEWEST_MAXIMA:
+        return None
+    chosen = _brightest_of_cells(uv, value.astype(np.float64), light.shape)[:_STARS]
+    if np.mean(_elongation(light, uv[chosen]) > _LONG) > _MOST_LONG:
+        return None
+    covariance = adaptive_moments(light, uv[chosen], np.tile([1.0, 0.0, 1.0], (len(chosen), 1)), _LARGEST_COMPACT)
+    return fit_shape(covariance, uv[chosen], (light.shape[0], light.shape[1]))
+
+
+def _elongation(light: F4, uv: F8) -> F8:
+    """Difference of the axes' second moments over their sum, shape (n,), of the light around places, shape (n, 2)."""
+    cut, rows, columns = patches(light, uv, (_WINDOW_PX, _WINDOW_PX))
+    du, dv = columns - uv[:, :1], rows - uv[:, 1:]
+    window = np.maximum(cut, 0)
+    by_column, by_row = window.sum(axis=1), window.sum(axis=2)
+    total = np.maximum(by_row.sum(axis=1), 1e-30)
+    u, v = (by_column * du).sum(axis=1) / total, (by_row * dv).sum(axis=1) / total
+    uu, vv = (by_column * du * du).sum(axis=1) / total - u * u, (by_row * dv * dv).sum(axis=1) / total - v * v
+    mixed = np.einsum("nrc,nc,nr->n", window, du, dv) / total - u * v
+    return np.asarray(np.hypot(uu - vv, 2 * mixed) / np.maximum(uu + vv, 1e-30))
+
+
+def shape_of_components(
+    light: F4, noise: F4, parts: Components, part_of_peak: NDArray[np.int32], cores: Cores, max_area_px: int
+) -> StarShape | None:
+    """Measure the shape on bright components that are neither saturated nor, if there are enough others, blended.
+
+    Parameters
+    ----------
+    light, noise : ndarray, shape (height, width)
+        Image less background, and the standard deviation of its pixels.
+    parts : Components
+        What stands out of the noise.
+    part_of_peak : ndarray of int32, shape (n,)
+        The component that each peak lies in.
+    cores : Cores
+        Saturated stars.
+    max_area_px : int
+        Larger components are no stars.
+    """
+    at = np.rint(parts.uv).astype(np.intp)
+    clear = parts.flux > 15 * noise[at[:, 1], at[:, 0]] * np.sqrt(np.maximum(parts.area, 1))
+    clear &= (parts.area >= 5) & (parts.area <= max_area_px)
+    if len(cores.uv):
+        nearest = np.rint(cores.uv).astype(np.intp)
+        clear &= ~np.isin(parts.label, parts.labels[nearest[:, 1], nearest[:, 0]])
+    single = clear & (np.bincount(part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
+    chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
+    dense = parts.flux[chosen] / parts.area[chosen]
+    chosen = chosen[_brightest_of_cells(parts.uv[chosen], dense, light.shape)[:_STARS]]
+    if not len(chosen):
+        return None
+    # From the components' own moments: streaks differ in length and direction over the frame.
+    begun = np.clip(parts.covariance[chosen], [0.5, -150, 0.5], [150, 150, 150])
+    determinant = begun[:, 0] * begun[:, 2] - begun[:, 1] ** 2
+    begun = np.where((determinant > 0.1)[:, None], begun, [[1.0, 0.0, 1.0]])
+    covariance = np.empty_like(begun)
+    wide = begun[:, [0, 2]].max(axis=1) > _WIDE_VARIANCE
+    for some, largest in ((wide, LARGEST_VARIANCE), (~wide, _LARGEST_COMPACT)):
+        covariance[some] = adaptive_moments(light, parts.uv[chosen][some], begun[some], largest)
+    return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
+
+
+def _brightest_of_cells(uv: F8, brightness: F8, size: tuple[int, ...]) -> Rows:
+    """Order sources by their rank in their own cell of the frame, then by brightness.
+
+    Trees, lamps and reflections lie close together; stars are everywhere.
+    """
+    if not len(uv):
+        return np.empty(0, dtype=np.intp)
+    side = np.array([size[1], size[0]]) / _CELLS
+    column, row = np.clip(uv / side, 0, np.array(_CELLS) - 1).astype(np.intp).T
+    cell = row * _CELLS[0] + column
+    by_cell = np.lexsort((-brightness, cell))
+    starts = np.flatnonzero(np.diff(cell[by_cell], prepend=-1))
+    rank = np.empty(len(uv), dtype=np.intp)
+    rank[by_cell] = np.arange(len(uv)) - np.repeat(starts, np.diff(np.append(starts, len(uv))))
+    return np.asarray(np.lexsort((-brightness, rank // _EACH)))
