@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from celnav.attitude import Attitude
 from celnav.sky.astrometry import enu_rotation
-from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
+from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, MEAN_RADIUS_KM, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 
@@ -79,6 +79,12 @@ def radii_km(lat_rad: float) -> tuple[float, float]:
     """Radii of curvature of WGS84, east (prime vertical) and north (meridian), km."""
     curvature = 1 - ECCENTRICITY_SQUARED * math.sin(lat_rad) ** 2
     return SEMI_MAJOR_AXIS_KM / math.sqrt(curvature), SEMI_MAJOR_AXIS_KM * (1 - ECCENTRICITY_SQUARED) / curvature**1.5
+
+
+def distance_km(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:
+    """Return the distance of two places on a sphere of the Earth's mean radius, within 0.6 % of the true one."""
+    one, other = enu_rotation(lat_deg, lon_deg)[2], enu_rotation(other_lat_deg, other_lon_deg)[2]
+    return MEAN_RADIUS_KM * math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
 def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,10 +18,17 @@ from celnav.matching.protocol import Observation
 from celnav.position import Weather
 from celnav.sky.utc import Utc
 
+# Within so many standard deviations lies a position of two coordinates but for one case in a thousand.
+_SURE_SIGMAS = math.sqrt(-2 * math.log(1e-3))
+
 
 @dataclass(frozen=True)
 class LastKnown:
-    """A position known from before: geodetic latitude and longitude, and the radius (km) that surely holds the answer."""
+    """A position known from before: geodetic latitude and longitude, and the radius (km) that surely holds the answer.
+
+    It says where to look and what to refuse; it does not enter the position, so that fixes stay independent of it and of
+    each other.
+    """
 
     lat_deg: float = bounded(least=-90, most=90)
     lon_deg: float = bounded(least=-1e6, most=1e6)
@@ -28,6 +36,12 @@ class LastKnown:
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+    @classmethod
+    def with_sigma(cls, lat_deg: float, lon_deg: float, sigma_km: float) -> LastKnown:
+        """Position with a standard deviation along each axis, km; the radius holds 999 of 1,000 such positions."""
+        sigma_km = finite_number(sigma_km, "sigma_km", ConfigError, least=1e-6)
+        return cls(lat_deg, lon_deg, _SURE_SIGMAS * sigma_km)
 
 
 @dataclass(frozen=True, eq=False)

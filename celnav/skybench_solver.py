@@ -17,10 +17,11 @@ from celnav.errors import ConfigError
 from celnav.field_stars import Prepared, pairing_radius, seen_planets, visible_stars
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
-from celnav.horizon import Place, horizontal_frame, place_from_rotation
+from celnav.horizon import Place, distance_km, horizontal_frame, place_from_rotation
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.identify import Question
+from celnav.identification.neighbourhood import BELIEVED_SIGMAS, neighbourhood, open_region
 from celnav.identification.pairing import candidate_pairs
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import load_sky_index
@@ -30,7 +31,6 @@ from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.catalog import StarCatalog
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import unrefract_rays
-from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 F8 = NDArray[np.float64]
 
@@ -232,16 +232,13 @@ class SkybenchSolver:
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:
-            lat, lon = (
-                np.radians([place.lat_deg, problem.near.lat_deg]),
-                np.radians([place.lon_deg, problem.near.lon_deg]),
-            )
-            cosine = math.sin(lat[0]) * math.sin(lat[1]) + math.cos(lat[0]) * math.cos(lat[1]) * math.cos(
-                lon[0] - lon[1]
-            )
-            distance = MEAN_RADIUS_KM * math.acos(max(-1.0, min(1.0, cosine)))
-            if distance > problem.near.radius_km:
-                return f"the position is {distance:.0f} km from the last known one"
+            distance = distance_km(place.lat_deg, place.lon_deg, problem.near.lat_deg, problem.near.lon_deg)
+            uncertainty = BELIEVED_SIGMAS * math.sqrt(max(float(np.linalg.eigvalsh(place.cov_km2)[-1]), 0.0))
+            if distance > problem.near.radius_km + uncertainty:
+                return (
+                    f"the stars put the place at {place.lat_deg:.2f}, {place.lon_deg:.2f} deg, {distance:.0f} km from the "
+                    f"last known one, which near= holds within {problem.near.radius_km:g} km"
+                )
         return ""
 
 
@@ -281,7 +278,7 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Pr
         rows = rows[np.argsort(-seen.flux[rows], kind="stable")]
     rows = rows[: config.max_detections]
     uv, rays = seen.uv[rows], seen.rays[rows]
-    up = local = zenith_near = None
+    up = local = near = None
     if attitude is not None:
         frame = horizontal_frame(attitude)
         up = frame[:, 2]
@@ -299,17 +296,14 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Pr
             usable = np.isfinite(moved[:, 0])
             rows, uv, rays = rows[usable], moved[usable], true[usable]
         if problem.near is not None:
-            lat, lon = math.radians(problem.near.lat_deg), math.radians(problem.near.lon_deg)
-            zenith = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
-            radius = (problem.near.radius_km + 150.0) / MEAN_RADIUS_KM
-            if radius < math.pi:
-                zenith_near = (to_terrestrial.T @ zenith, radius)
+            near = neighbourhood(problem.near, attitude, to_terrestrial, heading_known=local is not None)
     area = float(camera.width * camera.height)
     if camera.model not in ("pinhole", "brown_conrady"):
         area *= _seen_part(camera)
     relative = None if seen.sigma_px is None else seen.sigma_px[rows]
+    region = open_region(attitude, heading_known=local is not None)
     question = Question(
-        camera, uv, rays, seen.flux is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, zenith_near
+        camera, uv, rays, seen.flux is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, near, region
     )
     return Prepared(rows, uv, rays, relative, question)
 

@@ -157,7 +157,8 @@ def solve(
     dut1_s : float, optional
         UT1-UTC in seconds; from the IERS table unless given.
     near : LastKnown, optional
-        A position and a radius within which the answer lies; solvers of the thesis do not use it.
+        A position and a radius within which the answer lies: fewer stars then suffice. Stars that put the place elsewhere
+        are refused as `Reason.INCONSISTENT`. Solvers of the thesis do not use it.
     time_limit_s : float, optional
         Seconds by the clock after which the search for an identification is given up (`Reason.EFFORT_SPENT`); only
         `skybench` takes it. An answer under a time limit may differ from machine to machine; the bound that does not is

@@ -77,6 +77,12 @@ def parser() -> argparse.ArgumentParser:
         "point and distortion. Default: auto with --camera, else full",
     )
     group.add_argument(
+        "--near",
+        metavar="LAT,LON,KM",
+        help="last known position and the radius that holds the answer: fewer stars then suffice, and a place beyond it is "
+        "refused; solver skybench",
+    )
+    group.add_argument(
         "--time-limit-s",
         type=float,
         metavar="SECONDS",

@@ -12,6 +12,7 @@ from typing import Literal
 from celnav.adjustment import CameraPriors
 from celnav.attitude import Attitude
 from celnav.camera import Camera
+from celnav.checking import shown
 from celnav.command.answer import Answer, attitude_of
 from celnav.command.attitude_option import read_attitude
 from celnav.command.camera_file import read_camera_file
@@ -24,7 +25,7 @@ from celnav.detection import detect
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Reason
 from celnav.position import usual_weather
-from celnav.problem import Solver
+from celnav.problem import LastKnown, Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
 
@@ -83,6 +84,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         image = read_image(arguments.image)
         tags = read_tags(arguments.image)
         attitude = read_attitude(arguments.attitude, tags.up)
+        near = _near(arguments.near)
         lens = _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         mask = None
@@ -102,6 +104,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             pressure_hpa=air.pressure_hpa,
             temperature_c=air.temperature_c,
             dut1_s=arguments.dut1_s,
+            near=near,
             time_limit_s=arguments.time_limit_s,
         )
     if fix.reason is Reason.VERTICAL_REQUIRED:
@@ -128,6 +131,19 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             draw(found, image, arguments.plot)
     clock.time_ms["total"] = 1000 * (time.perf_counter() - started_s)
     return found
+
+
+def _near(text: str | None) -> LastKnown | None:
+    """Read the option ``--near``."""
+    if text is None:
+        return None
+    try:
+        lat_deg, lon_deg, radius_km = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"--near {shown(text)} must be latitude, longitude (deg) and radius (km), such as 48.2,16.4,50"
+        ) from None
+    return LastKnown(lat_deg, lon_deg, radius_km)
 
 
 def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 # stars, or one detection on one star. Batches, polishing and verification are mostly a fixed number of short array
 # operations.
 HYPOTHESIS_WORK = 16
+# One of a pair of stars that the last known position excludes before it becomes a hypothesis.
+PASSED_OVER_WORK = 4
 BATCH_WORK = 20_000
 POLISH_WORK = 12_000
 VERIFICATION_WORK = 60_000

@@ -1,4 +1,4 @@
-"""Identification with a camera whose declared focal length is only approximate."""
+"""The order of searches: near a last known position, the whole sky, and the whole sky at other focal lengths."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ def identify_at_focal_lengths(
 ) -> Identified:
     """Find the orientation with the camera as it is given, and, where none is found, with other focal lengths in turn.
 
+    A last known position is searched first, with `SearchConfig.near_share` of the effort. What the whole sky shows after
+    that may contradict it: that is for the caller to judge.
+
     Parameters
     ----------
     question, index, config
@@ -42,6 +45,12 @@ def identify_at_focal_lengths(
     Identified
         Detections are the rows of the question, and the factor `log_f` is on the focal length of its camera.
     """
+    if question.near is not None:
+        effort.allow(config.near_share * effort.max_work)
+        found = identify(question, index, config, effort)
+        if found.alignment is not None:
+            return found
+        question = replace(question, near=None)
     others = tuple(factors) if question.ranked else ()
     work_each = int(share * effort.max_work)
     kept = config.kept_for_rival(effort.max_work)

@@ -18,11 +18,13 @@ from celnav.camera import Camera
 from celnav.identification.effort import (
     BATCH_WORK,
     HYPOTHESIS_WORK,
+    PASSED_OVER_WORK,
     POLISH_WORK,
     VERIFICATION_WORK,
     VERIFIED_PAIR_WORK,
     Effort,
 )
+from celnav.identification.neighbourhood import Neighbourhood
 from celnav.identification.search import (
     View,
     best_hypotheses,
@@ -35,7 +37,7 @@ from celnav.identification.search import (
 )
 from celnav.identification.search_config import SearchConfig, Stage
 from celnav.identification.sky_index import F4, F8, SkyIndex
-from celnav.identification.verification import Alignment, field_cone, verify
+from celnav.identification.verification import WHOLE_SKY, Alignment, Region, field_cone, verify
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,10 @@ class Question:
         At the instant.
     up : ndarray, shape (3,), or None
         Zenith in the camera frame.
-    zenith_near : tuple of (ndarray, float), or None
-        ICRS direction of the zenith of the last known position, and radius, radians.
+    near : Neighbourhood or None
+        What the last known position allows.
+    region : Region
+        Orientations that the attitude leaves open, were no position known.
     """
 
     camera: Camera
@@ -73,7 +77,8 @@ class Question:
     local: F8 | None
     celestial_to_terrestrial: F8
     up: F8 | None
-    zenith_near: tuple[F8, float] | None
+    near: Neighbourhood | None
+    region: Region = WHOLE_SKY
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +130,15 @@ class _Batch:
         Detections that score them.
     n_stars : float
         Stars of the whole sky that compete for those detections.
+    passed_over : int
+        Hypotheses that the last known position excluded.
     """
 
     rotations: F4
     stage: Stage
     view: View
     n_stars: float
+    passed_over: int = 0
 
 
 def identify(question: Question, index: SkyIndex, config: SearchConfig, effort: Effort) -> Identified:
@@ -247,8 +255,25 @@ class _Search:
                 config.scored_depth * len(view.rays) if order.ranked else config.unordered_depth * len(order.rows)
             )
             of_stage = self._from_pairs if question.local is None else self._from_single_stars
-            for rotations in of_stage(stage, view, order, done):
-                yield _Batch(self._near(rotations), stage, view, in_field * self.per_field)
+            for rotations, passed_over in self._gathered(of_stage(stage, view, order, done)):
+                yield _Batch(rotations, stage, view, in_field * self.per_field, passed_over)
+
+    def _gathered(self, made: Iterator[tuple[F4, int]]) -> Iterator[tuple[F4, int]]:
+        """Join what a last known position leaves of hypotheses to batches of the usual size."""
+        if self.question.near is None:
+            yield from made
+            return
+        parts: list[F4] = []
+        kept = passed_over = 0
+        for rotations, more in made:
+            near = rotations[self.question.near.holds(rotations)]
+            parts.append(near)
+            kept, passed_over = kept + len(near), passed_over + more + len(rotations) - len(near)
+            if kept + passed_over / 4 >= self.config.hypotheses_at_once:
+                yield np.concatenate(parts), passed_over
+                parts, kept, passed_over = [], 0, 0
+        if kept:
+            yield np.concatenate(parts), passed_over
 
     def _paired_stars(self, stage: Stage, view: View, order: _Order) -> float:
         """Stars of the whole sky among which those of the brightest detections are."""
@@ -257,8 +282,13 @@ class _Search:
         in_field = config.paired_depth * bright if order.ranked else config.unordered_paired_depth * len(order.rows)
         return in_field * self.per_field
 
-    def _from_pairs(self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]) -> Iterator[F4]:
-        """Yield rotations of the stage's pairs of detections; `done` holds those of earlier stages, and is extended."""
+    def _from_pairs(
+        self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
+    ) -> Iterator[tuple[F4, int]]:
+        """Yield rotations of the stage's pairs of detections, and how many the last known position excludes.
+
+        `done` holds the pairs of earlier stages, and is extended.
+        """
         config = self.config
         level = self.index.at_least(self._paired_stars(stage, view, order))
         bright = min(stage.bright, len(view.rays))
@@ -274,15 +304,17 @@ class _Search:
         window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
         fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)
         at_once = int(np.clip(config.hypotheses_at_once / fitting, 1, config.pairs_at_once))
+        near = self.question.near
+        allowed = None if near is None else near.allowed(view.rays[:bright], self.index.xyz[: level.n])
         for chunk in np.array_split(pairs, math.ceil(len(pairs) / at_once)):
             yield from pair_hypotheses(
-                view, chunk, level, self.index.xyz, stage.sigma_px, slack, 2 * config.hypotheses_at_once
+                view, chunk, level, self.index.xyz, stage.sigma_px, slack, 2 * config.hypotheses_at_once, allowed
             )
 
     def _from_single_stars(
         self, stage: Stage, view: View, order: _Order, done: set[tuple[float, int, int]]
-    ) -> Iterator[F4]:
-        """Yield rotations of the stage's detections, each laid on all stars; `done` as for pairs."""
+    ) -> Iterator[tuple[F4, int]]:
+        """Yield rotations of the stage's detections, each laid on all stars, and 0; `done` as for pairs."""
         local, to_terrestrial = self.question.local, self.question.celestial_to_terrestrial
         assert local is not None
         stars = self.index.xyz[: self.index.at_least(self._paired_stars(stage, view, order)).n] @ to_terrestrial.T
@@ -295,15 +327,7 @@ class _Search:
             rays = view.rays[fresh[start : start + at_once]].astype(np.float64)
             lat, lon, _ = single_star_hypotheses(rays @ local, stars)
             camera_from_sky = local @ enu_rotations(lat, lon) @ to_terrestrial
-            yield np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32)
-
-    def _near(self, rotations: F4) -> F4:
-        """Keep the hypotheses whose zenith is that of a place near the last known one, where there is one."""
-        if self.question.zenith_near is None or self.question.up is None:
-            return rotations
-        zenith, radius = self.question.zenith_near
-        cosine = (rotations @ self.question.up.astype(np.float32)) @ zenith.astype(np.float32)
-        return rotations[cosine > math.cos(radius)]
+            yield np.ascontiguousarray(np.swapaxes(camera_from_sky, 1, 2), dtype=np.float32), 0
 
     def _first_look(self) -> int:
         return self.config.first_look if self.question.local is None else self.config.first_look_singles
@@ -328,13 +352,15 @@ class _Search:
         scoring = scoring_work(n, len(batch.view.rays), self._first_look())
         candidates = min(self.config.candidates, n)
         each = POLISH_WORK + self._verification_work(order, batch.view)
-        return BATCH_WORK + HYPOTHESIS_WORK * n + scoring + candidates * each
+        passed_over = PASSED_OVER_WORK * batch.passed_over
+        return BATCH_WORK + HYPOTHESIS_WORK * n + passed_over + scoring + candidates * each
 
     def _judge(self, batch: _Batch, order: _Order) -> Alignment | None:
         """Score the hypotheses of a batch, verify the best, and return one that passes."""
         effort, config, question, view = self.effort, self.config, self.question, batch.view
         n = len(batch.rotations)
-        effort.work += BATCH_WORK + HYPOTHESIS_WORK * n + scoring_work(n, len(view.rays), self._first_look())
+        effort.work += BATCH_WORK + HYPOTHESIS_WORK * n + PASSED_OVER_WORK * batch.passed_over
+        effort.work += scoring_work(n, len(view.rays), self._first_look())
         effort.hypotheses += n
         if n == 0:
             return None
@@ -362,6 +388,7 @@ class _Search:
                 tolerance,
                 log10_tried=math.log10(effort.hypotheses),
                 free_stars=self.made_of,
+                region=question.region if question.near is None else question.near.region,
             )
             effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
             if found.log10_false_alarm <= config.max_log10_false_alarm:

@@ -76,9 +76,18 @@ def _cross(a: F4, b: F4) -> F4:
 
 
 def pair_hypotheses(
-    view: View, pairs: Pairs, level: Level, xyz: F4, sigma_px: float, slack_rad: float, at_once: int
-) -> Iterator[F4]:
+    view: View,
+    pairs: Pairs,
+    level: Level,
+    xyz: F4,
+    sigma_px: float,
+    slack_rad: float,
+    at_once: int,
+    allowed: NDArray[np.bool_] | None = None,
+) -> Iterator[tuple[F4, int]]:
     """Yield rotations camera to sky, shape (h, 3, 3), that lay a pair of detections on a pair of stars.
+
+    With them, how many were passed over because `allowed` excludes them.
 
     Parameters
     ----------
@@ -96,6 +105,8 @@ def pair_hypotheses(
         Added to that.
     at_once : int
         Most rotations of one array.
+    allowed : ndarray of bool, shape (m, n), optional
+        Which of the level's stars each of the first m detections may be.
     """
     i, j = pairs.T
     a, b = view.rays[i], view.rays[j]
@@ -112,10 +123,22 @@ def pair_hypotheses(
         fitting = np.arange(part * total // parts, (part + 1) * total // parts)
         of_pair = np.searchsorted(end, fitting, side="right")
         rows = fitting - start[of_pair] + low[of_pair]
-        frames = triads(xyz[level.first[rows]], xyz[level.second[rows]])
+        first, second = level.first[rows], level.second[rows]
+        if allowed is not None:
+            one, other = i[of_pair], j[of_pair]
+            forth = np.flatnonzero(allowed[one, first] & allowed[other, second])
+            back = np.flatnonzero(allowed[one, second] & allowed[other, first])
+            of_pair = np.concatenate((of_pair[forth], of_pair[back]))
+            first, second = (
+                np.concatenate((first[forth], second[back])),
+                np.concatenate((second[forth], first[back])),
+            )
+            yield triads(xyz[first], xyz[second]) @ seen[of_pair], 2 * len(rows) - len(first)
+            continue
+        frames = triads(xyz[first], xyz[second])
         forward = frames @ seen[of_pair]
         frames[:, :, 1:] *= -1
-        yield np.concatenate((forward, frames @ seen[of_pair]))
+        yield np.concatenate((forward, frames @ seen[of_pair])), 0
 
 
 def single_star_hypotheses(dirs_enu: F8, stars_itrs: F8) -> tuple[F8, F8, NDArray[np.intp]]:

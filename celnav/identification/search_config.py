@@ -106,6 +106,9 @@ class SearchConfig:
         left out: their direction says nothing.
     given_order_share : float
         Part of the work for the order given where there are no fluxes: it is only a guess.
+    near_share : float
+        Part of the work for the neighbourhood of a last known position; the rest is for the whole sky, so that a wrong one
+        is noticed.
     least_rival : int
         Detections that another orientation must explain.
     rival_share : float
@@ -138,6 +141,7 @@ class SearchConfig:
     hypotheses_at_once: int = bounded(12_000, 1, 1_000_000)
     sharp_scale: float = bounded(4.0, 1)
     given_order_share: float = bounded(1 / 3, 0, 1)
+    near_share: float = bounded(0.5, 0, 1)
     least_rival: int = bounded(8, 1)
     rival_share: float = bounded(0.5, 0, 1)
     same_deg: float = bounded(2.0, 0, 180)

@@ -1,7 +1,11 @@
 """Verification of a hypothesis: predict the field, count agreements, and bound the probability of a chance agreement.
 
 The probability that chance explains k agreements of m detections is a binomial tail, bounded by Chernoff's inequality
-(Chernoff 1952, Ann. Math. Statist. 23, 493), times the number of hypotheses and of radii that were tried.
+(Chernoff 1952, Ann. Math. Statist. 23, 493). A union bound over what was tried multiplies it, in one of two ways, of which
+the smaller counts: by the hypotheses and radii that were tried, where the stars that made the hypothesis prove nothing; or
+by all orientations and focal lengths that what is known leaves open, in steps so small that every one of them agrees, within
+a somewhat larger radius, with a step; there every star counts. Many stars make the first smaller, few stars or a position
+known from before the second.
 """
 
 from __future__ import annotations
@@ -21,6 +25,11 @@ CROWD_PX = 80.0
 FOCAL_PRIOR = 0.03  # standard deviation of the logarithm of the focal length while hypotheses are verified
 MOST_LOG_F = 0.12  # beyond it the search would have to start with another focal length
 _RADII = (1.0, 0.6, 0.35)
+# Steps of the cover of all orientations and focal lengths: how far a position may move between a step and what it stands
+# for, in radii of agreement.
+_TURN_STEP, _FOCAL_STEP = 0.5, 0.25
+# Searches of one frame at most: three focal lengths, and two orders of detections or a second one of the whole sky.
+_SEARCHES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,31 @@ class Alignment:
     star: NDArray[np.intp]
     sigma_px: float
     log10_false_alarm: float
+
+
+@dataclass(frozen=True)
+class Region:
+    """The orientations that what is known leaves open.
+
+    Attributes
+    ----------
+    volume : float
+        Their measure, radians to the power of `dimensions`; all rotations have 8 pi^2.
+    dimensions : int
+        3, or 2 where a known heading ties the orientation to the position.
+    """
+
+    volume: float = 8 * math.pi**2
+    dimensions: int = 3
+
+    def log10_steps(self, step_rad: float) -> float:
+        """Return the decimal logarithm of how many steps cover the region so that each is within `step_rad` of one."""
+        # The corner of a cube is sqrt(dimensions) half sides from its middle.
+        side = 2 * step_rad / math.sqrt(self.dimensions)
+        return max(math.log10(self.volume) - self.dimensions * math.log10(side), 0.0)
+
+
+WHOLE_SKY = Region()
 
 
 def rotation_of(vector: F8) -> F8:
@@ -91,6 +125,7 @@ def verify(
     *,
     log10_tried: float,
     free_stars: int,
+    region: Region,
 ) -> Alignment:
     """Refine a hypothesis on the field and bound its false-alarm probability.
 
@@ -110,6 +145,8 @@ def verify(
         Decimal logarithm of how many hypotheses were looked at.
     free_stars : int
         Agreements that prove nothing, because the hypothesis was made of them.
+    region : Region
+        Orientations among which the hypothesis was looked for.
     """
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
@@ -132,7 +169,9 @@ def verify(
             return Alignment(rotation, log_f, detection, rows[star], sigma, 0.0)
         residual = uv[detection] - predicted[star]
         size = np.abs(residual).ravel()
-        sigma = 1.4826 * float(np.partition(size, len(size) // 2)[len(size) // 2])
+        # Four numbers are fitted: of few stars the residuals are smaller than the noise.
+        fitted = math.sqrt(len(star) / max(len(star) - 2, 1))
+        sigma = fitted * 1.4826 * float(np.partition(size, len(size) // 2)[len(size) // 2])
         if round_ == rounds - 1:
             break
         design = np.empty((len(star), 2, 4))
@@ -155,14 +194,25 @@ def verify(
     length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
     crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
+    # The fit could choose among the places that the tolerance holds, in each of its dimensions.
+    tried = log10_tried + 3 * math.log10(max(tolerance_px / radius, 1.0))
+    finest = float(camera.radians_per_px(uv).min())
+    half_diagonal = math.hypot(camera.width, camera.height) / 2
     best = 0.0
     for part in _RADII:
         r = part * radius
-        chance = float(np.mean(1 - np.exp(-crowding * math.pi * r * r)))
-        best = min(best, log10_chance(int((length <= r).sum()) - n_free, len(uv), max(chance, 1e-12)))
-    # The fit could choose among the places that the tolerance holds, in each of its dimensions.
-    choices = 3 * math.log10(max(tolerance_px / radius, 1.0))
-    total = min(0.0, best + log10_tried + choices + math.log10(len(_RADII)))
+        agreeing = int((length <= r).sum())
+
+        def chance(radius_px: float) -> float:
+            return max(float(np.mean(1 - np.exp(-crowding * math.pi * radius_px**2))), 1e-12)
+
+        made = tried + log10_chance(agreeing - n_free, len(uv), chance(r))
+        # The focal length given is the likeliest: the n-th shell around it has 1/n(n + 1) of the allowed false alarms.
+        shell = math.ceil(abs(log_f) * half_diagonal / (2 * _FOCAL_STEP * r) + 1e-9)
+        steps = region.log10_steps(_TURN_STEP * r * finest) + math.log10(2 * shell * (shell + 1) * _SEARCHES)
+        covered = steps + log10_chance(agreeing, len(uv), chance((1 + _TURN_STEP + _FOCAL_STEP) * r))
+        best = min(best, made, covered)
+    total = min(0.0, best + math.log10(2 * len(_RADII)))
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
 
 
