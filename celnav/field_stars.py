@@ -13,12 +13,13 @@ from celnav.camera import Camera
 from celnav.horizon import horizontal_frame
 from celnav.identification.identify import Question
 from celnav.identification.pairing import candidate_pairs
-from celnav.identification.verification import Alignment, field_cone
+from celnav.identification.verification import Alignment, field_cone, rotation_of
 from celnav.problem import Problem
-from celnav.sky.astrometry import DIURNAL_ABERRATION, terrestrial_stars
+from celnav.sky.astrometry import DIURNAL_ABERRATION, earth_at, terrestrial_stars
 from celnav.sky.catalog import StarCatalog, load_catalog
 from celnav.sky.earth_rotation import EarthOrientation
 from celnav.sky.planets import ACCURACY_RAD, planet_directions, planet_ids
+from celnav.sky.utc import Utc
 
 F8 = NDArray[np.float64]
 
@@ -43,6 +44,15 @@ class Prepared:
 def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:
     """Shift terrestrial directions toward east by the observer's rotation with the Earth, at most 0.32 arcsec."""
     return np.asarray(dirs + DIURNAL_ABERRATION * np.array([-zenith[1], zenith[0], 0.0]))
+
+
+def aberrated(rotation: F8, camera: Camera, utc: Utc) -> F8:
+    """Turn an orientation that was found with places free of aberration to one for places as seen, shape (3, 3).
+
+    Over a narrow field the annual aberration, up to 20.5 arcsec, is one turn, and several pixels of a long lens.
+    """
+    middle = rotation.T @ np.array(field_cone(camera)[0])
+    return np.asarray(rotation @ rotation_of(np.cross(middle, earth_at(utc).beta)).T)
 
 
 def visible_stars(

@@ -14,7 +14,7 @@ from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, predic
 from celnav.camera import Camera
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
-from celnav.field_stars import Prepared, pairing_radius, seen_planets, visible_stars
+from celnav.field_stars import Prepared, aberrated, pairing_radius, seen_planets, visible_stars
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, distance_km, horizontal_frame, place_from_rotation
@@ -157,6 +157,7 @@ class SkybenchSolver:
     ) -> Fix:
         """Match the whole field, adjust it, and find the place."""
         camera = problem.observation.camera
+        alignment = replace(alignment, rotation=aberrated(alignment.rotation, camera, problem.utc))
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)

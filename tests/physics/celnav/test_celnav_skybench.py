@@ -157,6 +157,17 @@ def test_last_known_position(sky, frames):
     assert solve(frame, UP, near=far).reason in {"no_hypothesis", "effort_spent", "inconsistent"}
 
 
+@pytest.mark.parametrize("noise_px", [0.0, 0.1])
+def test_aberration_of_a_long_lens(sky, noise_px):
+    """20.5 arcsec are most of a pixel of 8 deg: far more than such centroids scatter, and the same for all of them."""
+    condition = Condition("long", 8, 8.0, noise_px, tilt_deg=50.0)
+    for number in range(4):
+        field = make_field(condition, 31, number)
+        fix = celnav.solve(field.uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=field.flux)
+        assert fix.ok, fix.message
+        assert sky.distance_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg) < 0.5
+
+
 def test_blends_and_saturated_stars(sky):
     """Stars within two pixels are one detection between them, and the forty brightest are all as bright."""
     condition = Condition("blends", v_max=6.5, noise_px=0.3)
