@@ -19,7 +19,8 @@ def add_to(app: typer.Typer) -> None:
     """Add the command."""
     app.command(
         epilog="Examples: skybench twin nights/*.fits.bz2 --scene observatory_allsky --out out/twins; "
-        "skybench twin nights/*.fits --scene mine.yaml --ground ground.png"
+        "skybench twin nights/*.fits --scene mine.yaml --ground ground.png; "
+        "skybench twin FF_*.fits.gz --scene meteor --mask mask.bmp"
     )(twin)
 
 
@@ -40,17 +41,29 @@ def twin(
         Path | None,
         typer.Option("--ground", help="Write what is not sky as a landscape picture (PNG) for the scene, and end."),
     ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option("--mask", help="Picture of the photographs' size (PNG, BMP): what is black is not sky."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two."""
-    from benchmark.twin.photograph import read_photograph
+    """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two.
+
+    Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is the scene's.
+    """
+    from benchmark.twin.photograph import Place, read_photograph
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
     from benchmark.twin.scene import read_scene
+    from benchmark.twin.video_twin import make_video_twin
+    from benchmark.twin.view import not_sky_of
     from generator.scenario.shipped import find_scenario
 
     try:
         camera_scene = read_scene(find_scenario(scene))
+        site = camera_scene.spec.site
+        place = Place(site.latitude_deg, site.longitude_deg, site.height_m)
+        hidden = None if mask is None else not_sky_of(mask, camera_scene.camera)
         if ground is not None:
             _write_ground(photographs, scene, ground)
             typer.echo(str(ground))
@@ -58,7 +71,9 @@ def twin(
         rows = []
         for path in photographs:
             with working(f"{path.name}: twin"):
-                made = make_twin(camera_scene, read_photograph(path), out)
+                photograph = read_photograph(path, place)
+                make = make_twin if photograph.stack is None else make_video_twin
+                made = make(camera_scene, photograph, out, not_sky=hidden)
             write_picture(made, out)
             rows.append(numbers_of_twin(made))
             write_report(rows, out)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
+from benchmark.twin.stacked_video import StackedVideo, read_stack, start_of
 
 LARGEST_BYTES = 450_000_000
 """Of a file, unpacked: a hundred million pixels of 32 bits."""
@@ -46,6 +47,8 @@ class Photograph:
     exposure_s : float
     latitude_deg, longitude_deg, height_m : float
         WGS84, longitude east positive.
+    stack : StackedVideo or None
+        Of a meteor camera, whose mean the pixels are.
     """
 
     name: str
@@ -55,10 +58,22 @@ class Photograph:
     latitude_deg: float
     longitude_deg: float
     height_m: float
+    stack: StackedVideo | None = None
 
 
-def read_photograph(path: Path) -> Photograph:
-    """Read a FITS file with one image, also packed by gzip or bzip2.
+@dataclass(frozen=True)
+class Place:
+    """Where a camera stands: WGS84, longitude east positive."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+
+
+def read_photograph(path: Path, place: Place | None = None) -> Photograph:
+    """Read a FITS file with one image, or a meteor camera's stack (FF), also packed by gzip or bzip2.
+
+    A stack has its time in the file's name and no place: `place` is the camera's.
 
     Raises
     ------
@@ -70,6 +85,16 @@ def read_photograph(path: Path) -> Photograph:
     try:
         with _opened(path) as stream:
             data = _bounded(stream, path)
+    except (OSError, EOFError, ValueError) as error:
+        raise PhotographError(f"{path}: cannot be read as FITS ({str(error).splitlines()[0]})") from None
+    start = start_of(path.name)
+    if start is not None:
+        if place is None:
+            raise PhotographError(f"{path}: a stack of video says no place; give that of its camera")
+        stack = read_stack(data, str(path))
+        where = place.latitude_deg, place.longitude_deg, place.height_m
+        return Photograph(_name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
+    try:
         with warnings.catch_warnings(), fits.open(io.BytesIO(data), memmap=False) as hdus:
             warnings.simplefilter("error")
             header = hdus[0].header
@@ -84,9 +109,12 @@ def read_photograph(path: Path) -> Photograph:
     began = str(header.get("DATE-OBS", ""))
     if not _UTC.fullmatch(began):
         raise PhotographError(f"{path}: DATE-OBS is {began!r}, expected the start in UTC such as 2018-09-14T11:53:22")
-    numbers = {name: _number(header, words, path) for name, words in KEYS.items()}
-    name = _NAME.sub("-", path.name.split(".")[0].lower()).strip("-")
-    return Photograph(name=name or "photograph", pixels=pixels, utc_start=f"{began}Z", **numbers)
+    exposure_s, latitude_deg, longitude_deg, height_m = (_number(header, words, path) for words in KEYS.values())
+    return Photograph(_name_of(path), pixels, f"{began}Z", exposure_s, latitude_deg, longitude_deg, height_m)
+
+
+def _name_of(path: Path) -> str:
+    return _NAME.sub("-", path.name.split(".")[0].lower()).strip("-") or "photograph"
 
 
 def _opened(path: Path) -> BinaryIO | bz2.BZ2File | gzip.GzipFile:

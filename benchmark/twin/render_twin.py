@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from benchmark.twin.alignment import Alignment, align, directions
-from benchmark.twin.comparison import Measured, Stars, measure
+from benchmark.twin.alignment import align, directions
+from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.ground import widened
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
 from benchmark.twin.star_light import isolated, star_light
+from benchmark.twin.twin import Twin
 from benchmark.twin.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.weather import (
     CLOUDLESS,
@@ -31,11 +32,12 @@ from benchmark.twin.weather import (
 )
 from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
-from generator.frame.render import RenderedFrame, render_frame
+from generator.frame.render import render_frame
 from generator.frame.scene import ExpectedFrame, render_expected
 from generator.scenario.file import Scenario
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 EDGE_PX = 4
 """Around the ground that is left out."""
@@ -49,39 +51,17 @@ LOWEST_DEG = 8.0
 """Altitude from which stars are used."""
 
 
-@dataclass(frozen=True, eq=False)
-class Twin:
-    """A photograph and its twin.
+def make_twin(
+    scene: Scene,
+    photograph: Photograph,
+    folder: Path,
+    say: Callable[[str], None] = lambda _: None,
+    not_sky: Mask | None = None,
+) -> Twin:
+    """Make the twin of a photograph and compare the two; its scenario and the files that it names go into `folder`.
 
-    Attributes
-    ----------
-    photograph : Photograph
-    path : Path
-        Of the twin's scenario.
-    alignment : Alignment
-    weather : Weather
-    pixels : (height, width) uint16 array
-        The twin, DN.
-    sky : (height, width) bool array
-        Pixels that are compared.
-    real, made : Measured
-    moon_altitude_deg, sun_altitude_deg : float
+    Pixels of `not_sky` (height, width) are left out.
     """
-
-    photograph: Photograph
-    path: Path
-    alignment: Alignment
-    weather: Weather
-    pixels: NDArray[np.uint16]
-    sky: NDArray[np.bool_]
-    real: Measured
-    made: Measured
-    moon_altitude_deg: float
-    sun_altitude_deg: float
-
-
-def make_twin(scene: Scene, photograph: Photograph, folder: Path, say: Callable[[str], None] = lambda _: None) -> Twin:
-    """Make the twin of a photograph and compare the two; its scenario and the files that it names go into `folder`."""
     camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
     black_dn = float(scene.spec.sensor.black_level_dn)
     nominal = scene.spec.R_cam
@@ -91,8 +71,10 @@ def make_twin(scene: Scene, photograph: Photograph, folder: Path, say: Callable[
 
     say("aligning")
     first = render_frame(scenario_of(nominal, Weather()), 0, channels=False)
-    rows = _stars_of(first)
-    ground = _ground_of(first.expected, photograph.pixels.shape)
+    rows = stars_of(first.stars)
+    ground = ground_of(first.expected, photograph.pixels.shape)
+    if not_sky is not None:
+        ground |= not_sky
     view = view_of(camera, nominal)
     sky = _sky(view, ground, camera.cx_px, camera.cy_px, circle_px)
     bright = (rows["v_mag"] < FIT_MAG) & (rows["altitude_deg"] > LOWEST_DEG)
@@ -138,9 +120,8 @@ def make_twin(scene: Scene, photograph: Photograph, folder: Path, say: Callable[
     tree = twin_tree(scene, photograph, alignment.R_cam, weather)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
-    table = _stars_of(frame)
-    stars = Stars(np.column_stack((table["u_px"], table["v_px"])), table["v_mag"], table["altitude_deg"])
-    compared = sky & ~widened(_ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
+    stars = stars_to_compare(frame.stars)
+    compared = sky & ~widened(ground_of(frame.expected, photograph.pixels.shape), EDGE_PX)
     measured = [
         measure(image, dark_plane(image, camera, circle_px, black_dn), view, compared, stars, full)
         for image in (photograph.pixels, frame.dn.astype(np.float32))
@@ -244,15 +225,21 @@ def numbers_of(scene: Scene) -> tuple[str, ...]:
     return names if scene.cities else tuple(name for name in names if name != "city_factor")
 
 
-def _stars_of(frame: RenderedFrame) -> dict[str, Floats]:
-    """Columns of a frame's stars, planets left out."""
-    table = frame.stars
+def stars_of(table: pa.Table) -> dict[str, Floats]:
+    """Columns of the stars of a frame's truth, planets left out."""
     star = np.asarray(table["kind"].to_pylist()) == "star"
     names = ("star_id", "u_px", "v_px", "v_mag", "azimuth_deg", "altitude_deg")
     return {name: np.asarray(table[name], dtype=np.float64)[star] for name in names}
 
 
-def _ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def stars_to_compare(table: pa.Table) -> Stars:
+    """The stars of a frame's truth."""
+    rows = stars_of(table)
+    return Stars(np.column_stack((rows["u_px"], rows["v_px"])), rows["v_mag"], rows["altitude_deg"])
+
+
+def ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Tell which pixels something in front of the sky covers."""
     return np.zeros(shape, dtype=bool) if expected.cover is None else np.asarray(expected.cover > 0.02)
 
 

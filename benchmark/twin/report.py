@@ -16,13 +16,22 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from benchmark.twin.comparison import SKY_EDGES_DEG
-from benchmark.twin.render_twin import Twin
+from benchmark.twin.twin import StackRange, Twin
 from generator.files import write_bytes
 
 NUMBERS, TABLES = "twins.json", "twins.md"
 LOW_QUANTILE, HIGH_QUANTILE = 0.01, 0.995
 """Of the photograph's sky: what is black and white in both pictures."""
 GAMMA = 2.0
+WEATHER = {
+    "airglow_factor": "airglow",
+    "aerosol_tau_550": "aerosol",
+    "cloud_tau": "cloud",
+    "city_factor": "cities",
+    "zenith_mag_arcsec2": "zenith, mag",
+    "gain_factor": "gain",
+}
+"""Titles of the numbers that are fitted."""
 SIDE_PX = 620
 """Width of each picture."""
 
@@ -42,6 +51,7 @@ def numbers_of_twin(twin: Twin) -> dict[str, Any]:
             "turned_deg": round(twin.alignment.turned_deg, 4),
         },
         "weather": {name: _finite(value) for name, value in dataclasses.asdict(twin.weather).items()},
+        "stack": None if twin.ranges is None else [_range(each) for each in twin.ranges],
         "detections": {
             name: {
                 "real": getattr(real, name),
@@ -69,16 +79,14 @@ def numbers_of_twin(twin: Twin) -> dict[str, Any]:
 def tables_of(rows: Sequence[dict[str, Any]]) -> str:
     """The numbers of some twins as three tables of Markdown."""
     bands = [f"{low}-{high}" for low, high in itertools.pairwise(SKY_EDGES_DEG)]
+    fitted = {name: title for name, title in WEATHER.items() if any(name in row["weather"] for row in rows)}
     sky = _table(
-        ("photograph", "Moon, deg", "airglow", "aerosol", "cloud", "cities", *bands, "noise"),
+        ("photograph", "Moon, deg", *fitted.values(), *bands, "noise"),
         [
             (
                 row["photograph"],
                 f"{row['moon_altitude_deg']:.0f}",
-                *(
-                    _shown(row["weather"][name], 2)
-                    for name in ("airglow_factor", "aerosol_tau_550", "cloud_tau", "city_factor")
-                ),
+                *(_shown(row["weather"].get(name), 2) for name in fitted),
                 *(_shown(value, 2) for value in row["sky_ratio"]),
                 _shown(row["noise_ratio"], 2),
             )
@@ -128,7 +136,33 @@ def tables_of(rows: Sequence[dict[str, Any]]) -> str:
             for row in rows
         ],
     )
-    return f"{sky}\n{detections}\n{noise}"
+    tables = [sky, detections, noise]
+    stacks = [row for row in rows if row["stack"] is not None]
+    if stacks:
+        tables.append(_stack_table(stacks))
+    return "\n".join(tables)
+
+
+def _stack_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Quantiles of the pictures of stacks, photograph / twin."""
+    keys = ("deviation_dn", "above_mean_dn")
+    return _table(
+        ("photograph", "`STDPIXEL`, 10, 50, 90 %, real / twin", "maximum over mean, 10, 50, 90 %, real / twin"),
+        [
+            (
+                row["photograph"],
+                *(
+                    " / ".join(", ".join(f"{value:.0f}" for value in part[key]) for part in row["stack"])
+                    for key in keys
+                ),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _range(stack: StackRange) -> dict[str, Any]:
+    return {"deviation_dn": stack.deviation.tolist(), "above_mean_dn": stack.above_mean.tolist()}
 
 
 def side_by_side(twin: Twin) -> NDArray[np.uint8]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import yaml
@@ -12,13 +12,23 @@ from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
 from benchmark.twin.photograph import Photograph
-from benchmark.twin.weather import Weather
 from celnav.camera import Camera
 from generator.files import write_bytes
 from generator.scenario.file import Scenario, load_scenario, parse_scenario
 from generator.scenario.model import FrameSpec, pointing_of
 
 ANGLE_DIGITS = 6
+
+
+FLYING = ("trails", "trains", "shells")
+"""Keys of a scene's foreground that belong to one moment: no twin has them."""
+
+
+class Conditions(Protocol):
+    """What is fitted to a photograph."""
+
+    def over(self, tree: dict[str, Any]) -> dict[str, Any]:
+        """A scenario's tree under these conditions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +101,7 @@ def read_scene(path: Path) -> Scene:
     return Scene(path, scenario, tree, scenario.frame(0))
 
 
-def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], weather: Weather) -> dict[str, Any]:
+def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], weather: Conditions) -> dict[str, Any]:
     """The twin's scenario: the scene at the photograph's place and time, pointed as the camera was, in a weather."""
     scene.check_size(photograph.name, photograph.pixels.shape)
     pointing = pointing_of(R_cam)
@@ -111,7 +121,8 @@ def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], 
             "roll_deg": round(pointing.roll_deg, ANGLE_DIGITS),
         },
     }
-    return weather.over(scene.tree | own)
+    foreground = {key: value for key, value in (scene.tree.get("foreground") or {}).items() if key not in FLYING}
+    return weather.over(scene.tree | own | {"foreground": foreground})
 
 
 def twin_scenario(scene: Scene, tree: dict[str, Any]) -> Scenario:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from benchmark.errors import PhotographError
 from celnav.camera import Camera
 
 Floats = NDArray[np.float64]
@@ -75,3 +78,22 @@ def on_mask(uv: Floats, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     found = np.asarray((at >= 0).all(axis=1) & (at < np.array([width, height])).all(axis=1))
     found[found] = mask[at[found, 1], at[found, 0]]
     return found
+
+
+def not_sky_of(path: Path, camera: Camera) -> NDArray[np.bool_]:
+    """Tell which pixels a mask's picture says are not sky, (height, width): those darker than middle grey.
+
+    Raises
+    ------
+    PhotographError
+        It is no picture, or not of the camera's size.
+    """
+    try:
+        with Image.open(path) as picture:
+            if picture.size != (camera.width, camera.height):
+                raise PhotographError(
+                    f"{path}: has {picture.width} x {picture.height} pixels, the camera {camera.width} x {camera.height}"
+                )
+            return np.asarray(picture.convert("L")) < 128
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise PhotographError(f"{path}: cannot be read as a picture ({error})") from None

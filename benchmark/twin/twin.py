@@ -1,0 +1,93 @@
+"""A photograph's twin: what was fitted, the two images, and what was measured on both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.twin.alignment import Alignment
+from benchmark.twin.comparison import Measured
+from benchmark.twin.photograph import Photograph
+from benchmark.twin.weather import Weather
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VideoWeather:
+    """The two numbers of a stack.
+
+    Attributes
+    ----------
+    zenith_mag_arcsec2 : float
+        Of the sky without Moon and twilight.
+    gain_factor : float
+        Grey values for an electron over those of the scene's camera.
+    gain_e_per_dn : float
+        Of the scene's camera.
+    """
+
+    zenith_mag_arcsec2: float
+    gain_factor: float
+    gain_e_per_dn: float
+
+    def over(self, tree: dict[str, Any]) -> dict[str, Any]:
+        """A scenario's tree with these numbers."""
+        sky = {key: value for key, value in (tree.get("sky") or {}).items() if key not in ("bortle", "cities")}
+        sky["zenith_mag_arcsec2"] = round(self.zenith_mag_arcsec2, 4)
+        gain = round(self.gain_e_per_dn / self.gain_factor, 6)
+        return tree | {"sky": sky, "sensor": (tree.get("sensor") or {}) | {"gain_e_per_dn": gain}}
+
+
+@dataclass(frozen=True, eq=False)
+class StackRange:
+    """What a stack holds beside its mean.
+
+    Attributes
+    ----------
+    deviation : (3,) array
+        10, 50 and 90 % of STDPIXEL over the sky, DN.
+    above_mean : (3,) array
+        The same of MAXPIXEL less AVEPIXEL.
+    """
+
+    deviation: Floats
+    above_mean: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A photograph and its twin.
+
+    Attributes
+    ----------
+    photograph : Photograph
+    path : Path
+        Of the twin's scenario.
+    alignment : Alignment
+    weather : Weather or VideoWeather
+    pixels : (height, width) uint16 array
+        The twin, DN.
+    sky : (height, width) bool array
+        Pixels that are compared.
+    real, made : Measured
+    moon_altitude_deg, sun_altitude_deg : float
+    ranges : (StackRange, StackRange) or None
+        Of a stack of video: what else the photograph's and the twin's hold.
+    """
+
+    photograph: Photograph
+    path: Path
+    alignment: Alignment
+    weather: Weather | VideoWeather
+    pixels: NDArray[np.uint16]
+    sky: NDArray[np.bool_]
+    real: Measured
+    made: Measured
+    moon_altitude_deg: float
+    sun_altitude_deg: float
+    ranges: tuple[StackRange, StackRange] | None = None

@@ -1,0 +1,144 @@
+"""Twins of meteor cameras' stacks: the brightness of the sky and the camera's gain are fitted, the video is rendered."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.errors import PhotographError
+from benchmark.twin.alignment import align, directions
+from benchmark.twin.comparison import measure
+from benchmark.twin.photograph import Photograph
+from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_compare
+from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
+from benchmark.twin.stacked_video import StackedVideo, read_stack
+from benchmark.twin.star_light import isolated, star_light
+from benchmark.twin.twin import StackRange, Twin, VideoWeather
+from benchmark.twin.view import on_mask, view_of
+from generator.frame.plan import plan_frame
+from generator.frame.record import star_table
+from generator.frame.render import render_frame
+from generator.frame.scene import render_expected
+from generator.frame.video.take import STACK_SUFFIX
+from generator.scenario.file import Scenario
+from generator.sky.zenith import BORTLE_ZENITH_MAG
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 3
+"""Of the fit: light follows the two numbers nearly in proportion."""
+STARTING_MAG = 20.5
+BRIGHTEST_MAG, DARKEST_MAG = 16.5, 22.5
+LEAST_STARS = 8
+HIGHEST_8_BIT = 255.0
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+def make_video_twin(
+    scene: Scene,
+    photograph: Photograph,
+    folder: Path,
+    say: Callable[[str], None] = lambda _: None,
+    not_sky: NDArray[np.bool_] | None = None,
+) -> Twin:
+    """Make the twin of a stack of video and compare the two; its scenario goes into `folder`."""
+    video, sensor, camera = scene.spec.sensor.video, scene.spec.sensor, scene.camera
+    if video is None or photograph.stack is None:
+        raise PhotographError(
+            f"{photograph.name}: a stack of video needs a scene whose sensor makes video, and no other does"
+        )
+    frames = video.count(scene.spec.time.exposure_s)
+    to_8_bit = HIGHEST_8_BIT / (2**sensor.bits - 1) * video.exposure
+    if video.gamma != 1:
+        raise PhotographError(
+            f"{scene.path}: sensor.video.gamma is {video.gamma:g}; twins of stacks need a linear camera (1)"
+        )
+    black_dn = sensor.black_level_dn * to_8_bit
+    weather = VideoWeather(_zenith_of(scene), 1.0, sensor.gain_e_per_dn)
+
+    def scenario_of(R_cam: Floats) -> Scenario:
+        return twin_scenario(scene, twin_tree(scene, photograph, R_cam, weather))
+
+    def expected_dn(R_cam: Floats) -> tuple[NDArray[np.float32], dict[str, Floats], NDArray[np.bool_]]:
+        """Grey values of the mean frame without noise, its stars, and what hides the sky."""
+        plan = plan_frame(scenario_of(R_cam), 0)
+        expected = render_expected(plan, False, False)
+        electrons = expected.electrons / frames + sensor.dark_current_e_s / video.frames_per_s
+        dn = black_dn + electrons * (to_8_bit * weather.gain_factor / sensor.gain_e_per_dn)
+        return dn.astype(np.float32), stars_of(star_table(plan, expected)), ground_of(expected, photograph.pixels.shape)
+
+    say("aligning")
+    _, rows, ground = expected_dn(scene.spec.R_cam)
+    sky = ~ground if not_sky is None else ~(ground | not_sky)
+    bright = rows["v_mag"] < FIT_MAG
+    alignment = align(
+        photograph.pixels, sky, camera, scene.spec.R_cam,
+        directions(rows["azimuth_deg"][bright], rows["altitude_deg"][bright]),
+    )  # fmt: skip
+    view = view_of(camera, alignment.R_cam)
+    sky &= np.nan_to_num(view.altitude_deg, nan=-90.0) > 0
+
+    say("fitting")
+    height, width = photograph.pixels.shape
+    middle = np.zeros_like(sky)
+    middle[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3] = True
+    for _ in range(ROUNDS):
+        dn, rows, _ = expected_dn(alignment.R_cam)
+        uv = np.column_stack((rows["u_px"], rows["v_px"]))
+        chosen = isolated(uv, rows["v_mag"]) & (rows["v_mag"] < FIT_MAG) & on_mask(uv, sky)
+        places = np.where(chosen[:, None], uv, np.nan)
+        ours, theirs = star_light(dn, places), star_light(photograph.pixels, places, search_px=2.0)
+        seen = (theirs.snr > 5) & (theirs.peak < 0.8 * HIGHEST_8_BIT) & (ours.flux > 0)
+        gain = float(np.median(theirs.flux[seen] / ours.flux[seen])) if seen.sum() >= LEAST_STARS else 1.0
+        # The mean of a stack is rounded down.
+        real = float(np.median(photograph.pixels[middle & sky])) + 0.5 - black_dn
+        made = (float(np.median(dn[middle & sky])) - black_dn) * gain
+        zenith = weather.zenith_mag_arcsec2 - 2.5 * float(np.log10(max(real, 0.1) / max(made, 1e-3)))
+        weather = dataclasses.replace(
+            weather,
+            gain_factor=weather.gain_factor * gain,
+            zenith_mag_arcsec2=float(np.clip(zenith, BRIGHTEST_MAG, DARKEST_MAG)),
+        )
+
+    say("rendering")
+    tree = twin_tree(scene, photograph, alignment.R_cam, weather)
+    path = write_twin(scene, tree, folder)
+    frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
+    made_stack = read_stack(frame.attached[STACK_SUFFIX], path.name)
+    stars = stars_to_compare(frame.stars)
+    black = np.full((height, width), black_dn, dtype=np.float32)
+    measured = [
+        measure(image, black, view, sky, stars, HIGHEST_8_BIT) for image in (photograph.pixels, made_stack.mean)
+    ]
+    return Twin(
+        photograph=photograph,
+        path=path,
+        alignment=alignment,
+        weather=weather,
+        pixels=frame.dn,
+        sky=sky,
+        real=measured[0],
+        made=measured[1],
+        moon_altitude_deg=frame.plan.sky.moon_altitude_deg,
+        sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
+        ranges=(range_of(photograph.stack, sky), range_of(made_stack, sky)),
+    )
+
+
+def range_of(stack: StackedVideo, sky: NDArray[np.bool_]) -> StackRange:
+    """Quantiles of a stack's pictures over the sky."""
+    return StackRange(
+        np.quantile(stack.deviation[sky], QUANTILES), np.quantile((stack.maximum - stack.mean)[sky], QUANTILES)
+    )
+
+
+def _zenith_of(scene: Scene) -> float:
+    """The zenith's brightness that the fit starts from."""
+    sky = scene.spec.sky
+    if sky.bortle is not None:
+        return BORTLE_ZENITH_MAG[sky.bortle]
+    return STARTING_MAG if sky.zenith_mag_arcsec2 is None else sky.zenith_mag_arcsec2
