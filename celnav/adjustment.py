@@ -105,7 +105,7 @@ def _half_diagonal(camera: Camera) -> float:
     return math.hypot(camera.width, camera.height) / 2
 
 
-def _design(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
+def design_of(camera: Camera, dirs: F8, values: F8, free: NDArray[np.intp]) -> F8:
     """Derivatives of predicted positions by rotation and by the free camera parameters, shape (n, 2, 3 + k)."""
     ideal, by_direction = camera.project_with_derivatives(dirs)
     factor = np.full((len(dirs), 1), math.exp(values[0]))
@@ -237,7 +237,7 @@ def adjust(
     if relative_sigma is not None:
         own = (relative_sigma / np.median(relative_sigma))[detection]
     dirs, observed = stars[star], uv[detection]
-    design = _design(camera, dirs @ rotation.T, values, free) / own[:, None, None]
+    design = design_of(camera, dirs @ rotation.T, values, free) / own[:, None, None]
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))

@@ -9,7 +9,7 @@ attitude are one formula.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +20,9 @@ from celnav.sky.astrometry import enu_rotation
 from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, MEAN_RADIUS_KM, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
+
+LEAST_CONTRADICTION = 6.63
+"""Chi-squared of one degree of freedom that chance exceeds in one frame of a hundred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,28 @@ def distance_km(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_
     """Return the distance of two places on a sphere of the Earth's mean radius, within 0.6 % of the true one."""
     one, other = enu_rotation(lat_deg, lon_deg)[2], enu_rotation(other_lat_deg, other_lon_deg)[2]
     return MEAN_RADIUS_KM * math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+
+def honest_place(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:
+    """Find the position, and doubt an attitude that the stars contradict.
+
+    The heading is the one angle of the attitude that stars can check. Where it is off by more than its standard deviation
+    and the stars' explain (`LEAST_CONTRADICTION`), the tilt, which came from the same hand and cannot be checked, is taken to
+    be as uncertain as the heading has proved to be: the attitude's variances are raised, all three alike, up to the square of
+    what the heading is off.
+
+    Parameters are those of `place_from_rotation`.
+    """
+    place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude)
+    if attitude.kind != "rotation" or place.chi2 <= LEAST_CONTRADICTION:
+        return place
+    more = place.heading_off_deg**2 * (1 - LEAST_CONTRADICTION / place.chi2)
+    doubted = replace(
+        attitude,
+        tilt_deg=math.hypot(attitude.tilt_deg, more**0.5),
+        heading_deg=math.hypot(attitude.heading_deg, more**0.5),
+    )
+    return place_from_rotation(terrestrial_to_camera, cov_rad2, doubted)
 
 
 def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:

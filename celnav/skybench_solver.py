@@ -17,7 +17,7 @@ from celnav.errors import ConfigError
 from celnav.field_stars import Prepared, aberrated, pairing_radius, seen_planets, visible_stars
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
-from celnav.horizon import Place, distance_km, horizontal_frame, place_from_rotation
+from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.identify import Question
@@ -31,6 +31,8 @@ from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.catalog import StarCatalog
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import unrefract_rays
+from celnav.uncertainty.field_errors import FieldOfStars, measured_sigmas, with_shared_errors
+from celnav.uncertainty.shared_residuals import SharedField
 
 F8 = NDArray[np.float64]
 
@@ -162,9 +164,20 @@ class SkybenchSolver:
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
         adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
+        shared = None
+        if adjusted is not None:
+            up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
+            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up)
+            if (sigmas := measured_sigmas(seen, adjusted)) is not None:
+                again = self._adjust(
+                    camera, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment
+                )
+                if again is not None:
+                    adjusted, seen = again, replace(seen, relative_sigma=sigmas)
+            adjusted, shared = with_shared_errors(seen, adjusted, self._priors, problem.attitude)
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
-        fix = _describe(problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence)
+        fix = _describe(problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared)
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -175,12 +188,11 @@ class SkybenchSolver:
                 message="the stars are identified and give R_icrs_to_camera; a position needs the vertical too: "
                 "give Attitude.up",
             )
-        place = place_from_rotation(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude)
+        place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude)
         if refusal := self._contradiction(problem, place) or _below_horizon(problem, prepared, adjusted):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
-        covariance = place.cov_km2 * max(1.0, place.chi2 / 16.0)
         return replace(
-            fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=covariance,
+            fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2,
             heading_off_deg=place.heading_off_deg,
         )  # fmt: skip
 
@@ -197,7 +209,7 @@ class SkybenchSolver:
         mode = self.config.calibrate
         if mode != "none":
             start[0] = alignment.log_f
-        priors = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[mode]
+        priors = self._priors
         radius = pairing_radius(alignment.sigma_px)
         sigma, turned = max(alignment.sigma_px, 0.1), rotation
         adjusted = None
@@ -225,6 +237,12 @@ class SkybenchSolver:
             return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
+
+    @property
+    def _priors(self) -> CameraPriors:
+        return {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[
+            self.config.calibrate
+        ]
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
         """Describe the contradiction between the position and the caller's knowledge; empty without one."""
@@ -324,6 +342,7 @@ def _describe(
     limiting_mag: float,
     to_terrestrial: F8,
     confidence: float,
+    shared: SharedField | None,
 ) -> Fix:
     """Put the identification into a fix that has no position yet."""
     # More than half the probability: at most one star of a detection has it. Of two detections that claim one star
@@ -339,6 +358,8 @@ def _describe(
         "sigma_px": adjusted.sigma_px,
         "predicted_stars": len(stars),
     }
+    if shared is not None:
+        details |= {"shared_px": shared.rms_px, "shared_length_px": shared.length_px, "shared_score": shared.score}
     calibration = Calibration(
         **{
             name: Estimate(float(value), float(sigma))

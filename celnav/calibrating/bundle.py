@@ -81,6 +81,8 @@ class Bundle:
         Covariance of the lens' parameters, attitudes free.
     turn_cov : ndarray, shape (g, 3, 3), or None
         Covariance of a small rotation of each group in the camera frame, radians squared, the lens held.
+    turn_by_lens : ndarray, shape (g, 3, m), or None
+        How each group is turned in the camera frame, radians, by a change of a parameter of the lens.
     """
 
     form: LensForm
@@ -89,6 +91,7 @@ class Bundle:
     rotations: F8
     cov: F8 | None = None
     turn_cov: F8 | None = None
+    turn_by_lens: F8 | None = None
 
     def predict(self, dirs: F8, group: Rows) -> F8:
         """Project directions, shape (n, 3), east-north-up, with the attitude of each one's group."""
@@ -143,7 +146,7 @@ def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, pri
         normal = _normal(bundle, seen, group, first, robust, held, begun)
         if settled:
             break
-    return replace(bundle, cov=normal.lens_cov, turn_cov=normal.turn_cov)
+    return replace(bundle, cov=normal.lens_cov, turn_cov=normal.turn_cov, turn_by_lens=normal.turn_by_lens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +195,11 @@ class _Normal:
     def turn_cov(self) -> F8:
         """Covariance of each attitude, the lens held."""
         return np.asarray(np.linalg.inv(self._turn()))
+
+    @property
+    def turn_by_lens(self) -> F8:
+        """Turn of each attitude by a parameter of the lens."""
+        return np.asarray(-np.linalg.solve(self._turn(), np.swapaxes(self.cross, 1, 2)))
 
 
 def residuals(bundle: Bundle, seen: Observations, group: Rows) -> F8:

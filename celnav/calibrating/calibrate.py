@@ -18,8 +18,8 @@ from celnav.calibrating.joint_fit import Field, JointFit, fit_all, refine
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
-from celnav.calibrating.residual_pattern import residual_pattern
-from celnav.camera import Camera
+from celnav.calibrating.residual_pattern import residual_pattern, star_cells
+from celnav.camera import Camera, LensUncertainty
 from celnav.checking import finite_number
 from celnav.errors import CalibrationError, ConfigError
 from celnav.position import usual_weather
@@ -126,7 +126,7 @@ def _guess(camera: Camera) -> Start:
 def _by_night(field: Field, fit: JointFit, night: Rows) -> JointFit:
     """Give the frames of a night one attitude."""
     rotations = np.stack([mean_rotation(fit.bundle.rotations[night == number]) for number in np.unique(night)])
-    return refine(field, replace(fit.bundle, rotations=rotations, cov=None, turn_cov=None), night)
+    return refine(field, replace(fit.bundle, rotations=rotations, cov=None, turn_cov=None, turn_by_lens=None), night)
 
 
 def _described(
@@ -141,6 +141,7 @@ def _described(
     bundle = fit.bundle
     assert bundle.cov is not None
     assert bundle.turn_cov is not None
+    assert bundle.turn_by_lens is not None
     residual = fit.residual_px
     group = fit.group[fit.seen.frame]
     pattern = residual_pattern(fit.seen, residual, fit.bundle.size)
@@ -168,11 +169,13 @@ def _described(
             )
         )
     stars = np.array([field.skies[f].star_id[s] for f, s in zip(fit.seen.frame, fit.seen.star, strict=True)])
+    cov = bundle.cov * pattern.inflation
+    known = LensUncertainty(form.names, tuple(tuple(row) for row in cov.tolist()))
     return CameraCalibration(
-        camera=form.camera(bundle.values, bundle.size),
+        camera=replace(form.camera(bundle.values, bundle.size), uncertainty=known),
         form=form,
         values=bundle.values,
-        cov=bundle.cov * pattern.inflation,
+        cov=cov,
         attitudes=tuple(attitudes),
         one_attitude_per="night" if len(bundle.rotations) < len(field.frames) else "frame",
         steady=steady,
@@ -186,4 +189,6 @@ def _described(
         left_out=tuple(left_out),
         residuals=Residuals(fit.seen.uv, residual, fit.seen.sigma_px, fit.seen.frame, stars, group),
         R_by_group=bundle.rotations,
+        turn_by_lens=bundle.turn_by_lens.mean(axis=0),
+        star_cells=star_cells(fit.seen, bundle.size),
     )

@@ -67,3 +67,14 @@ def residual_pattern(seen: Observations, residual: F8, size: tuple[int, int]) ->
     return Pattern(
         centre, mean[full], sigma[full], stars[full], math.sqrt(max(excess, 0.0)), ratio if ratio > limit else 1.0
     )
+
+
+def star_cells(seen: Observations, size: tuple[int, int]) -> F8:
+    """Gather where stars stood in cells of a frame of `size`: u, v and the sum of their information, px^-2, shape (c, 3)."""
+    side = max(size) / CELLS
+    _, cell = np.unique(np.floor((seen.uv + 0.5) / side).astype(np.intp), axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    weight = 1 / seen.sigma_px**2
+    total = np.bincount(cell, weights=weight)
+    middle = [np.bincount(cell, weights=weight * seen.uv[:, axis]) / total for axis in (0, 1)]
+    return np.asarray(np.column_stack((*middle, total)), dtype=np.float64)

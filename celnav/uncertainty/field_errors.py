@@ -1,0 +1,135 @@
+"""An adjusted field with the errors that single stars do not show: shared residuals, and the lens' own uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.adjustment import Adjusted, CameraPriors, design_of
+from celnav.attitude import Attitude
+from celnav.camera import Camera
+from celnav.errors import AttitudeError
+from celnav.uncertainty.lens_errors import lens_covariance, lens_derivatives, turn_by_lens
+from celnav.uncertainty.noise_components import airmass, relative_sigmas
+from celnav.uncertainty.shared_residuals import SharedField, Sway, shared_field, sway
+
+F8 = NDArray[np.float64]
+
+# Pairs that are less likely say nothing of the field.
+_LEAST_WEIGHT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class FieldOfStars:
+    """What was adjusted.
+
+    Attributes
+    ----------
+    camera : Camera
+        As it was given.
+    uv, rays : ndarray, shapes (n, 2) and (n, 3)
+        Detections, refraction taken off.
+    relative_sigma : ndarray, shape (n,), or None
+        Standard deviations up to a common factor.
+    dirs : ndarray, shape (k, 3)
+        Stars, terrestrial frame.
+    up : ndarray, shape (3,), or None
+        Zenith in the camera frame; None where it is unknown or there is no air.
+    """
+
+    camera: Camera
+    uv: F8
+    rays: F8
+    relative_sigma: F8 | None
+    dirs: F8
+    up: F8 | None
+
+    @cached_property
+    def mass(self) -> F8 | None:
+        """Airmass of the detections, shape (n,)."""
+        return None if self.up is None else airmass(self.rays @ self.up)
+
+
+def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
+    """Return standard deviations of the detections up to a factor, where those given do not explain the residuals."""
+    own = np.ones(len(field.uv)) if field.relative_sigma is None else field.relative_sigma
+    half_square = np.einsum("ni,ni->n", adjusted.residual_px, adjusted.residual_px) / 2
+    return relative_sigmas(half_square, adjusted.weight, adjusted.detection, own, field.mass)
+
+
+def with_shared_errors(
+    field: FieldOfStars,
+    adjusted: Adjusted,
+    priors: CameraPriors,
+    attitude: Attitude | None,
+) -> tuple[Adjusted, SharedField | None]:
+    """Widen the covariance of an adjustment by what neighbours share and by the lens' uncertainty.
+
+    Parameters
+    ----------
+    field : FieldOfStars
+        What was adjusted.
+    adjusted : Adjusted
+        The outcome.
+    priors : CameraPriors
+        What held the camera.
+    attitude : Attitude or None
+        With which the orientation will be compared.
+    """
+    rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
+    detection, star = adjusted.detection[rows], adjusted.star[rows]
+    own = np.ones(len(rows))
+    if field.relative_sigma is not None:
+        own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
+    precision = adjusted.weight[rows] / (adjusted.sigma_px * own) ** 2
+    free = np.flatnonzero(adjusted.camera_sigmas > 0)
+    sigmas = priors.sigmas[free]
+    held = np.concatenate((np.zeros(3), 1 / np.maximum(sigmas, 1e-300) ** 2))
+    turned = field.dirs[star] @ adjusted.rotation.T
+    design = design_of(field.camera, turned, adjusted.camera_values, free)
+    mass = None if field.mass is None else field.mass[detection]
+    size = field.camera.width, field.camera.height
+    shared = shared_field(
+        field.uv[detection],
+        adjusted.residual_px[rows],
+        precision,
+        design,
+        held,
+        mass,
+        size,
+        _reference(field, attitude),
+    )
+    if shared is not None:
+        cov = adjusted.cov + shared.cov
+        of_camera = adjusted.camera_sigmas.copy()
+        of_camera[free] = np.sqrt(np.diag(cov)[3:])
+        adjusted = replace(adjusted, cov=cov, camera_sigmas=of_camera)
+    uncertainty = field.camera.uncertainty
+    if uncertainty is not None:
+        attitude_turn = () if attitude is None else attitude.turn_by_lens
+        if attitude_turn and len(attitude_turn[0]) != len(uncertainty.names):
+            raise AttitudeError("the attitude was calibrated with another lens: take both from one calibration")
+        by_lens = lens_derivatives(field.camera, turned, uncertainty.names)
+        turn = turn_by_lens(design, by_lens, precision, held)
+        cov = adjusted.cov.copy()
+        cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(attitude_turn) if attitude_turn else None)
+        adjusted = replace(adjusted, cov=cov)
+    return adjusted, shared
+
+
+def _reference(field: FieldOfStars, attitude: Attitude | None) -> Sway | None:
+    """How residuals where the stars of the attitude's calibration stood have turned it; None of any other attitude."""
+    if attitude is None or not attitude.star_cells:
+        return None
+    cells = np.array(attitude.star_cells)
+    rays = field.camera.to_rays(cells[:, :2])
+    seen = np.isfinite(rays[:, 0])
+    cells, rays = cells[seen], rays[seen]
+    if len(cells) < 3:
+        return None
+    mass = np.ones(len(rays)) if field.up is None else airmass(rays @ field.up)
+    design = design_of(field.camera, rays, np.zeros(5), np.empty(0, dtype=np.intp))
+    return sway(cells[:, :2], mass, design, cells[:, 2], np.zeros(3))

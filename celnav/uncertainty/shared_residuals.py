@@ -1,0 +1,238 @@
+"""Residuals that neighbouring stars share: a lens other than the one given, moving air, an asymmetric point spread.
+
+Stars that are off alike do not average out as independent ones do, and the part of such a field that looks like a turn of
+the camera cannot be seen in the residuals at all. It is taken for a Gaussian process over the frame: the variance of the
+field and the distance over which it is alike are estimated from the residuals by restricted maximum likelihood (Patterson &
+Thompson 1971, Biometrika 58, 545), which counts what the fit has taken out. The adjustment itself stays that of independent
+stars, and its covariance becomes the one that it has under such errors (White 1980, Econometrica 48, 817, with a model in
+place of the products of single residuals): an attitude that was calibrated with the same lens by the same kind of adjustment
+is wrong in the same way, and only the difference counts. Stars are averaged over cells of the frame first, so that the work
+does not grow with their number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F8 = NDArray[np.float64]
+
+CELLS = 8
+"""Along the longer side of the frame."""
+LENGTHS = (0.12, 0.35, 1.0)
+"""Distances over which the field is alike, in half diagonals of the frame: standard deviations of a Gaussian correlation."""
+FEWEST_STARS = 12
+LEAST_SCORE = 2.5
+"""Standard deviations of the score by which neighbours have to agree. Chance does it in one frame of fifteen, for the
+score is the largest of three sums of squares; such a frame's covariance grows by a third."""
+_VARIANCES = np.geomspace(0.05, 5000.0, 21)
+
+
+@dataclass(frozen=True, eq=False)
+class Sway:
+    """How residuals at places of the frame move fitted parameters.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (c, 2)
+        Places, px.
+    mass : ndarray, shape (c,)
+        Airmass there.
+    gain : ndarray, shape (k, c, 2)
+        Change of each parameter by a residual of one pixel along each axis.
+    """
+
+    uv: F8
+    mass: F8
+    gain: F8
+
+
+@dataclass(frozen=True, eq=False)
+class SharedField:
+    """A field of errors that neighbours share.
+
+    Attributes
+    ----------
+    rms_px : float
+        Of the field along an axis, at the middle of the frame or, where it grows with the airmass, for airmass 1.
+    length_px : float
+        Standard deviation of its Gaussian correlation.
+    with_air : bool
+        Whether it grows with the airmass.
+    score : float
+        Standard deviations by which neighbours agree more than independent ones would.
+    cov : ndarray, shape (k, k)
+        To be added to the covariance of the fitted parameters.
+    """
+
+    rms_px: float
+    length_px: float
+    with_air: bool
+    score: float
+    cov: F8
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Means over cells: position (c, 2), residual (c, 2), design (c, 2, k), airmass (c,); precision along an axis (c,)."""
+
+    uv: F8
+    residual: F8
+    design: F8
+    mass: F8
+    precision: F8
+
+
+def _gather(uv: F8, residual: F8, precision: F8, design: F8, mass: F8, size: tuple[int, int]) -> _Cells:
+    """Average over cells of the frame by precision."""
+    side = max(size) / CELLS
+    column, row = np.floor((uv + 0.5) / side).astype(np.intp).T
+    _, cell = np.unique(row * (4 * CELLS) + column, return_inverse=True)
+    total = np.asarray(np.bincount(cell, weights=precision), dtype=np.float64)
+
+    def mean(values: F8) -> F8:
+        return np.asarray(np.bincount(cell, weights=precision * values) / total)
+
+    k = design.shape[2]
+    columns = [mean(design[:, axis, j]) for axis in (0, 1) for j in range(k)]
+    return _Cells(
+        np.column_stack((mean(uv[:, 0]), mean(uv[:, 1]))),
+        np.column_stack((mean(residual[:, 0]), mean(residual[:, 1]))),
+        np.stack(columns, axis=1).reshape(-1, 2, k),
+        mean(mass),
+        total,
+    )
+
+
+def shared_field(
+    uv: F8,
+    residual: F8,
+    precision: F8,
+    design: F8,
+    held: F8,
+    mass: F8 | None,
+    size: tuple[int, int],
+    reference: Sway | None = None,
+) -> SharedField | None:
+    """Look for a field of shared errors.
+
+    Parameters
+    ----------
+    uv : ndarray, shape (n, 2)
+        Positions of named stars.
+    residual : ndarray, shape (n, 2)
+        Measured minus predicted, px.
+    precision : ndarray, shape (n,)
+        Inverse variance of each along an axis, px^-2.
+    design : ndarray, shape (n, 2, k)
+        Derivatives of the predictions by the fitted parameters.
+    held : ndarray, shape (k,)
+        Inverse variances that hold parameters to what they are.
+    mass : ndarray, shape (n,), or None
+        Airmass; None where no vertical is known.
+    size : tuple of int
+        Width and height of the frame.
+    reference : Sway, optional
+        Of an attitude that was fitted with the same lens, and so shares its errors: the covariance is then that of the
+        difference.
+
+    Returns
+    -------
+    SharedField or None
+        None where neighbours agree no more than chance makes them.
+    """
+    if len(uv) < FEWEST_STARS:
+        return None
+    air = np.ones(len(uv)) if mass is None else mass
+    cells = _gather(uv, residual, precision, design, air, size)
+    if 2 * len(cells.uv) < design.shape[2] + 6:
+        return None
+    half = math.hypot(*size) / 2
+    apart = ((cells.uv[:, None, :] - cells.uv[None, :, :]) ** 2).sum(axis=2)
+    correlations = [np.exp(-0.5 * apart / (length * half) ** 2) for length in LENGTHS]
+    score = _score(cells, correlations, held)
+    if score < LEAST_SCORE:
+        return None
+    growths = [(False, np.ones(len(cells.uv)))] + ([] if mass is None else [(True, cells.mass)])
+    best = (-math.inf, 0.0, 0.0, False)
+    typical = float(np.median(1 / cells.precision))
+    for length, correlation in zip(LENGTHS, correlations, strict=True):
+        for with_air, growth in growths:
+            variances = _VARIANCES * typical / float(np.median(growth)) ** 2
+            likelihood = _restricted(cells, correlation * growth[:, None] * growth, variances, held)
+            top = int(np.argmax(likelihood))
+            best = max(best, (float(likelihood[top]), float(variances[top]), length * half, with_air))
+    _, variance, length_px, with_air = best
+    swaying = sway(cells.uv, cells.mass, cells.design, cells.precision, held)
+    if reference is not None:
+        swaying = _difference(swaying, reference)
+    cov = variance * _of_parameters(swaying, length_px, with_air)
+    return SharedField(math.sqrt(variance), length_px, with_air, score, cov)
+
+
+def _score(cells: _Cells, correlations: list[F8], held: F8) -> float:
+    """Return the largest score of the correlations: the derivative of the restricted likelihood by the field's variance.
+
+    In units of its standard deviation without such a field.
+    """
+    count, _, k = cells.design.shape
+    design = np.swapaxes(cells.design, 0, 1)  # (2, c, k)
+    weighted = (design * cells.precision[:, None]).reshape(2 * count, k)
+    normal = weighted.T @ design.reshape(2 * count, k) + np.diag(held)
+    kept = np.diag(np.tile(cells.precision, 2)) - weighted @ np.linalg.solve(normal, weighted.T)
+    sums = kept @ cells.residual.T.ravel()
+    best = -math.inf
+    for correlation in correlations:
+        # The same for both axes.
+        product = np.concatenate((correlation @ kept[:count], correlation @ kept[count:]))
+        spread = math.sqrt(2 * float(np.sum(product * product.T)))
+        along = sums.reshape(2, count)
+        square = float(np.sum(along * (along @ correlation)))
+        best = max(best, (square - float(np.trace(product))) / spread)
+    return best
+
+
+def _restricted(cells: _Cells, field: F8, variances: F8, held: F8) -> F8:
+    """Return the restricted log-likelihood of a field of unit covariance, shape (c, c), with each of some variances, (v,)."""
+    count, _, k = cells.design.shape
+    root = np.sqrt(cells.precision)
+    eigenvalues, vectors = np.linalg.eigh(field * root[:, None] * root)
+    columns = np.concatenate((cells.residual, cells.design.reshape(count, 2 * k)), axis=1)
+    turned = vectors.T @ (columns * root[:, None])
+    residual, design = turned[:, :2], turned[:, 2:].reshape(count, 2, k)
+    weight = 1 / (1 + np.maximum(eigenvalues, 0.0) * variances[:, None])  # (v, c)
+    normal = np.einsum("vc,cij->vij", weight, np.einsum("cai,caj->cij", design, design)) + np.diag(held)
+    gradient = weight @ np.einsum("cai,ca->ci", design, residual)
+    explained = np.einsum("vi,vi->v", gradient, np.linalg.solve(normal, gradient[:, :, None])[:, :, 0])
+    square = weight @ (residual**2).sum(axis=1) - explained
+    logarithms = -2 * np.log(weight).sum(axis=1) + np.linalg.slogdet(normal)[1]
+    return np.asarray(-0.5 * (logarithms + square))
+
+
+def sway(uv: F8, mass: F8, design: F8, precision: F8, held: F8) -> Sway:
+    """Return how residuals, shape (c, 2), move parameters that are fitted as if they were independent."""
+    weighted = design * precision[:, None, None]
+    normal = np.einsum("cai,caj->ij", weighted, design) + np.diag(held)
+    return Sway(uv, mass, np.asarray(np.einsum("ij,caj->ica", np.linalg.inv(normal), weighted)))
+
+
+def _difference(one: Sway, other: Sway) -> Sway:
+    """Of the difference of two fits, of which the second has the first parameters of the first."""
+    gain = np.zeros((len(one.gain), *other.gain.shape[1:]))
+    gain[: len(other.gain)] = -other.gain
+    return Sway(
+        np.concatenate((one.uv, other.uv)), np.concatenate((one.mass, other.mass)),
+        np.concatenate((one.gain, gain), axis=1),
+    )  # fmt: skip
+
+
+def _of_parameters(sway: Sway, length_px: float, with_air: bool) -> F8:
+    """Covariance that a field of unit variance gives to parameters, shape (k, k)."""
+    apart = ((sway.uv[:, None, :] - sway.uv[None, :, :]) ** 2).sum(axis=2)
+    field = np.exp(-0.5 * apart / length_px**2)
+    if with_air:
+        field = field * sway.mass[:, None] * sway.mass
+    return np.asarray(np.einsum("ica,cd,jda->ij", sway.gain, field, sway.gain, optimize=True))
