@@ -65,7 +65,7 @@ def scattered(spec: FrameSpec, scene: Any, camera: Any, sky: Any, image: Any, sh
     grid = cell_grid(spec.camera, colour is not None)
     _, u, v = cells_outside(grid)
     lights = [(one.emitter, _mean_over_time(one)) for one in shining]
-    walls = 0 if spec.camera.barrel_ring is None else WALL_AZIMUTHS
+    walls = WALL_AZIMUTHS if spec.camera.rings else 0
     surround = Surround(
         sky_beside(scene, integrator, camera, u, v), *hemisphere_light(scene, integrator, camera, lights, walls)
     )

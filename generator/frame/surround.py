@@ -21,6 +21,8 @@ HEMISPHERE_DIRECTIONS = 1024
 """Even directions over the pupil's hemisphere: the mean of a night sky over them is good to 1 %."""
 WALL_AZIMUTHS = 72
 """Of the walls around a lens."""
+LOBE_EXPONENT = 8
+"""Of the cosine of the azimuth by which a ring's own side and the other light it, as in photographs of an all-sky camera."""
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
@@ -66,9 +68,9 @@ def hemisphere_light(
     mean : (channels,) array
         Electrons of a pixel on the axis if it received the mean over the hemisphere about the boresight, weighted by the
         pupil's projected area.
-    walls : (wall_azimuths, channels) array
+    walls : (3, wall_azimuths, channels) array
         The same if it received the light of white Lambert walls that stand around the lens parallel to its axis, by their
-        azimuth from +u to +v.
+        azimuth from +u to +v; and the light of their own and of the other side, in lobes over the azimuth.
     """
     z = 1 - (np.arange(HEMISPHERE_DIRECTIONS) + 0.5) / HEMISPHERE_DIRECTIONS
     radius, turn = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(HEMISPHERE_DIRECTIONS)
@@ -91,9 +93,12 @@ def hemisphere_light(
         pupil = np.maximum(directions[:, 2], 0) if cosine_law else 0.5 * ahead
         on_pupil = pupil @ light / math.pi
         if not wall_azimuths:
-            return on_pupil, np.zeros((0, light.shape[1]))
-        faced = np.maximum(directions @ inward, 0) * ahead[:, None]
-        return on_pupil, faced.T @ light / math.pi
+            return on_pupil, np.zeros((3, 0, light.shape[1]))
+        faced = directions @ inward
+        off_axis = np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-9)[:, None]
+        lobes = [np.maximum(side * faced / off_axis, 0) ** LOBE_EXPONENT * off_axis for side in (-1, 1)]
+        lit = [(part * ahead[:, None]).T @ light for part in (np.maximum(faced, 0), *lobes)]
+        return on_pupil, np.stack(lit) / math.pi
 
     even = 2 * math.pi / HEMISPHERE_DIRECTIONS
     mean, lit = (even * part for part in weighted(from_axis, light))

@@ -62,9 +62,10 @@ class Surround:
         Electrons per pixel from the diffuse sky in the coarse cells of `generator.optics.light_cells.cells_outside`.
     hemisphere : (channels,) array
         Electrons of a pixel on the axis if the lens saw the mean of all light in front of it, points included.
-    walls: (azimuths, channels) array; azimuths are 0 for a lens without a barrel's ring
+    walls: (3, azimuths, channels) array; azimuths are 0 for a lens without a barrel's ring
         Electrons of a pixel on the axis if the lens saw a white Lambert wall around itself, by azimuth from +u to +v, even
-        steps; that wall lit by all light in front of it.
+        steps: that wall lit by all light in front of it, from the other side; and the lobes of light of its own and of the
+        other side.
     """
 
     sky: Floats
@@ -150,8 +151,9 @@ def stray_light(
             light = grid.on_pixels(Cells(light, *grid.fine_shape))
         else:
             light = light + dr.zeros(mi.Float, camera.height * camera.width)
-        if camera.barrel_ring is not None:
-            light = light + mi.Float(ring_light(camera.barrel_ring, surround.walls[:, channel], camera).ravel())
+        for ring in camera.rings:
+            lit = ring_light(ring, surround.walls[:, :, channel], float(surround.hemisphere[channel]), camera)
+            light = light + mi.Float(lit.ravel())
         planes.append(light)
     return planes
 
@@ -182,15 +184,20 @@ def _around(surround: Surround, grid: CellGrid, channel: int) -> Floats:
     return around
 
 
-def ring_light(ring: BarrelRingSpec, walls: Floats, camera: CameraSpec) -> Singles:
-    """Electrons from the barrel's wall, (height, width) array: a Gaussian profile across the ring, by azimuth along it."""
+def ring_light(ring: BarrelRingSpec, walls: Floats, hemisphere: float, camera: CameraSpec) -> Singles:
+    """Electrons from the barrel's wall, (height, width) array: a Gaussian profile across the ring, by azimuth along it.
+
+    `walls` and `hemisphere` as of a :class:`Surround`, of one channel.
+    """
     middle = camera.projection
     du = np.arange(camera.width) - middle.cx_px
     dv = np.arange(camera.height)[:, None] - middle.cy_px
     across = (np.hypot(du, dv) - ring.radius_px) / ring.width_px
-    azimuth = np.arctan2(dv, du) / (2 * math.pi) * len(walls)
-    along = np.interp(azimuth, np.arange(len(walls)), walls, period=len(walls))
-    return (ring.reflectance * along * np.exp(-0.5 * across**2)).astype(np.float32)
+    steps = walls.shape[1]
+    azimuth = np.arctan2(dv, du) / (2 * math.pi) * steps
+    lit = np.array([ring.reflectance, ring.near_side, ring.far_side]) @ walls + ring.even * hemisphere
+    along = np.interp(azimuth, np.arange(steps), lit, period=steps)
+    return (along * np.exp(-0.5 * across**2)).astype(np.float32)
 
 
 def coarse_cells(fine: Singles, around: Floats, grid: CellGrid) -> Floats:

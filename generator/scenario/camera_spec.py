@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
 
 from generator.scenario.lens.psf_spec import PsfSpec
 from generator.scenario.lens.stray_light_spec import (
@@ -23,6 +32,13 @@ from generator.scenario.strict import Fraction, Numbers, Strict, listed
 LEAST_DIRECT_SHARE = 0.4
 """Least part of the light that bloom, veiling glare and ghosts must leave."""
 FISHEYES = ("equidistant", "equisolid", "stereographic", "orthographic", "kannala_brandt")
+
+
+Rings = Annotated[
+    Annotated[BarrelRingSpec, Tag("#one")]
+    | Annotated[tuple[BarrelRingSpec, ...], Field(max_length=8), BeforeValidator(listed), Tag("#list")],
+    Discriminator(lambda value: "#list" if isinstance(value, list | tuple) else "#one"),
+]
 
 
 def _field_fits_model(hfov_deg: float | None, info: ValidationInfo) -> float | None:
@@ -101,8 +117,8 @@ class CameraSpec(Strict):
     """Dew on the dome or on the front of the lens."""
     dust: DustSpec | None = None
     """Dust there."""
-    barrel_ring: BarrelRingSpec | None = None
-    """Ring of light around the image circle."""
+    barrel_ring: Rings | None = None
+    """Rings of light around the image circle; one, or a list."""
 
     _resting: CameraSpec | None = PrivateAttr(default=None)
 
@@ -173,7 +189,12 @@ class CameraSpec(Strict):
     @property
     def strays(self) -> bool:
         """Whether any light reaches the sensor astray."""
-        return self.direct_share < 1 or self.barrel_ring is not None
+        return self.direct_share < 1 or bool(self.rings)
+
+    @property
+    def rings(self) -> tuple[BarrelRingSpec, ...]:
+        """Rings of light around the image circle."""
+        return (self.barrel_ring,) if isinstance(self.barrel_ring, BarrelRingSpec) else self.barrel_ring or ()
 
     @property
     def f_px(self) -> float:

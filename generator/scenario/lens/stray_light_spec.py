@@ -70,14 +70,27 @@ class DustSpec(Strict):
 
 
 class BarrelRingSpec(Strict):
-    """Light from the inner wall of a lens barrel: a ring around the principal point, lit from the other side."""
+    """Light from the inner wall of a lens barrel, or from the rims of lenses: a ring around the principal point."""
 
     radius_px: Annotated[float, Field(gt=0, le=1e5)]
-    """Of its crest, px; at or beyond the image circle."""
+    """Of its crest, px; in the image circle too, where light falls that a rim reflects."""
     width_px: Annotated[float, Field(ge=1, le=500)] = 8.0
     """Standard deviation of its profile, px."""
-    reflectance: Annotated[float, Field(gt=0, le=1)] = 0.02
-    """Of the wall, a Lambert surface seen by the sensor."""
+    reflectance: Annotated[float, Field(ge=0, le=1)] = 0.02
+    """Of the wall, a Lambert surface lit from the other side and seen by the sensor."""
+    # Left out of the scenario's hash unless given, as if the key did not exist.
+    near_side: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
+    """Part of the light from the ring's own side that is scattered on into it, in a lobe over the azimuth."""
+    far_side: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
+    """Part of the light from the other side that a rim throws back into it, in the same lobe."""
+    even: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, exclude_if=lambda part: not part)
+    """Part of the mean light in front of the lens that reaches all of the ring alike."""
+
+    @model_validator(mode="after")
+    def _lit(self) -> BarrelRingSpec:
+        if not (self.reflectance or self.near_side or self.far_side or self.even):
+            raise ValueError("give a reflectance, a near_side, a far_side or an even part above 0")
+        return self
 
 
 class GhostLensSpec(Strict):
