@@ -12,7 +12,7 @@ import typer
 from benchmark.cli import bench, datasets, demo, rendering, scenes, speed, studies, twins
 from benchmark.cli.errors import InterruptibleGroup
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.photographs import importing
+from benchmark.cli.photographs import fetching, importing
 from benchmark.cli.progress import working
 
 app = typer.Typer(
@@ -49,6 +49,7 @@ datasets.add_to(app)
 app.add_typer(bench.app, name="bench")
 app.add_typer(studies.app, name="study")
 app.add_typer(importing.app, name="import")
+fetching.add_to(app)
 twins.add_to(app)
 speed.add_to(app)
 

@@ -34,16 +34,23 @@ _DATA_HELP = "Folder for the frames of tasks and of datasets in shards; what is 
 @app.command("list")
 def list_all(as_json: AsJson = False) -> None:
     """Show all tasks and solvers, and whether each solver can run here."""
-    from benchmark.cli.listing import listed_solvers, listed_tasks, solver_table, task_table  # loads the solvers
+    from benchmark.cli.listing import (  # loads the solvers
+        listed_real_tasks,
+        listed_solvers,
+        listed_tasks,
+        real_task_table,
+        solver_table,
+        task_table,
+    )
 
     try:
-        tasks, solvers = listed_tasks(), listed_solvers()
+        tasks, real, solvers = listed_tasks(), listed_real_tasks(), listed_solvers()
     except BenchmarkError as error:
         fail(error)
     if as_json:
-        print_json({"tasks": tasks, "solvers": solvers})
+        print_json({"tasks": tasks, "tasks_of_photographs": real, "solvers": solvers})
     else:
-        print_tables(task_table(tasks), solver_table(solvers))
+        print_tables(task_table(tasks), real_task_table(real), solver_table(solvers))
 
 
 @app.command(
@@ -74,7 +81,9 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Results folder; default: results/leaderboard for skybench's tasks, else results/demo."
+            "--out",
+            help="Results folder; default: results/leaderboard for skybench's rendered tasks, "
+            "results/real for its photographs, else results/demo.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+import benchmark.real_tasks
 import benchmark.solvers
 import benchmark.tasks
 
@@ -36,9 +37,15 @@ def tasks(incomplete: str) -> list[tuple[str, str]]:
     return _beginning([(path.name.removesuffix(_TASK_SUFFIX), _value(path, "title")) for path in found], incomplete)
 
 
+def real_tasks(incomplete: str) -> list[tuple[str, str]]:
+    """Tasks of photographs."""
+    found = sorted(Path(benchmark.real_tasks.__path__[0]).glob("*.yaml"))
+    return _beginning([(path.stem, _value(path, "title")) for path in found], incomplete)
+
+
 def targets(incomplete: str) -> list[tuple[str, str]]:
     """Tasks, files of tasks, and folders."""
-    return tasks(incomplete) + _files(incomplete, _TASK_SUFFIX)
+    return tasks(incomplete) + real_tasks(incomplete) + _files(incomplete, _TASK_SUFFIX)
 
 
 def solvers(incomplete: str) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
+from benchmark.real_tasks.definition import load_real_task, real_task_names
 from benchmark.run.contestants import contestant_of
 from benchmark.solvers.registry import known_solvers
 from benchmark.tasks.definition import load_task, task_names, widest_half_width_points
@@ -24,6 +25,19 @@ class ListedTask:
     frames_per_condition: int
     half_width_points: float
     half_width_over_all_points: float
+
+
+@dataclass(frozen=True)
+class ListedRealTask:
+    """A task of photographs; `licence` is that of the photographs."""
+
+    task: str
+    title: str
+    condition: str
+    unit: str
+    values: tuple[float, ...]
+    photographs: int
+    licence: str
 
 
 @dataclass(frozen=True)
@@ -57,6 +71,20 @@ def listed_tasks() -> list[ListedTask]:
     return found
 
 
+def listed_real_tasks() -> list[ListedRealTask]:
+    """All tasks of photographs."""
+    found = []
+    for task in map(load_real_task, real_task_names()):
+        definition, graded = task.definition, task.definition.condition
+        count = len(definition.sources)
+        found.append(
+            ListedRealTask(
+                task.label, definition.title, graded.name, graded.unit, graded.values, count, definition.licence
+            )
+        )
+    return found
+
+
 def listed_solvers() -> list[ListedSolver]:
     """All solvers that come with skybench, and whether they can run here."""
     found = []
@@ -84,6 +112,19 @@ def task_table(tasks: Sequence[ListedTask]) -> Table:
             f"{len(task.values)} x {task.frames_per_condition}",
             f"± {task.half_width_points:.1f} points",
             f"± {task.half_width_over_all_points:.1f} points",
+        )
+    return table
+
+
+def real_task_table(tasks: Sequence[ListedRealTask]) -> Table:
+    """The tasks of photographs as a table."""
+    table = Table(title="Tasks of photographs (skybench fetch TASK brings them)", title_justify="left")
+    for heading in ("task", "asks", "graded", "from easy to hard", "frames", "licence"):
+        table.add_column(heading, overflow="fold", no_wrap=heading == "task")
+    for task in tasks:
+        values = " ".join(f"{value:g}" for value in task.values)
+        table.add_row(
+            task.task, task.title, task.condition, f"{values} {task.unit}", str(task.photographs), task.licence
         )
     return table
 

@@ -21,6 +21,7 @@ from benchmark.frames.frame_set import FrameSet
 from benchmark.frames.opening import named_task, open_frames
 from benchmark.frames.task_frames import FrameChoice
 from benchmark.judge.outcome import SolverOutcome
+from benchmark.real_tasks.definition import is_real_task
 from benchmark.report.formatting import number
 from benchmark.run.contestants import Contestant, contestant_of
 from benchmark.run.engine import SolverRun, check_contestants, outcomes, run_all
@@ -31,7 +32,7 @@ from benchmark.solvers.registry import known_solvers
 from benchmark.stats.metrics import ERROR, FIX
 from benchmark.tasks.definition import task_names
 
-LEADERBOARD, DEMO = Path("results/leaderboard"), Path("results/demo")
+LEADERBOARD, DEMO, REAL = Path("results/leaderboard"), Path("results/demo"), Path("results/real")
 ALL_ERRORS = 1
 
 
@@ -190,6 +191,8 @@ def _contestants(names: Sequence[str]) -> list[Contestant]:
 
 def _default_out(targets: Sequence[str]) -> Path:
     ours = all(target.partition("@")[0] in task_names() and not Path(target).is_dir() for target in targets)
+    if all(is_real_task(target) for target in targets):
+        return REAL
     return LEADERBOARD if ours else DEMO
 
 

@@ -32,7 +32,8 @@ class TruthStars:
 
     Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, the way (px) that
     it goes over the image during the exposure, the centroids of its light (px), which is what a detector can find (each
-    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN.
+    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN; one whose stars
+    nobody can name has none, and `named` says so.
     """
 
     star_id: NDArray[np.int64]
@@ -43,6 +44,7 @@ class TruthStars:
     streak_px: NDArray[np.float64] | None = None
     light_uv: NDArray[np.float64] | None = None
     v_mag: NDArray[np.float64] | None = None
+    named: bool = True
 
     @property
     def detected_uv(self) -> NDArray[np.float64]:
@@ -313,6 +315,9 @@ def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars
             f"{path}: stars.n_in_field is {n_in_field}, stars.parquet has {len(stars.star_id)} rows of this frame; "
             f"{RENDER_AGAIN}"
         )
+    photograph = record.get("photograph")
+    if isinstance(photograph, dict) and photograph.get("aligned_stars") == 0:
+        stars = dataclasses.replace(stars, named=False)
     observation, truth_seen = told_observation(path, record), true_observation(path, record)
     return Frame(
         frame_id=frame_id,

@@ -8,8 +8,10 @@ from pathlib import Path
 from benchmark.errors import DatasetError, TaskError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
+from benchmark.frames.real_frames import make_real_frames
 from benchmark.frames.sharded import open_sharded
 from benchmark.frames.task_frames import FrameChoice, make_task_frames
+from benchmark.real_tasks.definition import is_real_task, load_real_task, real_task_names
 from benchmark.tasks.definition import TASK_SUFFIX, Task, load_task, load_task_file, task_names
 from generator.dataset.layout import MANIFEST
 
@@ -39,8 +41,8 @@ def open_frames(
     Parameters
     ----------
     target : str
-        Task (``bortle``, ``bortle@1``), file of a task (``NAME.task.yaml``), folder of `skybench render`, folder or URL
-        of `skybench generate`.
+        Task (``bortle``, ``bortle@1``, ``allsky-real``), file of a task (``NAME.task.yaml``), folder of `skybench render`
+        or `skybench import`, folder or URL of `skybench generate`.
     choice : FrameChoice
         Split, number and condition are choices of a task's frames alone.
     progress : callable
@@ -54,13 +56,15 @@ def open_frames(
     task = named_task(target)
     if task is not None:
         return make_task_frames(task, target, choice, progress)
+    if is_real_task(target):
+        return make_real_frames(load_real_task(target), target, choice, progress)
     if choice.condition is not None or choice.per_condition is not None:
         raise TaskError(f"{target}: is not a task, so nothing grades its frames; leave out --condition and --frames")
     if "://" in target or (Path(target) / MANIFEST).is_file():
         return open_sharded(target, choice.data, progress)
     folder = Path(target)
     if not folder.is_dir():
-        known = ", ".join(task_names())
+        known = ", ".join((*task_names(), *real_task_names()))
         raise DatasetError(
             f"{target}: no such folder, and not a task ({known}); render frames with "
             f"`skybench render SCENARIO --out {target}`"

@@ -24,8 +24,6 @@ ALIGNED_MAG = 5.0
 """Faintest star that the attitude is found by."""
 LOWEST_DEG = 8.0
 """Altitude below which a star is not used for that."""
-SURE_PX = 1.0
-"""Uncertainty of a star's place up to which it is named without an alignment."""
 FOUND_PX = 3.0
 """Uncertainty up to which the stars near the told places are looked for."""
 LEAST_ALIGNED = 20
@@ -51,20 +49,22 @@ class Pointing:
         Of their residuals an axis.
     turned_deg : float or None
         From the told attitude.
-    named : bool
-        Whether it is known well enough to name stars by their places.
     """
 
     R_cam: Floats
     stars: int
     rms_px: float | None
     turned_deg: float | None
-    named: bool
+
+    @property
+    def named(self) -> bool:
+        """Whether the stars confirm it, so that they have names."""
+        return self.stars > 0
 
 
 def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -> Pointing:
     """Find the attitude at which the known sky lies on the photograph, near the told one."""
-    unaligned = Pointing(told.R_cam, 0, None, None, told.sigma_px <= SURE_PX)
+    unaligned = Pointing(told.R_cam, 0, None, None)
     if told.sigma_px > FOUND_PX:
         return unaligned
     used = (sky.stars.v_mag < ALIGNED_MAG) & (sky.middle.altitude_deg > LOWEST_DEG)
@@ -75,7 +75,7 @@ def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -
         return unaligned
     # Digits beyond hundredths of an arcsecond are those of the machine's arithmetic.
     left, _, right = np.linalg.svd(np.round(found.R_cam, 8))
-    return Pointing(left @ right, found.stars, float(found.rms_px), float(found.turned_deg), True)
+    return Pointing(left @ right, found.stars, float(found.rms_px), float(found.turned_deg))
 
 
 def star_rows(

@@ -10,6 +10,7 @@ Definitions (docs/benchmark.md repeats them):
   of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
   brightest, and a blend of equals may be named after any of them. Of photographs whose electrons are not known, V tells
   which is the brightest.
+* Of a photograph whose stars nobody can name no match counts, neither as right nor as wrong.
 * A *detection of a star* is a detection with a truth star within the radius.
 * Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
   all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
@@ -73,6 +74,8 @@ def score_matches(
     seen = truth.snr >= TRACE_SNR
     star_uv, star_id, electrons = truth.detected_uv[seen], truth.star_id[seen], truth.brightness[seen]
     correct = np.zeros(len(matches), dtype=bool)
+    if not truth.named:
+        return StarScore(0, 0, 0, correct)
     if not len(uv) or not len(star_uv):
         return StarScore(0, len(matches), 0, correct)
     tree = cKDTree(star_uv)

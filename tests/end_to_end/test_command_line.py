@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import generator
 from benchmark.cli.app import app
 from benchmark.cli.output import print_json
+from benchmark.real_tasks.definition import real_task_names
 from benchmark.solvers.registry import known_solvers
 from benchmark.tasks.definition import task_names
 from generator.presets import all_named
@@ -52,7 +53,7 @@ def test_completion_knows_tasks_solvers_scenes_and_presets(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text("", encoding="utf-8")
     Path("frames").mkdir()
-    assert set(completed("skybench bench run ")) == {*task_names(), "frames/"}
+    assert set(completed("skybench bench run ")) == {*task_names(), *real_task_names(), "frames/"}
     assert completed("skybench bench run bor") == ["bortle"]
     assert set(completed("skybench bench run bortle --solver ")) == {*known_solvers(), "frames/"}
     assert set(completed("skybench render ")) == {*shipped_scenarios(), "mine.yaml", "frames/"}
@@ -76,7 +77,7 @@ def test_completion_can_be_installed(monkeypatch) -> None:
         ("scenes --json", set(shipped_scenarios())),
         ("scenes demo --json", {"title", "path", "text"}),
         ("presets thesis-720p --json", {"named", "values", "defaults"}),
-        ("bench list --json", {"tasks", "solvers"}),
+        ("bench list --json", {"tasks", "tasks_of_photographs", "solvers"}),
         ("bench revisions --json", {"revisions"}),
         ("bench pack-results --out nothing --json", {"tables"}),
         ("doctor --json", {"ok", "checks"}),

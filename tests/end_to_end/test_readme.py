@@ -25,6 +25,7 @@ from photograph_files import standin, write_camera, write_ff, write_fits
 from typer.testing import CliRunner
 
 from benchmark.cli.datasets import FORMS
+from benchmark.real_tasks import fetch
 from celnav.cli import main as celnav_main
 from generator.frame.render import render_frame, write_frame
 from generator.scenario.file import load_scenario
@@ -154,6 +155,8 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("small.yaml").write_text(SMALL, encoding="utf-8")
     write_photographs()
+    monkeypatch.setattr(fetch, "missing_sources", lambda task, data: [])  # a third of them is at hand here
+    Path("fetched").mkdir()
     frame = "out/frame-00000"
     rendered = {"SCENARIO": "small.yaml", "DIR": "out"}
     made = {"SCENARIO": "small.yaml", "DIR": "set"}
@@ -169,6 +172,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
             "skybench verify imported",
         ],
         "skybench import rms": ["skybench import rms night --site 52.0 4.36 10 --camera told.json --out meteors"],
+        "skybench fetch": ["skybench fetch allsky-real --from fetched", "skybench fetch allsky-real --json"],
         "skybench bench list": [row("skybench bench list")],
         "skybench bench run": ["skybench bench run out --solver skybench --solver brightest-n --out results"],
         "skybench bench report": ["skybench bench report --out results"],

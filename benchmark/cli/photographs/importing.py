@@ -161,5 +161,5 @@ def _words(made: Imported) -> str:
     if made.stars:
         found = f"attitude by {made.stars} stars, {made.rms_px:.2f} px rms, {made.turned_deg:.3f} deg from the one told"
     else:
-        found = "too few stars agree to find its attitude" + ("" if made.named else "; no star is named")
+        found = "too few stars agree to find its attitude; none is named"
     return f"{made.frame_id}  {made.file}  {made.utc_mid}  {found}"

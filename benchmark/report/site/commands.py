@@ -63,7 +63,7 @@ def _run_commands(board: Board, entries: Sequence[Entry], places: Places) -> lis
         command = ["skybench", "bench", "run", frames.target]
         for target in targets:
             command += ["--solver", target]
-        if frames.grading is not None:
+        if frames.grading is not None and frames.per_condition is not None:
             command += ["--split", frames.split, "--frames", str(frames.per_condition)]
         if frames.condition is not None:
             command += ["--condition", f"{frames.condition:.12g}"]

@@ -94,7 +94,8 @@ class FrameSource:
             return {}
         places: dict[str, list[tuple[float, float]]] = {}
         for name, stars in pd.concat(tables).groupby("frame_id"):
-            brightest = stars.nlargest(MOST_STARS, "electrons_e")
+            known = stars["electrons_e"].notna().all()  # of photographs they may not be
+            brightest = stars.nlargest(MOST_STARS, "electrons_e" if known else "snr")
             places[str(name)] = list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
         return {frame_id: places[name] for frame_id, name in rendered.items() if name in places}
 

@@ -43,6 +43,7 @@ from benchmark.importing.told import read_told, told_by
 from benchmark.importing.write import Import, import_photographs
 from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.geodesy import geodesic_km
+from benchmark.judge.star_id import score_matches
 from generator.errors import GeneratorError
 from generator.frame.record import STAR_SCHEMA
 from generator.frame.verify import problems
@@ -167,6 +168,8 @@ def test_an_unknown_heading_is_told_as_unknown(tmp_path: Path) -> None:
     assert math.isinf(frame.observation.heading_sigma_deg)
     assert np.allclose(frame.observation.R_cam[:, 2], [0, 0, 1])
     assert len(frame.truth.star_id) == 0
+    judged = score_matches(np.array([[5.0, 5.0]]), np.array([[0, 7]]), frame.truth)
+    assert (judged.n_matches, judged.n_correct, judged.n_detected_stars) == (0, 0, 0)
     assert problems(tmp_path / "out") == []
 
 

@@ -1,0 +1,168 @@
+"""What a task of photographs is: a strict file with the SHA-256 of every photograph, and the camera that solvers are told."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from benchmark.errors import TaskError
+from benchmark.importing.known_sky import Place
+from generator.scenario.strict import Strict, listed
+
+FOLDER = Path(__file__).parent
+SUFFIX = ".yaml"
+LARGEST_FILE_BYTES = 100_000
+LARGEST_SOURCE_BYTES = 200_000_000
+Values = Annotated[tuple[float, ...], Field(min_length=1, max_length=40), BeforeValidator(listed)]
+
+
+class Condition(Strict):
+    """What is graded; of a photograph the least value that is not below its own."""
+
+    name: Annotated[str, Field(min_length=3, max_length=80)]
+    unit: Annotated[str, Field(max_length=20)]
+    values: Values
+    """From easy to hard."""
+    harder: Literal["higher", "lower"]
+
+
+class Source(Strict):
+    """A photograph."""
+
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$")]
+    condition: float
+    bytes: Annotated[int, Field(gt=0, le=LARGEST_SOURCE_BYTES)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    address: Annotated[str, Field(pattern=r"^https://[!-~]+$")] | None = None
+    """Of the file; by default the task's address and the file's name."""
+
+
+class Site(Strict):
+    """Where the camera stands."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-360, le=360)]
+    height_m: Annotated[float, Field(ge=-500, le=9000)]
+
+
+class RealTaskDefinition(Strict):
+    """The content of a task's file."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+    revision: Annotated[int, Field(ge=1, le=1000)]
+    title: Annotated[str, Field(min_length=10, max_length=120)]
+    licence: Annotated[str, Field(min_length=3, max_length=40)]
+    """SPDX, of the photographs."""
+    credit: Annotated[str, Field(min_length=3, max_length=300)]
+    origin: Annotated[str, Field(min_length=3, max_length=300)]
+    """Where the photographs were published."""
+    camera: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.camera\.json$")]
+    """File beside this one: what solvers are told."""
+    calibrated_on: str
+    site: Site
+    condition: Condition
+    address: Annotated[str, Field(pattern=r"^https://[!-~]+/$")] | None = None
+    sources: Annotated[tuple[Source, ...], Field(min_length=1, max_length=2000), BeforeValidator(listed)]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RealTaskDefinition:
+        if strangers := {source.condition for source in self.sources} - set(self.condition.values):
+            raise ValueError(f"sources: condition {min(strangers):g} is none of {self.condition.values}")
+        names = [source.file for source in self.sources]
+        if len(set(names)) != len(names):
+            raise ValueError("sources: a file is listed twice")
+        return self
+
+
+@dataclass(frozen=True)
+class RealTask:
+    """A task of photographs.
+
+    Attributes
+    ----------
+    definition : RealTaskDefinition
+    camera_file : Path
+    sha256 : str
+        Of the meaning of the definition and of the camera's file.
+    """
+
+    definition: RealTaskDefinition
+    camera_file: Path
+    sha256: str
+
+    @property
+    def label(self) -> str:
+        """Name and revision, as in ``allsky-real@1``."""
+        return f"{self.definition.name}@{self.definition.revision}"
+
+    @property
+    def place(self) -> Place:
+        """Where the camera stands."""
+        site = self.definition.site
+        return Place(site.latitude_deg, site.longitude_deg, site.height_m)
+
+    def address_of(self, source: Source) -> str | None:
+        """Where a photograph can be fetched; None where no address is known."""
+        if source.address is not None or self.definition.address is None:
+            return source.address
+        return f"{self.definition.address}{source.file}"
+
+
+def real_task_names() -> tuple[str, ...]:
+    """All tasks of photographs, sorted."""
+    return tuple(sorted(path.name.removesuffix(SUFFIX) for path in FOLDER.glob(f"*{SUFFIX}")))
+
+
+def is_real_task(target: str) -> bool:
+    """Whether a target is the name of one, with or without its revision."""
+    return target.partition("@")[0] in real_task_names()
+
+
+def load_real_task(name: str) -> RealTask:
+    """Read a task of photographs by its name, with or without its revision.
+
+    Raises
+    ------
+    TaskError
+        There is no such task or revision, or its files are wrong.
+    """
+    bare, _, revision = name.partition("@")
+    if bare not in real_task_names():
+        raise TaskError(f"unknown task of photographs {name!r}; known: {', '.join(real_task_names())}")
+    path = FOLDER / f"{bare}{SUFFIX}"
+    tree = _read(path)
+    try:
+        definition = RealTaskDefinition.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "(top)"
+        raise TaskError(f"{path}: {where}: {first['msg']}") from error
+    if revision and revision != str(definition.revision):
+        raise TaskError(
+            f"{name}: this version has revision {definition.revision} of it; use {bare}@{definition.revision}"
+        )
+    camera_file = FOLDER / definition.camera
+    told = json.loads(camera_file.read_text(encoding="utf-8"))
+    # Where photographs are fetched from does not change them.
+    kept = {key: value for key, value in tree.items() if key not in ("address", "origin", "credit")}
+    kept["sources"] = [{key: each[key] for key in each if key != "address"} for each in tree["sources"]]
+    meaning = json.dumps([kept, {key: told[key] for key in ("camera", "attitude")}], sort_keys=True)
+    return RealTask(definition, camera_file, hashlib.sha256(meaning.encode()).hexdigest())
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise TaskError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise TaskError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
+    if not isinstance(tree, dict):
+        raise TaskError(f"{path}: expected a mapping of keys")
+    return tree
