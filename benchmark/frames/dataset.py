@@ -32,8 +32,8 @@ class TruthStars:
 
     Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, the way (px) that
     it goes over the image during the exposure, the centroids of its light (px), which is what a detector can find (each
-    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN; one whose stars
-    nobody can name has none, and `named` says so.
+    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN; `named` is
+    False of one whose stars nobody can name.
     """
 
     star_id: NDArray[np.int64]
