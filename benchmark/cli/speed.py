@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
     from generator.speed.report import SpeedReport
 
 EPILOG = (
-    "Examples: skybench speed; skybench speed --codec jxl --json > speed.json; skybench speed --solver.  "
-    "Exit status with --solver: 0 when every bar is reached and every hostile input refused within its bounds, 1 otherwise."
+    "Examples: skybench speed; skybench speed --codec jxl --json > speed.json; "
+    "skybench speed --limit floor=2 --limit everything=2.5; skybench speed --solver.  "
+    "Exit status: 1 where a ratio exceeds its --limit. With --solver: 0 when every bar is reached and every hostile input "
+    "refused within its bounds, 1 otherwise."
 )
 
 
@@ -35,6 +38,14 @@ def speed(
         str, typer.Option("--codec", help="Image format: png or jxl.", autocompletion=lambda: ["png", "jxl"])
     ] = "png",
     as_json: AsJson = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--limit",
+            metavar="RATIO=VALUE",
+            help="Largest ratio, of floor, sky, camera or everything; may be given several times.",
+        ),
+    ] = None,
     solver: Annotated[bool, typer.Option("--solver", help="Measure the default solver on random star fields.")] = False,
     fields: Annotated[int, typer.Option("--fields", min=1, help="With --solver: fields of each condition.")] = 100,
     hostile: Annotated[
@@ -59,6 +70,7 @@ def speed(
 
     try:
         DatasetSpec(codec=codec)
+        limits = dict(read_limit(text) for text in limit or ())
         from generator.speed.report import measure
 
         with working("measuring") as status:
@@ -66,9 +78,44 @@ def speed(
     except GeneratorError as error:
         fail(error)
     if as_json:
-        print_json(report.as_json())
-        return
-    print_tables(*tables(report))
+        print_json(report.as_json() | {"limits": limits})
+    else:
+        print_tables(*tables(report))
+        print(load_line(report))
+    exceeded = {name: value for name, value in limits.items() if not report.limited[name] <= value}
+    for name, value in exceeded.items():
+        typer.echo(f"{name}: {report.limited[name]:.2f} is over the limit of {value:g}", err=True)
+    raise typer.Exit(1 if exceeded else 0)
+
+
+def read_limit(text: str) -> tuple[str, float]:
+    """Name and value of a limit such as ``floor=2``.
+
+    Raises
+    ------
+    GeneratorError
+        It is not one.
+    """
+    from generator.errors import GeneratorError
+    from generator.speed.report import LIMITED
+
+    name, _, value = text.partition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if name not in LIMITED or not number > 0:
+        raise GeneratorError(f"--limit {text}: give one of {', '.join(LIMITED)} and a number above 0, as floor=2")
+    return name, number
+
+
+def load_line(report: SpeedReport) -> str:
+    """How busy the machine was, in words."""
+    load = report.load
+    return (
+        f"machine: {load.cores} cores, load average {load.before:.1f} before and {load.after:.1f} after; this process had "
+        f"{100 * load.core_share:.0f} % of a core while it measured by itself"
+    )
 
 
 def _silent(words: str) -> None:
@@ -93,7 +140,11 @@ def tables(report: SpeedReport) -> list[Table]:
         rates.add_row(str(workers), f"{rate:.1f}")
     rates.add_row("scaling", f"{report.scaling:.2f}")
     ratios = Table("", "plain, ms", "full, ms", "median ratio", title="in pairs, image included")
-    for name, times in (("sky", report.sky), ("camera", report.camera)):
+    for name, times in (
+        ("sky", report.sky),
+        ("camera", report.camera),
+        ("everything", report.everything),
+    ):
         ratios.add_row(name, *_milliseconds(times), f"{times.ratio:.2f}")
     return [stages, rates, ratios]
 

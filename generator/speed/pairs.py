@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from generator.dataset.images import encode
 from generator.frame.render import render_frame
 from generator.scenario.file import Scenario
-from generator.speed.scenes import FULL_SKY, PLAIN_SKY, FrameSize, data_set, moonlit
+from generator.speed.load import best_clock
+from generator.speed.scenes import FULL_SKY, PLAIN_SKY, FrameSize, data_set, everything, moonlit
 
 WARM_UP = 2
 
 
 @dataclass(frozen=True)
 class PairedTimes:
-    """Seconds per frame, pair by pair.
+    """Seconds per frame, pair by pair, by :func:`generator.speed.load.best_clock`.
 
     Attributes
     ----------
@@ -43,13 +43,14 @@ def time_pairs(plain: Callable[[int], None], full: Callable[[int], None], pairs:
 
     Frames are numbered from 0; those of the warm-up come first.
     """
+    clock = best_clock()
     seconds: dict[bool, list[float]] = {False: [], True: []}
     for number in range(WARM_UP + pairs):
         for is_full in (True, False) if number % 2 else (False, True):
-            start = time.perf_counter()
+            start = clock()
             (full if is_full else plain)(number)
             if number >= WARM_UP:
-                seconds[is_full].append(time.perf_counter() - start)
+                seconds[is_full].append(clock() - start)
     return PairedTimes(tuple(seconds[False]), tuple(seconds[True]))
 
 
@@ -67,4 +68,11 @@ def time_cameras(pairs: int, size: FrameSize | None = None) -> PairedTimes:
     """All of the camera's effects against a plain camera, frames of a data set."""
     frame = size or FrameSize()
     plain, full = (data_set(frame, WARM_UP + pairs, full_camera) for full_camera in (False, True))
+    return time_pairs(lambda number: make_frame(plain, number), lambda number: make_frame(full, number), pairs)
+
+
+def time_everything(pairs: int, size: FrameSize | None = None) -> PairedTimes:
+    """Frames with everything at once against those of the plain data set."""
+    frame = size or FrameSize()
+    plain, full = data_set(frame, WARM_UP + pairs), everything(frame, WARM_UP + pairs)
     return time_pairs(lambda number: make_frame(plain, number), lambda number: make_frame(full, number), pairs)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from generator.mitsuba_runtime import CUDA_VARIANT, choose_variant
-from generator.speed.pairs import PairedTimes, time_cameras, time_skies
+from generator.speed.load import Load, cores, load_average, one_thread
+from generator.speed.pairs import PairedTimes, time_cameras, time_everything, time_skies
 from generator.speed.scenes import FrameSize
 from generator.speed.stages import time_stages
 from generator.speed.throughput import frames_per_second
 
 FORMAT = "skybench-speed/1"
+LIMITED = ("floor", "sky", "camera", "everything")
+"""Names of the ratios that can be held against a limit."""
 PART_OF = "of which"
 """Prefix of stages that are parts of the preceding stage."""
 
@@ -36,8 +40,10 @@ class SpeedReport:
         Median seconds by stage, one frame at a time in one process.
     frames_per_s : dict of float
         By number of worker processes.
-    sky, camera : PairedTimes
+    sky, camera, everything : PairedTimes
         Full against plain.
+    load : Load
+        Of the machine meanwhile.
     """
 
     device: str
@@ -49,6 +55,8 @@ class SpeedReport:
     frames_per_s: dict[int, float]
     sky: PairedTimes
     camera: PairedTimes
+    everything: PairedTimes
+    load: Load
 
     @property
     def frame_s(self) -> float:
@@ -64,6 +72,12 @@ class SpeedReport:
     def scaling(self) -> float:
         """Frames per second with the most processes over those with one."""
         return self.frames_per_s[max(self.frames_per_s)] / self.frames_per_s[1]
+
+    @property
+    def limited(self) -> dict[str, float]:
+        """The ratios of LIMITED; the smaller the better."""
+        ratios = (self.over_floor, self.sky.ratio, self.camera.ratio, self.everything.ratio)
+        return dict(zip(LIMITED, ratios, strict=True))
 
     def as_json(self) -> dict[str, Any]:
         """The report as JSON-ready data."""
@@ -81,6 +95,8 @@ class SpeedReport:
             "scaling": self.scaling,
             "sky": asdict(self.sky) | {"ratio": self.sky.ratio},
             "camera": asdict(self.camera) | {"ratio": self.camera.ratio},
+            "everything": asdict(self.everything) | {"ratio": self.everything.ratio},
+            "load": asdict(self.load),
         }
 
 
@@ -99,7 +115,7 @@ def measure(
     frames : int
         To time for the stages, and per worker process.
     pairs : int
-        Of frames, for each of the two ratios.
+        Of frames, for each of the three ratios.
     workers : tuple of int
         Numbers of processes; 1 is the base of the scaling.
     size : FrameSize, optional
@@ -109,18 +125,25 @@ def measure(
         Called with the name of the next measurement.
     """
     size = size or FrameSize()
-    progress("stages")
-    stages, floor = time_stages(frames, size, codec)
+    before = load_average()
+    started, used = time.perf_counter(), time.process_time()
+    with one_thread():
+        progress("stages")
+        stages, floor = time_stages(frames, size, codec)
+        progress("skies")
+        sky = time_skies(pairs, size)
+        progress("cameras")
+        camera = time_cameras(pairs, size)
+        progress("everything")
+        everything = time_everything(pairs, size)
+    share = (time.process_time() - used) / (time.perf_counter() - started)
     rates = {}
     for count in workers:
         progress(f"{count} {'process' if count == 1 else 'processes'}")
         rates[count] = frames_per_second(count, frames, size, codec)
-    progress("skies")
-    sky = time_skies(pairs, size)
-    progress("cameras")
-    camera = time_cameras(pairs, size)
     variant = choose_variant()
-    return SpeedReport(device_name(variant), variant, size, codec, stages, floor, rates, sky, camera)
+    load = Load(cores(), before, load_average(), share)
+    return SpeedReport(device_name(variant), variant, size, codec, stages, floor, rates, sky, camera, everything, load)
 
 
 def device_name(variant: str) -> str:

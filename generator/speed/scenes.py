@@ -27,6 +27,36 @@ camera: {camera}
 sky: {sky}
 stars: {{limiting_magnitude: 6.5}}
 """
+_EVERYTHING = """
+name: speed
+seed: 1
+frames: {frames}
+site: {{latitude_deg: {{uniform: [-60, 60]}}, longitude_deg: {{uniform: [-180, 180]}}}}
+time: {{utc_start: {{utc: [2000-01-01T00:00:00Z, 2025-12-31T00:00:00Z], sun_below_deg: -6}}, exposure_s: 0.5}}
+attitude: {{azimuth_deg: {{uniform: [0, 360]}}, altitude_deg: 40}}
+camera: {camera}
+sensor:
+  colour: {{pattern: RGGB}}
+  rolling_shutter: {{line_time_us: 30}}
+  prnu: 0.01
+  dsnu_e: 1.0
+  dsnu_column_e: 0.3
+  hot_pixel_fraction: 0.0002
+  dead_pixel_fraction: 0.0001
+  blinking_pixels: {{fraction: 0.0001, amplitude_e_s: 400}}
+  telegraph: {{fraction: 0.01, amplitude_e: 8}}
+  row_noise_e: 0.5
+  column_noise_e: 0.5
+  interference: [{{cycles_per_column: 0.07, cycles_per_row: 0.3, amplitude_e: 1.5}}]
+  blooming: true
+  cosmic_rays: {{rate_s: 3}}
+motion: {{rate_deg_s: [0.3, 0.8, -0.5], samples: 32}}
+foreground:
+  landscape: {{skyline: [hills, forest, roofs, masts]}}
+  lamps: [{{azimuth_deg: 63, altitude_deg: 4, distance_m: 60, intensity_cd: 60, downward_cd: 900, kind: HPS}}]
+sky: {{bortle: 4, clouds: {{kind: altocumulus, wind_m_s: 15}}}}
+stars: {{limiting_magnitude: {limiting_magnitude}, scintillation: true}}
+"""
 _CAMERA = "width: {width}, height: {height}, hfov_deg: 120, aperture_mm: 4"
 _LENS = (
     "pixel_pitch_um: 4.0, psf: {diffraction: {f_number: 2.0, coma_waves: 0.2, astigmatism_waves: 0.2}, "
@@ -64,6 +94,22 @@ def data_set(size: FrameSize, frames: int, full_camera: bool = False) -> Scenari
             camera="{" + size.camera + lens + "}",
             sensor="{colour: {pattern: RGGB}, rolling_shutter: {line_time_us: 30}}" if full_camera else "{}",
             motion="{rate_deg_s: [0.3, 0.8, -0.5], samples: 32}" if full_camera else "{}",
+            limiting_magnitude=size.limiting_magnitude,
+        ),
+        "speed",
+    )
+
+
+def everything(size: FrameSize, frames: int) -> Scenario:
+    """A set of frames with everything at once, at random times, places and azimuths.
+
+    Cloud of another day in each frame, a skyline with lamps up to the frame's middle, the full camera of :func:`data_set`,
+    every effect of the sensor, motion during the exposure, and stray light, which is on in all sets.
+    """
+    return parse_scenario(
+        _EVERYTHING.format(
+            frames=frames,
+            camera="{" + size.camera + ", " + _LENS + "}",
             limiting_magnitude=size.limiting_magnitude,
         ),
         "speed",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import statistics
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +20,7 @@ from generator.frame.record import frame_record, record_bytes, star_table
 from generator.frame.scene import frame_layers, render_expected
 from generator.seeds import random_stream
 from generator.sensor.detector import expose
+from generator.speed.load import best_clock
 from generator.speed.scenes import FrameSize, data_set
 
 WARM_UP = 3
@@ -28,17 +28,18 @@ REFERENCE_PNG_LEVEL = 1
 
 
 class Stopwatch:
-    """Accumulates the time of blocks of code."""
+    """Accumulates the time of blocks of code, by :func:`generator.speed.load.best_clock`."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, list[float]] = {}
+        self._clock = best_clock()
 
     @contextmanager
     def time(self, name: str) -> Iterator[None]:
         """Time a block."""
-        start = time.perf_counter()
+        start = self._clock()
         yield
-        self.seconds.setdefault(name, []).append(time.perf_counter() - start)
+        self.seconds.setdefault(name, []).append(self._clock() - start)
 
     def medians(self) -> dict[str, float]:
         """Median seconds by name, in the order of first appearance."""

@@ -1,6 +1,7 @@
 """`skybench speed` on tiny frames and few inputs: the shape of what it answers. No test asserts a time."""
 
 import json
+import os
 import re
 from types import SimpleNamespace
 
@@ -11,9 +12,11 @@ import celnav
 from benchmark.cli.app import app
 from benchmark.fields import solver_effort, solver_table
 from benchmark.fields.hostile import ATTITUDES, CAMERAS, KINDS, make_hostile
+from generator.sensor.detector import defect_pixels, effects
+from generator.speed import load as speed_load
 from generator.speed import report as speed_report
 from generator.speed.pairs import PairedTimes
-from generator.speed.scenes import FrameSize, data_set
+from generator.speed.scenes import FrameSize, data_set, everything
 
 TINY = FrameSize(width=48, height=32, limiting_magnitude=3.0)
 
@@ -49,8 +52,10 @@ def test_json_has_stages_floor_rates_and_ratios(tiny_report, monkeypatch) -> Non
     )
     assert answer["over_floor"] == pytest.approx(answer["frame_s"] / sum(answer["floor_s"].values()))
     assert answer["scaling"] == pytest.approx(answer["frames_per_s"]["2"] / answer["frames_per_s"]["1"])
-    for ratio in (answer["sky"], answer["camera"]):
+    for ratio in (answer["sky"], answer["camera"], answer["everything"]):
         assert ratio["ratio"] == pytest.approx(ratio["full_s"][0] / ratio["plain_s"][0])
+    assert answer["load"]["cores"] >= 1
+    assert answer["load"]["core_share"] > 0
     assert answer["device"]
     assert answer["variant"] in ("llvm_ad_spectral", "cuda_ad_spectral")
 
@@ -61,8 +66,15 @@ def test_tables_are_printed_for_people(tiny_report, monkeypatch) -> None:
     monkeypatch.setattr(speed_report, "measure", lambda *args, **values: tiny_report)
     run = CliRunner().invoke(app, ["speed"])
     assert run.exit_code == 0
-    for words in ("frame over floor", "scaling", "median ratio"):
+    for words in ("frame over floor", "scaling", "median ratio", "everything", "load average"):
         assert words in run.stdout
+    kept = CliRunner().invoke(app, ["speed", "--limit", "everything=1e9", "--limit", "floor=1e9"])
+    assert kept.exit_code == 0
+    broken = CliRunner().invoke(app, ["speed", "--limit", "sky=1e9", "--limit", "camera=1e-9", "--json"])
+    assert broken.exit_code == 1
+    assert "camera: " in broken.stderr
+    assert "sky" not in broken.stderr
+    assert json.loads(broken.stdout)["limits"] == {"sky": 1e9, "camera": 1e-9}
 
 
 def test_ratio_is_the_median_over_pairs() -> None:
@@ -80,6 +92,48 @@ def test_full_camera_is_the_one_of_the_bar() -> None:
     assert spec.camera.psf is not None
     assert spec.camera.psf.varies
     assert set(spec.sky.active_components) >= {"airglow", "zodiacal", "milky_way", "skyglow", "moonlight", "twilight"}
+
+
+@pytest.mark.parametrize("text", ["floor", "floor=", "floor=0", "floor=nan", "frames=2", "=2"])
+def test_what_is_no_limit_is_refused(text) -> None:
+    run = CliRunner().invoke(app, ["speed", "--limit", text])
+    assert run.exit_code == 2
+    assert "floor=2" in run.stderr.replace("\n", " ")
+
+
+def test_everything_is_on_in_the_set_of_that_name() -> None:
+    plain, spec = (kind(FrameSize(), 2).frame(0) for kind in (data_set, everything))
+    assert (spec.camera.width, spec.camera.height) == (plain.camera.width, plain.camera.height)
+    assert spec.stars.limiting_magnitude == plain.stars.limiting_magnitude
+    full = data_set(FrameSize(), 1, full_camera=True).frame(0)
+    assert spec.camera == full.camera
+    assert spec.camera.strays
+    assert spec.motion == full.motion
+    assert spec.sensor.rolling_shutter == full.sensor.rolling_shutter
+    assert {type(effect).__name__ for effect in effects(spec.sensor)} == {
+        "Converter", "CosmicRays", "DarkCurrent", "FixedLines", "FixedOffset", "FullWell", "Interference", "LineNoise",
+        "PhotoResponse", "PhotonNoise", "ReadNoise", "TelegraphNoise",
+    }  # fmt: skip
+    assert len(defect_pixels(spec.sensor)) == 2
+    assert spec.sensor.blooming
+    assert spec.sky.clouds is not None
+    assert set(spec.sky.active_components) == set(plain.sky.active_components)
+    assert spec.foreground.landscape is not None
+    assert spec.foreground.lamps
+    assert spec.stars.scintillation
+
+
+def test_the_load_of_the_machine_is_known() -> None:
+    assert 1 <= speed_load.cores() <= (os.cpu_count() or 1)
+    assert speed_load.load_average() >= 0
+    import drjit
+
+    with speed_load.one_thread():
+        before = drjit.thread_count()
+    assert before == 1
+    clock = speed_load.best_clock()
+    start = clock()
+    assert clock() >= start
 
 
 def test_a_gpu_s_own_name_is_given(monkeypatch, tmp_path) -> None:
