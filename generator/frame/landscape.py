@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,20 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator.frame.plan import FramePlan, dimming_atmosphere, field_radius_deg
-from generator.ground.lamp import KINDS, Lamp, apparent_v_mag, extinction_per_km, spectra, spectrum
-from generator.ground.lighting import (
-    SkyLight,
-    airlight,
-    irradiance,
-    lamp_illuminance,
-    reflected_signal,
-    sky_directions,
-    transmission,
-)  # fmt: skip
-from generator.ground.panorama import Layers, Panorama, Window, reduced
-from generator.ground.reflectance import primaries
+from generator.ground.lamp import KINDS, Lamp, apparent_v_mag, extinction_per_km, spectra
+from generator.ground.lighting import SkyLight, irradiance, sky_directions
+from generator.ground.panorama import Panorama
+from generator.ground.surface import AZIMUTHS, SURFACES, surface_terms
+from generator.ground.surface_textures import (
+    SURROUNDINGS_DEG,
+    TEXELS_PER_PX,
+    Ground,
+    Place,
+    Response,
+    Surface,
+    reflecting,
+    shining,
+)
 from generator.light.atmosphere import airmass
-from generator.light.lamps import LUMEN_PER_V_PHOTON
 from generator.light.molecular_bands import depth_per_airmass
 from generator.light.photometry import GRID_NM
 from generator.plugins.scene_tensors import tensor
@@ -37,14 +37,7 @@ from generator.sky.moonlit_cloud import DIFFRACTED, MoonVeil
 
 Floats = NDArray[np.float64]
 
-TEXELS_PER_PX = 2.0
-"""Of the maps, along each axis, in the middle of the frame: two looks and a texel's own width make a pixel."""
-WINDOW_LIGHT = "LED"
-"""Spectrum of a landscape's own glow, coloured by its picture."""
-
 VIEW_MARGIN_DEG = 0.5
-SURROUNDINGS_DEG = 1.0
-"""Step of the whole circle for light that comes from outside the frame."""
 LAMP_DIMMING_MAG = 10.0
 """Lamps are splatted this much fainter: the integers that sum the light end at 1e12 electrons in a pixel."""
 LAMP_FACTOR = 10 ** (0.4 * LAMP_DIMMING_MAG)
@@ -52,52 +45,69 @@ LAMP_FACTOR = 10 ** (0.4 * LAMP_DIMMING_MAG)
 
 @dataclass(frozen=True, eq=False)
 class LandscapeMaps:
-    """A landscape as the integrator needs it.
+    """A landscape under its light, as the integrator needs it.
+
+    The signal of a direction, radiance times response summed over GRID_NM, is the sum of what there is of each surface times
+    its term, plus that of its own light.
 
     Attributes
     ----------
-    maps : (1 + channels, ny, nx) float32 array
-        Alpha, and each channel's signal over alpha: radiance times response, summed over GRID_NM.
-    layers : Layers
-        The grid of the maps.
+    surface : Surface
+        Alpha and the SURFACES.
+    terms : (channels, AZIMUTHS, SURFACES) float32 array
+        Signal of each of the surfaces.
+    own : Surface or None
+        Signal of its own light by channel.
     whole : LandscapeMaps or None
         The whole circle in coarse steps, where the lens scatters light from outside the frame.
     """
 
-    maps: NDArray[np.float32]
-    layers: Layers
+    surface: Surface
+    terms: NDArray[np.float32]
+    own: Surface | None
     whole: LandscapeMaps | None = None
+
+    def signal(self, altitude_deg: float, azimuth_deg: float) -> Floats:
+        """Of the texel around a direction, (channels,) array."""
+        terms = self.terms[:, round(azimuth_deg % 360 / 360 * AZIMUTHS) % AZIMUTHS]
+        signal = terms.astype(np.float64) @ self.surface.at(altitude_deg, azimuth_deg)[1:]
+        if self.own is not None:
+            signal += self.own.at(altitude_deg, azimuth_deg)[: len(terms)]
+        return np.asarray(signal)
 
     def parameters(self, name: str = "landscape") -> dict[str, Any]:
         """As parameters of the integrator."""
+        surface = self.surface
+        # As many numbers as the maps have planes.
+        padded = np.zeros((*self.terms.shape[:2], 1 + SURFACES), np.float32)
+        padded[..., 1:] = self.terms
         own = {
-            f"{name}_maps": tensor(self.maps),
-            f"{name}_top_deg": self.layers.top_deg,
-            f"{name}_bottom_deg": self.layers.bottom_deg,
-            f"{name}_first_column": self.layers.first_column,
-            f"{name}_whole_columns": self.layers.whole_columns,
+            f"{name}_maps": surface.values,
+            f"{name}_cells": surface.cells,
+            f"{name}_terms": tensor(padded.reshape(-1)),
+            f"{name}_channels": len(self.terms),
+            f"{name}_rows": surface.rows,
+            f"{name}_columns": surface.columns,
+            f"{name}_top_deg": surface.top_deg,
+            f"{name}_bottom_deg": surface.bottom_deg,
+            f"{name}_first_column": surface.first_column,
+            f"{name}_whole_columns": surface.whole_columns,
         }
+        if self.own is not None:
+            own[f"{name}_own"] = self.own.values
         return own if self.whole is None else own | self.whole.parameters("surroundings")
 
 
-@functools.lru_cache(maxsize=4)
-def _fitted(panorama: Panorama, texel_deg: float) -> Layers:
-    return reduced(panorama, texel_deg)
-
-
-def _texel_deg(plan: FramePlan) -> float:
-    """Texels as fine as a camera's pixels need them."""
-    return math.degrees(1 / plan.spec.camera.f_px) / TEXELS_PER_PX
-
-
-def _in_view(plan: FramePlan, layers: Layers) -> Window:
-    """The part of a landscape that a frame's camera may see."""
+def _in_view(plan: FramePlan, ground: Ground) -> Place | None:
+    """The part of a landscape whose maps a frame needs: what its camera may see, of a large one; None: all of it."""
+    if not ground.is_large:
+        return None
     boresight = plan.motion.R_mid[2]
     turned = np.degrees(np.arccos(np.clip(plan.motion.R_cam[:, 2] @ boresight, -1, 1))).max()
     radius_deg = field_radius_deg(plan.spec.camera) + float(turned) + VIEW_MARGIN_DEG
     altitude = float(np.degrees(np.arcsin(np.clip(boresight[2], -1, 1))))
     azimuth = float(np.degrees(np.arctan2(boresight[0], boresight[1])))
-    return layers.around(altitude, azimuth, radius_deg)
+    return ground.layers().around(altitude, azimuth, radius_deg).place
 
 
 def landscape_maps(
@@ -122,29 +132,8 @@ def landscape_maps(
     # BLAS threads wait for each other in busy loops: on a machine whose cores are taken, one is several times faster.
     with blas_threads().limit(limits=1, user_api="blas"):
         light = sky_light(plan, tables, component in (None, "moonlight"))
-        lit = irradiance(panorama, light)
-
-        def drawn(whole: Layers, part: Window) -> LandscapeMaps:
-            layers = whole.window(part)
-            signal = reflected_signal(layers, lit, response)
-            if component is None:
-                signal += own_light(plan, panorama, whole, part, response, layers)
-            return LandscapeMaps(
-                np.concatenate([layers.alpha[None], _through_air(plan, layers, signal, light, response)]), layers
-            )
-
-        return _in_both(plan, panorama, drawn)
-
-
-def _in_both(plan: FramePlan, panorama: Panorama, drawn: Callable[[Layers, Window], LandscapeMaps]) -> LandscapeMaps:
-    """Maps of what a frame's camera may see, and of the whole circle where its lens needs that."""
-    fine = _fitted(panorama, _texel_deg(plan))
-    near = drawn(fine, _in_view(plan, fine))
-    if plan.spec.camera.direct_share == 1:
-        return near
-    coarse = _fitted(panorama, SURROUNDINGS_DEG)
-    rows, columns = coarse.alpha.shape
-    return dataclasses.replace(near, whole=drawn(coarse, Window(slice(0, rows), np.arange(columns))))
+        terms = surface_terms(irradiance(panorama, light), light, response)
+        return _in_both(plan, spec, terms, Response.of(response) if component is None else None)
 
 
 def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
@@ -152,71 +141,37 @@ def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
     spec = plan.spec.foreground.landscape
     if spec is None:
         return None
-    panorama = panorama_of(plan, spec)
+    dark = np.zeros((len(response), AZIMUTHS, SURFACES), np.float32)
+    return _in_both(plan, spec, dark, Response.of(response))
 
-    def drawn(whole: Layers, part: Window) -> LandscapeMaps:
-        layers = whole.window(part)
-        signal = own_light(plan, panorama, whole, part, response, layers)
-        return LandscapeMaps(np.concatenate([layers.alpha[None], _through_air(plan, layers, signal)]), layers)
 
-    return _in_both(plan, panorama, drawn)
+def _in_both(
+    plan: FramePlan, spec: LandscapeSpec, terms: NDArray[np.float32], shines_to: Response | None
+) -> LandscapeMaps:
+    """Maps of what a frame's camera may see, and of the whole circle where its lens needs that."""
+    ground = Ground(
+        panorama_of(plan, spec),
+        math.degrees(1 / plan.spec.camera.f_px) / TEXELS_PER_PX,
+        extinction_per_km(dimming_atmosphere(plan.spec.atmosphere)),
+        tuple(lamp for lamp in frame_lamps(plan) if lamp.downward_cd > 0),
+        (spec.eye_height_m, spec.distance_m),
+    )
+
+    def drawn(ground: Ground, part: Place | None) -> LandscapeMaps:
+        own = None if shines_to is None else shining(ground, part, shines_to)
+        return LandscapeMaps(reflecting(ground, part), terms, own)
+
+    near = drawn(ground, _in_view(plan, ground))
+    if plan.spec.camera.direct_share == 1:
+        return near
+    around = dataclasses.replace(ground, texel_deg=SURROUNDINGS_DEG)
+    return dataclasses.replace(near, whole=drawn(around, None))
 
 
 def panorama_of(plan: FramePlan, spec: LandscapeSpec) -> Panorama:
     """A frame's landscape at its site."""
     site = plan.spec.site
     return landscape_panorama(spec, plan.scenario.seed, spec.place(site.latitude_deg, site.longitude_deg))
-
-
-def _through_air(
-    plan: FramePlan,
-    layers: Layers,
-    signal: NDArray[np.float32],
-    light: SkyLight | None = None,
-    response: Floats | None = None,
-) -> NDArray[np.float32]:
-    """Signal (channels, ny, nx) of a landscape behind the air before it, which shines where a sky's light is given."""
-    passed = transmission(layers, extinction_per_km(dimming_atmosphere(plan.spec.atmosphere)))
-    if passed is None:
-        return signal
-    signal *= passed
-    if light is not None and response is not None:
-        signal += airlight(layers, light, response)[:, None, :] * ((1 - passed) * layers.alpha)
-    return signal
-
-
-def own_light(
-    plan: FramePlan, panorama: Panorama, whole: Layers, part: Window, response: Floats, layers: Layers
-) -> NDArray[np.float32]:
-    """Light of windows and of lamps on a part of a landscape, through the camera's response, (channels, ny, nx) array.
-
-    `layers` are those of the part.
-    """
-    total = np.zeros((len(response), *layers.alpha.shape), np.float32)
-    if layers.glow is not None:
-        # cd/m^2 is lm m^-2 sr^-1, and the spectrum has a V-band mean of 1.
-        white = spectrum(WINDOW_LIGHT) * panorama.glow_cd_m2 / LUMEN_PER_V_PHOTON
-        total += _by_channel(layers.glow, white, response)
-    spec = plan.spec.foreground.landscape
-    assert spec is not None
-    for kind in KINDS:
-        shining = tuple(lamp for lamp in frame_lamps(plan) if lamp.kind == kind and lamp.downward_cd > 0)
-        if shining:
-            lux = part.of(_lamps_on(whole, shining, (spec.eye_height_m, spec.distance_m)))
-            light = _by_channel(layers.reflectance, spectrum(kind) / (np.pi * LUMEN_PER_V_PHOTON), response)
-            total += light * lux
-    return total
-
-
-def _by_channel(colours: NDArray[np.float32], white: Floats, response: Floats) -> NDArray[np.float32]:
-    """Signal of linear colours (ny, nx, 3) whose white has a spectrum, (channels, ny, nx) array."""
-    terms = (response @ (primaries() * white).T).astype(np.float32)
-    return np.moveaxis(colours @ terms.T, -1, 0)
-
-
-@functools.lru_cache(maxsize=4)
-def _lamps_on(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float, float]) -> NDArray[np.float32]:
-    return lamp_illuminance(layers, lamps, plain)
 
 
 def frame_lamps(plan: FramePlan) -> tuple[Lamp, ...]:

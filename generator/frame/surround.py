@@ -118,7 +118,7 @@ def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -
     if scene.shapes():
         free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))
     if integrator.surroundings is not None:
-        free = free * (1 - np.array(integrator.surroundings.at(*integrator.surroundings.place(direction), 1)[0]))
+        free = free * (1 - np.array(integrator.surroundings.alpha(direction)))
     return free
 
 
@@ -136,9 +136,9 @@ def _seen(
     free = dr.select(scene.ray_test(ray), mi.Float(0), mi.Float(1)) if scene.shapes() else mi.Float(1)
     landscape = integrator.surroundings
     if landscape is not None:
-        alpha, *lights = landscape.at(*landscape.place(ray.d), landscape.planes)
-        image = [light * (etendue * free) for light in lights]
-        free *= 1 - alpha
+        found = landscape.at(ray.d)
+        image = [light * (etendue * free) for light in landscape.light(found, ray.d)]
+        free *= 1 - found[0]
     integrator.add_sky(image, environment.coefficients(ray.d, aureole=False), terms, etendue * free)
     if scene.shapes() and lit_samples:
         for weight, direction in lit_directions(scene, ray, lit_samples):

@@ -152,34 +152,6 @@ def _azimuth_altitude(enu: Floats) -> tuple[Floats, Floats]:
     return np.array([azimuth]), np.array([altitude])
 
 
-def reflected_signal(layers: Layers, lit: Floats, weights: Floats) -> NDArray[np.float32]:
-    """Light that a landscape sends to the camera, over its alpha and through the camera's response.
-
-    Parameters
-    ----------
-    layers : Layers
-    lit : (WALLS + 1, n) array
-        Of :func:`irradiance`.
-    weights : (c, n) array
-        Response of each channel at GRID_NM.
-
-    Returns
-    -------
-    (c, ny, nx) float32 array
-    """
-    terms = np.einsum("sn,bn,cn->csb", lit / np.pi, primaries(), weights, optimize=True)
-    wall, weight = walls_around(layers.azimuth_deg)
-    upright = terms[:, wall] * (1 - weight)[None, :, None] + terms[:, (wall + 1) % WALLS] * weight[None, :, None]
-    below = slice(int(np.searchsorted(-layers.altitude_deg, 0.0)), None)
-    level = np.broadcast_to(layers.level, layers.alpha.shape)[below]
-    result = np.empty((len(weights), *layers.alpha.shape), np.float32)
-    for channel in range(len(weights)):
-        result[channel] = np.einsum("yxb,xb->yx", layers.reflectance, upright[channel].astype(np.float32))
-        ground = layers.reflectance[below] @ terms[channel, -1].astype(np.float32)
-        np.copyto(result[channel, below], ground, where=level)
-    return result
-
-
 def transmission(layers: Layers, extinction_per_km: float) -> NDArray[np.float32] | None:
     """Part of a landscape's light that passes the air between it and the camera, (ny, nx) array; None: all of it.
 
@@ -188,25 +160,6 @@ def transmission(layers: Layers, extinction_per_km: float) -> NDArray[np.float32
     if layers.distance_m is None or extinction_per_km == 0:
         return None
     return np.asarray(np.exp(np.float32(-extinction_per_km / 1000) * layers.distance_m))
-
-
-def airlight(layers: Layers, light: SkyLight, weights: Floats) -> NDArray[np.float32]:
-    """Signal of the sky at the horizon, to which that of far things tends: (c, nx) array.
-
-    The air between shines as much of it as it takes of the things' light (Koschmieder 1924; Middleton 1952, "Vision through
-    the atmosphere", chapter 4).
-
-    Parameters
-    ----------
-    layers : Layers
-    light : SkyLight
-    weights : (c, n) array
-        Response of each channel at GRID_NM.
-    """
-    lowest = light.maps.reshape(len(light.maps), -1, 2 * ROWS)[:, -1]
-    around = (weights @ light.spectra.T) @ lowest
-    cells = column_azimuths(2 * ROWS)
-    return np.array([np.interp(layers.azimuth_deg, cells, row, period=360) for row in around], np.float32)
 
 
 def lamp_illuminance(layers: Layers, lamps: tuple[Lamp, ...], plain: tuple[float, float]) -> NDArray[np.float32]:

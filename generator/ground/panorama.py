@@ -72,6 +72,11 @@ class Window:
     rows: slice
     columns: NDArray[np.intp]
 
+    @property
+    def place(self) -> tuple[int, int, int, int]:
+        """First row, the row after the last, first column, and number of columns."""
+        return self.rows.start, self.rows.stop, int(self.columns[0]), len(self.columns)
+
     def of(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """That part of values (ny, nx, ...); a view of them unless it passes north."""
         first, count, around = int(self.columns[0]), len(self.columns), values.shape[1]
@@ -143,6 +148,11 @@ class Layers:
             alpha, reflectance, cut(self.glow), cut(self.distance_m), top, top + len(alpha) * step, first, whole
         )
 
+    def part(self, place: tuple[int, int, int, int]) -> Window:
+        """The window of such a :attr:`Window.place`."""
+        first, stop, column, count = place
+        return Window(slice(first, stop), (column + np.arange(count)) % self.alpha.shape[1])
+
     def around(self, altitude_deg: float, azimuth_deg: float, radius_deg: float) -> Window:
         """The window that holds all directions within an angle of a direction."""
         ny, nx = self.alpha.shape
@@ -170,6 +180,13 @@ def column_azimuths(columns: int) -> Floats:
     return (np.arange(columns) + 0.5) * 360 / columns
 
 
+def fitted_shape(panorama: Panorama, texel_deg: float) -> tuple[int, int]:
+    """Rows and columns of texels as fine as asked for, or as fine as the panorama's own."""
+    ny, nx = panorama.shape
+    span = panorama.top_deg - panorama.bottom_deg
+    return int(np.clip(np.ceil(span / texel_deg), 1, ny)), int(np.clip(np.ceil(360 / texel_deg), 1, nx))
+
+
 def reduced(panorama: Panorama, texel_deg: float) -> Layers:
     """The panorama at a coarser resolution, by the mean over the area of each coarse texel.
 
@@ -180,9 +197,7 @@ def reduced(panorama: Panorama, texel_deg: float) -> Layers:
         Step of the result; the panorama's own, where that is coarser.
     """
     ny, nx = panorama.shape
-    span = panorama.top_deg - panorama.bottom_deg
-    rows = int(np.clip(np.ceil(span / texel_deg), 1, ny))
-    columns = int(np.clip(np.ceil(360 / texel_deg), 1, nx))
+    rows, columns = fitted_shape(panorama, texel_deg)
     sums = _averaged(panorama, averaging(ny, np.linspace(0, ny, rows + 1)), columns)
     near = [((np.arange(fine) + 0.5) * whole / fine).astype(np.intp) for fine, whole in ((rows, ny), (columns, nx))]
     distance = None if panorama.distance_m is None else panorama.distance_m[near[0][:, None], near[1]]

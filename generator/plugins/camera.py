@@ -39,6 +39,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from generator.plugins.lens import Lens, make_lens
@@ -111,6 +112,9 @@ class NightSkyCamera(mi.Sensor):
             if quaternions[row] @ quaternions[row - 1] < 0:
                 quaternions[row] *= -1
         self.keyframes = len(quaternions)
+        towards_middle = np.abs(quaternions @ quaternions[len(quaternions) // 2])
+        self.swept_rad = 4 * math.acos(min(float(towards_middle.min()), 1.0))
+        self.pixel_rad = 1 / min(projection.f_px, projection.fy_px)
         self.quaternions = FLOAT64(quaternions.ravel())
         self.width, self.height = (int(size) for size in self.film().size())
         self.response = self.film().sensor_response_function()

@@ -19,9 +19,14 @@ parameter                type     meaning
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
 ``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
 ``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
-``landscape_maps``       tensor   (1 + channels, ny, nx): see :class:`generator.plugins.landscape.LandscapeTexture` (optional)
+``landscape_maps``       tensor   ((rows + 2) x (columns + 2) x 8,): alpha and what there is of each surface (optional)
+``landscape_own``        tensor   the same of its own light, a plane for each channel, up to a power of two (optional)
+``landscape_terms``      tensor   (channels x azimuths x 8,): light of each surface, from the second number on
+``landscape_cells``      tensor   (180 x 360,): 1 for cells of 1 deg of the sphere with any of it, from the zenith and north
+``landscape_channels``   int      of the terms
+``landscape_rows``       int      of the maps; so ``landscape_columns``
 ``landscape_top_deg``    float    altitude of their upper edge; so ``landscape_bottom_deg``, and where they are a part of
-                                  the circle ``landscape_first_column`` and ``landscape_whole_columns``
+                                  the circle ``landscape_first_column`` and ``landscape_whole_columns`` (0: all of it)
 ``surroundings_maps``    tensor   the same of the whole circle, coarser, for light from outside the frame (with its edges)
 =======================  =======  ================================================================================
 """
@@ -57,6 +62,8 @@ PSF_RADIUS_SIGMAS = 6.0
 """Radius of a Gaussian's largest stamp; 2e-9 of the light lies beyond along each axis."""
 FAINT_STEPS = ((2000.0, 2.0), (100.0, 4.0))
 """Factors on the step for stars of fewer electrons: at four times half the width the image ripples by 2 %."""
+LOOKS_AT_ONCE = 4
+"""Looks at a landscape in one launch."""
 
 
 class NightSkyIntegrator(mi.SamplingIntegrator):
@@ -169,23 +176,37 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
     ) -> Any:
         """Add the landscape's light to planes where no geometry covers it (`free`); the part of each pixel it leaves."""
         assert self.landscape is not None
-        looks = [
-            (moment, u, v) for moment in range(self.coverage_moments) for v in PIXEL_SAMPLES for u in PIXEL_SAMPLES
-        ]
-        left = mi.Float(1)
-        for moment, u, v in looks:
+        landscape = self.landscape
+        middle, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
+        near = landscape.around(camera.swept_rad + camera.pixel_rad)
+        chosen = dr.compress(dr.gather(mi.Float, near, landscape.cell(middle.d)) > 0)
+        left = dr.full(mi.Float, 1, dr.width(film_position))
+        if not dr.width(chosen):
+            return left
+        position = dr.gather(mi.Point2f, film_position, chosen)
+        # Each look is at a moment and a place in the pixel of its own.
+        looks = len(PIXEL_SAMPLES) * math.ceil(self.coverage_moments / len(PIXEL_SAMPLES))
+        means: list[Any] = []
+        for look in range(looks):
+            u, v = PIXEL_SAMPLES[look % len(PIXEL_SAMPLES)]
             offset = mi.Vector2f(dr.opaque(mi.Float, u / camera.width), dr.opaque(mi.Float, v / camera.height))
-            share = dr.opaque(FLOAT64, (moment + 0.5) / self.coverage_moments)
-            ray, etendue = camera.pixel_ray(share, film_position + offset)
-            alpha, *lights = self.landscape.at(*self.landscape.place(ray.d), self.landscape.planes)
-            left -= alpha / len(looks)
-            lights = [light * (etendue * free / len(looks)) for light in lights]
-            if seen is not None:
-                pattern, column, row = seen
-                lights = [choose(pattern, lights, column, row)]
-            image[:] = [so_far + light for so_far, light in zip(image, lights, strict=True)]
-            dr.eval(image, left)
-        return dr.maximum(left, 0)
+            ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / looks), position + offset)
+            found = landscape.at(ray.d)
+            means = [
+                dr.fma(value, 1 / looks, so_far)
+                for value, so_far in zip(found, means or [mi.Float(0)] * len(found), strict=True)
+            ]
+            if look % LOOKS_AT_ONCE == LOOKS_AT_ONCE - 1:
+                dr.eval(means)
+        direction, factor = dr.gather(mi.Vector3f, middle.d, chosen), dr.gather(mi.Float, etendue * free, chosen)
+        if seen is not None:
+            pattern, column, row = seen
+            seen = pattern, dr.gather(mi.Int32, column, chosen), dr.gather(mi.Int32, row, chosen)
+        for plane, light in zip(image, landscape.light(means, direction, seen), strict=True):
+            dr.scatter_add(plane, light * factor, chosen)
+        dr.scatter(left, dr.maximum(1 - means[0], 0), chosen)
+        dr.eval(image, left)
+        return left
 
     def add_sky(
         self,

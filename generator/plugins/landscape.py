@@ -7,87 +7,72 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from numpy.typing import NDArray
 
-PACKETS = (mi.Float, mi.Vector2f, mi.Vector3f, mi.Vector4f)
-"""Types of one to four values."""
-PIXEL_SAMPLES = (-0.25, 0.25)
-"""Places along each axis, px from a pixel's middle, at which it is looked at."""
+from generator.ground.surface import CELL_DEG, CELLS, grown_cells
+from generator.plugins.filter_array import Pattern, choose
+from generator.plugins.scene_tensors import array
+
+PACKETS = {1: mi.Float, 2: mi.Vector2f, 4: mi.Vector4f}
+"""Types of values that are read at once."""
+PIXEL_SAMPLES = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
+"""Places, px from a pixel's middle, at which it is looked at."""
+TERM_PLANES = 8
+MARGIN_TEXELS = 2.0
+"""Around the middles of texels, as far as a look between them reaches."""
 
 
 class LandscapeTexture:
-    """Maps of alpha and of the light of each channel, over alpha, on equal steps of altitude and azimuth.
+    """Maps on equal steps of altitude and azimuth, and their light.
 
     Parameters
     ----------
-    maps : (1 + channels, ny, nx) array
-        As :class:`generator.ground.panorama.Panorama` has them: row 0 below `top_deg`, column 0 east of north.
-    top_deg, bottom_deg : float
-    first_column, whole_columns : int
-        Where the maps are a part of the circle: their first column among so many; 0 for the whole circle.
+    props : Properties
+        Of the integrator; see there.
+    name : str
+        With which the landscape's parameters begin.
     """
 
-    def __init__(
-        self,
-        maps: NDArray[np.float32],
-        top_deg: float,
-        bottom_deg: float,
-        first_column: int = 0,
-        whole_columns: int = 0,
-    ) -> None:
-        self.planes, self.rows, self.columns = maps.shape
-        self.whole = whole_columns or self.columns
+    def __init__(self, props: Any, name: str) -> None:
+        def number(key: str) -> float:
+            return float(props[f"{name}_{key}"])
+
+        self.rows, self.columns, self.channels = (int(number(key)) for key in ("rows", "columns", "channels"))
+        self.values = mi.TensorXf(props[f"{name}_maps"]).array
+        self.own = mi.TensorXf(props[f"{name}_own"]).array if f"{name}_own" in props else None
+        self.terms = mi.TensorXf(props[f"{name}_terms"]).array
+        self.cells = array(props[f"{name}_cells"], 1).reshape(CELLS) > 0
+        self.azimuths = dr.width(self.terms) // (self.channels * TERM_PLANES)
+        whole = int(number("whole_columns"))
+        self.whole = whole or self.columns
         # Columns that the maps lack are equally far from both of their edges.
         self.margin = 0.5 * (self.whole - self.columns)
-        self.first = first_column - self.margin
+        self.first = number("first_column") - self.margin
+        top_deg, bottom_deg = number("top_deg"), number("bottom_deg")
         self.top, self.span = math.radians(top_deg), math.radians(top_deg - bottom_deg)
-        # Planes of a texel are read in packets, whose sizes are powers of two.
-        self.packet = min(1 << (self.planes - 1).bit_length(), len(PACKETS))
-        self.packets = math.ceil(self.planes / self.packet)
-        texels = np.zeros((self.rows + 2, self.columns + 2, self.packets * self.packet), np.float32)
-        inner = texels[..., : self.planes]
-        inner[1:-1, 1:-1] = np.moveaxis(maps, 0, -1)
-        if top_deg >= 90:
-            inner[0] = inner[1]
-        if bottom_deg <= -90:
-            inner[-1] = inner[-2]
-        before, after = (1, -2) if whole_columns else (-2, 1)
-        inner[:, 0], inner[:, -1] = inner[:, before], inner[:, after]
-        self.values = mi.Float(texels.ravel())
 
     def place(self, direction: Any) -> tuple[Any, Any]:
         """Row and column (Floats) of unit vectors (Vector3f, ENU), in texels from the middle of the first."""
         altitude = dr.asin(dr.clip(direction.z, -1, 1))
-        turn = dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
         row = (self.top - altitude) * (self.rows / self.span) - 0.5
-        return row, self._within(turn * self.whole - self.first - 0.5 - self.margin)
+        return row, self._within(_turn(direction) * self.whole - self.first - 0.5 - self.margin)
 
     def _within(self, column: Any) -> Any:
         """A column of the circle, moved to the turn in which the maps are."""
         lowest = -self.margin - 0.5
         return column - self.whole * dr.floor((column - lowest) / self.whole)
 
-    def at(self, row: Any, column: Any, planes: int) -> list[Any]:
-        """The first `planes` maps at rows and columns (Floats, columns from -0.5 to `columns` - 0.5), bilinear."""
-        row = dr.clip(row + 1, 0, self.rows + 1)
-        column = dr.clip(column + 1, 0, self.columns + 1)
-        r0 = dr.minimum(mi.UInt32(row), self.rows)
-        c0 = dr.minimum(mi.UInt32(column), self.columns)
-        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
-        first = r0 * (self.columns + 2) + c0
-        below = first + (self.columns + 2)
-        corners = (first, first + 1, below, below + 1)
-        result: list[Any] = []
-        while len(result) < planes:
-            place, kind = len(result) // self.packet, PACKETS[self.packet - 1 if planes > 1 else 0]
-            if planes == 1:
-                read = [[dr.gather(mi.Float, self.values, corner * (self.packets * self.packet))] for corner in corners]
-            else:
-                read = [dr.gather(kind, self.values, corner * self.packets + place) for corner in corners]
-            for a, b, c, d in zip(*read, strict=True):
-                result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
-        return result[:planes]
+    def alpha(self, direction: Any) -> Any:
+        """Part of light from unit vectors (Vector3f, ENU) that the landscape hides (Float)."""
+        return self._read(self.values, TERM_PLANES, self.place(direction), 1)[0]
+
+    def at(self, direction: Any) -> list[Any]:
+        """What there is in unit vectors (Vector3f, ENU): alpha, each surface, and own light by channel (Floats)."""
+        place = self.place(direction)
+        found = self._read(self.values, TERM_PLANES, place, TERM_PLANES)
+        if self.own is not None:
+            planes = dr.width(self.own) // ((self.rows + 2) * (self.columns + 2))
+            found += self._read(self.own, planes, place, self.channels)
+        return found
 
     def hidden(self, direction: Any, width_rad: float) -> Any:
         """Part of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
@@ -96,18 +81,86 @@ class LandscapeTexture:
         down = width_rad * self.rows / self.span
         across = dr.minimum(width_rad * self.whole / (2 * math.pi) / level, 0.5 * self.whole)
         total = mi.Float(0)
-        for vertical in PIXEL_SAMPLES:
-            for horizontal in PIXEL_SAMPLES:
-                turned = self._within(column + horizontal * across)
-                total += self.at(row + vertical * down, turned, 1)[0]
-        return total / len(PIXEL_SAMPLES) ** 2
+        for horizontal, vertical in PIXEL_SAMPLES:
+            turned = self._within(column + horizontal * across)
+            total += self._read(self.values, TERM_PLANES, (row + vertical * down, turned), 1)[0]
+        return total / len(PIXEL_SAMPLES)
+
+    def _read(self, values: Any, planes: int, place: tuple[Any, Any], count: int) -> list[Any]:
+        """The first `count` maps at rows and columns (Floats, columns from -0.5 to `columns` - 0.5), bilinear."""
+        row = dr.clip(place[0] + 1, 0, self.rows + 1)
+        column = dr.clip(place[1] + 1, 0, self.columns + 1)
+        r0 = dr.minimum(mi.UInt32(row), self.rows)
+        c0 = dr.minimum(mi.UInt32(column), self.columns)
+        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
+        first = r0 * (self.columns + 2) + c0
+        below = first + (self.columns + 2)
+        # The number of planes is a power of two.
+        packet = min(planes, max(PACKETS)) if count > 1 else 1
+        result: list[Any] = []
+        for part in range(math.ceil(count / packet)):
+            read: list[Any] = [
+                dr.gather(PACKETS[packet], values, corner * (planes // packet) + part)
+                for corner in (first, first + 1, below, below + 1)
+            ]
+            for a, b, c, d in zip(*([each] if packet == 1 else each for each in read), strict=True):
+                result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
+        return result[:count]
+
+    def light(self, found: list[Any], direction: Any, seen: tuple[Pattern, Any, Any] | None = None) -> list[Any]:
+        """Signal by channel, or of the channel that each pixel sees, of what :meth:`at` found around unit vectors."""
+        turn = _turn(direction)
+        place = (turn - dr.floor(turn)) * self.azimuths
+        before = dr.minimum(mi.UInt32(place), self.azimuths - 1)
+        weight = place - mi.Float(before)
+        after = dr.select(before + 1 < self.azimuths, before + 1, 0)
+        own = found[TERM_PLANES:]
+        if seen is None:
+            channels = [mi.UInt32(channel) for channel in range(self.channels)]
+        else:
+            channels = [choose(seen[0], [mi.UInt32(channel) for channel in range(self.channels)], *seen[1:])]
+            own = [choose(seen[0], own, *seen[1:])] if own else own
+        signals = []
+        for number, channel in enumerate(channels):
+            total = own[number] if own else mi.Float(0)
+            for half in range(2):
+                low, high = (
+                    dr.gather(mi.Vector4f, self.terms, 2 * (channel * self.azimuths + azimuth) + half)
+                    for azimuth in (before, after)
+                )
+                for k in range(4):
+                    if half or k:
+                        total = dr.fma(found[4 * half + k], dr.lerp(low[k], high[k], weight), total)
+            signals.append(total)
+        return signals
+
+    def around(self, reach_rad: float) -> Any:
+        """Where directions are that some part of the landscape is near: a grid of CELL_DEG, 1 or 0 (Float), row by row.
+
+        Parameters
+        ----------
+        reach_rad : float
+            How near.
+        """
+        margin_deg = MARGIN_TEXELS * max(math.degrees(self.span) / self.rows, 360 / self.whole)
+        grown = grown_cells(self.cells, math.degrees(reach_rad) + margin_deg)
+        return mi.Float(grown.astype("float32").ravel())
+
+    @staticmethod
+    def cell(direction: Any) -> Any:
+        """Index (UInt32) of unit vectors (Vector3f, ENU) in the grid of :meth:`around`."""
+        rows, columns = CELLS
+        altitude = dr.asin(dr.clip(direction.z, -1, 1)) * (180 / math.pi)
+        turn = _turn(direction)
+        row = dr.minimum(mi.UInt32((90 - altitude) / CELL_DEG), rows - 1)
+        return row * columns + dr.minimum(mi.UInt32((turn - dr.floor(turn)) * columns), columns - 1)
+
+
+def _turn(direction: Any) -> Any:
+    """Azimuth of unit vectors, turns from -0.5 to 0.5."""
+    return dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
 
 
 def texture(props: Any, name: str) -> LandscapeTexture | None:
     """A landscape of an integrator's properties, whose names begin with `name`; None without one."""
-    if f"{name}_maps" not in props:
-        return None
-    maps = np.array(props[f"{name}_maps"])
-    maps = maps[0] if maps.ndim == 4 else maps
-    part = (int(props.get(f"{name}_first_column", 0)), int(props.get(f"{name}_whole_columns", 0)))
-    return LandscapeTexture(maps, float(props[f"{name}_top_deg"]), float(props[f"{name}_bottom_deg"]), *part)
+    return LandscapeTexture(props, name) if f"{name}_maps" in props else None

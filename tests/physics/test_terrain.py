@@ -239,12 +239,10 @@ def test_far_hills_fade_into_the_sky_at_the_horizon(tmp_path) -> None:
         tables = list(frame_layers(plan).values())
         maps = landscape_maps(plan, tables, response)
         assert maps is not None
-        row = int(np.argmin(np.abs(maps.layers.altitude_deg - 3.0)))
-        column = int(np.argmin(np.abs((maps.layers.azimuth_deg + 180) % 360 - 180)))
-        assert maps.maps[0, row, column] == 1
+        assert maps.surface.at(3.0, 0.0)[0] == 1
         sky = sky_light(plan, tables)
         cells = (sky.maps.T @ sky.spectra).sum(axis=1).reshape(-1, 2 * ROWS)
-        light[tau] = float(maps.maps[1, row, column]), float(cells[-1, [0, -1]].mean())
+        light[tau] = float(maps.signal(3.0, 0.0)[0]), float(cells[-1, [0, -1]].mean())
     assert light[1.5][0] == pytest.approx(light[1.5][1], rel=0.01)
     # 31.1 km of 0.03 / 1.5 and of Rayleigh's 0.0973 / 8 per km.
     through = np.exp(-31.1 * (0.02 + 0.0122))

@@ -1,0 +1,193 @@
+"""Maps of a landscape that do not change with the light: made once for a camera, on the device for all frames."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generator import mitsuba_runtime
+from generator.ground.lamp import KINDS, Lamp, spectrum
+from generator.ground.lighting import lamp_illuminance, transmission
+from generator.ground.panorama import Layers, Panorama, fitted_shape, reduced
+from generator.ground.reflectance import primaries
+from generator.ground.surface import covered_cells, surface_maps
+from generator.light.lamps import LUMEN_PER_V_PHOTON
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Place = tuple[int, int, int, int]
+
+TEXELS_PER_PX = 2.0
+"""Of the maps, along each axis, in the middle of the frame: two looks and a texel's own width make a pixel."""
+MOST_TEXELS = 2**23
+"""Of a landscape whose maps are kept for frames that look elsewhere, 270 MB; of larger ones only what is in view."""
+SURROUNDINGS_DEG = 1.0
+"""Step of the whole circle for light that comes from outside the frame."""
+WINDOW_LIGHT = "LED"
+"""Spectrum of a landscape's own glow, coloured by its picture."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the maps of a landscape depend on.
+
+    Attributes
+    ----------
+    panorama : Panorama
+    texel_deg : float
+        Of the maps; the panorama's own, where these are coarser.
+    extinction_per_km : float
+        Of the air before it.
+    lamps : tuple of Lamp
+        That shine on it.
+    plain : (eye height, distance)
+        As :func:`generator.ground.lighting.lamp_illuminance` takes them.
+    """
+
+    panorama: Panorama
+    texel_deg: float
+    extinction_per_km: float
+    lamps: tuple[Lamp, ...]
+    plain: tuple[float, float]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the maps of the whole circle take too much memory."""
+        return math.prod(fitted_shape(self.panorama, self.texel_deg)) > MOST_TEXELS
+
+    def layers(self, part: Place | None = None) -> Layers:
+        """The panorama on the maps' grid, or a part of it."""
+        whole = _fitted(self.panorama, self.texel_deg)
+        return whole if part is None else whole.window(whole.part(part))
+
+
+@functools.lru_cache(maxsize=2)
+def _fitted(panorama: Panorama, texel_deg: float) -> Layers:
+    return reduced(panorama, texel_deg)
+
+
+@dataclass(frozen=True)
+class Response:
+    """A camera's response by channel at GRID_NM, as a key.
+
+    Attributes
+    ----------
+    channels : int
+    values : bytes
+        In double precision.
+    """
+
+    channels: int
+    values: bytes
+
+    @classmethod
+    def of(cls, response: Floats) -> Response:
+        """Of a (channels, n) array."""
+        return cls(len(response), np.ascontiguousarray(response, dtype=np.float64).tobytes())
+
+    @property
+    def array(self) -> Floats:
+        """(channels, n) array."""
+        return np.frombuffer(self.values).reshape(self.channels, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Maps on the device: texels with a margin of one around them, by row and column, the planes of a texel together.
+
+    Attributes
+    ----------
+    values : TensorXf
+        One axis.
+    cells : TensorXf
+        One axis: :func:`generator.ground.surface.covered_cells` of the first plane.
+    planes : int
+    rows, columns : int
+        Without the margin.
+    top_deg, bottom_deg : float
+    first_column, whole_columns : int
+        As of :class:`generator.ground.panorama.Layers`.
+    """
+
+    values: Any
+    cells: Any
+    planes: int
+    rows: int
+    columns: int
+    top_deg: float
+    bottom_deg: float
+    first_column: int
+    whole_columns: int
+
+    def at(self, altitude_deg: float, azimuth_deg: float) -> Singles:
+        """Values (planes,) of the texel around a direction."""
+        row = int((self.top_deg - altitude_deg) / (self.top_deg - self.bottom_deg) * self.rows)
+        whole = self.whole_columns or self.columns
+        column = (int(azimuth_deg % 360 / 360 * whole) - self.first_column) % whole
+        texels = np.array(self.values).reshape(self.rows + 2, self.columns + 2, self.planes)
+        return np.asarray(texels[row + 1, column + 1])
+
+
+@functools.lru_cache(maxsize=2)
+def reflecting(ground: Ground, part: Place | None) -> Surface:
+    """Alpha and what reflects light, of a part of a landscape or all of it: :func:`generator.ground.surface.surface_maps`."""
+    layers = ground.layers(part)
+    return _surface(layers, surface_maps(layers, ground.extinction_per_km))
+
+
+@functools.lru_cache(maxsize=2)
+def shining(ground: Ground, part: Place | None, response: Response) -> Surface | None:
+    """The signal of a landscape's windows and of the lamps on it, by channel; None where it is dark."""
+    layers = ground.layers(part)
+    if layers.glow is None and not ground.lamps:
+        return None
+    signal = own_light(layers, ground, response.array)
+    passed = transmission(layers, ground.extinction_per_km)
+    return _surface(layers, signal if passed is None else signal * passed)
+
+
+def _surface(layers: Layers, maps: Singles) -> Surface:
+    """Maps (k, ny, nx) on the device; their number is filled up to a power of two."""
+    planes, rows, columns = 1 << (len(maps) - 1).bit_length(), *layers.alpha.shape
+    texels = np.zeros((rows + 2, columns + 2, planes), np.float32)
+    inner = texels[..., : len(maps)]
+    inner[1:-1, 1:-1] = np.moveaxis(maps, 0, -1)
+    # At the zenith and the nadir the grid ends, not the landscape.
+    if layers.top_deg >= 90:
+        inner[0] = inner[1]
+    if layers.bottom_deg <= -90:
+        inner[-1] = inner[-2]
+    before, after = (1, -2) if layers.whole_columns else (-2, 1)
+    inner[:, 0], inner[:, -1] = inner[:, before], inner[:, after]
+    place = (layers.top_deg, layers.bottom_deg, layers.first_column, layers.whole_columns)
+    cells = covered_cells(maps[0], layers)
+    tensor = mitsuba_runtime.start().TensorXf
+    return Surface(
+        tensor(texels.reshape(-1)), tensor(cells.reshape(-1).astype(np.float32)), planes, rows, columns, *place
+    )
+
+
+def own_light(layers: Layers, ground: Ground, response: Floats) -> Singles:
+    """Light of windows and of lamps on a landscape, through the camera's response, (channels, ny, nx) array."""
+    total = np.zeros((len(response), *layers.alpha.shape), np.float32)
+    if layers.glow is not None:
+        # cd/m^2 is lm m^-2 sr^-1, and the spectrum has a V-band mean of 1.
+        white = spectrum(WINDOW_LIGHT) * ground.panorama.glow_cd_m2 / LUMEN_PER_V_PHOTON
+        total += _by_channel(layers.glow, white, response)
+    for kind in KINDS:
+        lamps = tuple(lamp for lamp in ground.lamps if lamp.kind == kind)
+        if lamps:
+            light = _by_channel(layers.reflectance, spectrum(kind) / (np.pi * LUMEN_PER_V_PHOTON), response)
+            total += light * lamp_illuminance(layers, lamps, ground.plain)
+    return total
+
+
+def _by_channel(colours: Singles, white: Floats, response: Floats) -> Singles:
+    """Signal of linear colours (ny, nx, 3) whose white has a spectrum, (channels, ny, nx) array."""
+    terms = (response @ (primaries() * white).T).astype(np.float32)
+    return np.moveaxis(colours @ terms.T, -1, 0)
