@@ -18,6 +18,11 @@ Floats = NDArray[np.float64]
 ROUNDS = ((6.0, 8.0), (3.0, 5.0), (1.5, 2.5))
 """Distance within which a star is looked for, px, and the least SNR of those that count."""
 LEAST_STARS = 8
+FIRST_STEP_PX, FIRST_STEPS = 4.0, 3
+"""Of the places tried around the given attitude, and their number on either side, along both axes."""
+FIRST_ROLLS_DEG = (0.0, -0.4, 0.4)
+FIRST_SNR, ENOUGH = 8.0, 0.5
+"""SNR of a star that counts there, and the part of all stars at the given attitude at which no other is tried."""
 SCALE_PX = 0.15
 """Residual from which a star counts less."""
 
@@ -59,7 +64,7 @@ def align(
     `sky` tells which pixels are sky. Stars are looked for around their places, ever closer; residuals beyond `SCALE_PX` count
     less (soft L1).
     """
-    turned, kept, residuals = np.eye(3), 0, np.zeros((0, 2))
+    turned, kept, residuals = _first_turn(pixels, sky, camera, np.asarray(R_cam), stars_enu), 0, np.zeros((0, 2))
     for search_px, least_snr in ROUNDS:
         uv = camera.project(stars_enu @ (turned @ R_cam).T)
         usable = on_mask(uv, sky)
@@ -83,3 +88,29 @@ def align(
         return Alignment(np.asarray(R_cam), kept, float("nan"), 0.0)
     angle_deg = float(np.degrees(Rotation.from_matrix(turned).magnitude()))
     return Alignment(turned @ R_cam, kept, float(np.sqrt((residuals**2).mean())), angle_deg)
+
+
+def _first_turn(
+    pixels: NDArray[np.floating], sky: NDArray[np.bool_], camera: Camera, R_cam: Floats, stars_enu: Floats
+) -> Floats:
+    """Turn of the camera from the given attitude at which most stars lie on lights, for a mount that moved by many pixels."""
+
+    def part_on_lights(turn: Floats) -> float:
+        uv = camera.project(stars_enu @ (turn @ R_cam).T)
+        usable = on_mask(uv, sky)
+        light = star_light(pixels, np.where(usable[:, None], uv, np.nan), FIRST_STEP_PX / 2)
+        near = np.hypot(*(light.uv - uv).T) < FIRST_STEP_PX
+        return float(((light.snr > FIRST_SNR) & near).sum()) / max(int(usable.sum()), 1)
+
+    best, turned = part_on_lights(np.eye(3)), np.eye(3)
+    if best >= ENOUGH:
+        return turned
+    steps = np.arange(-FIRST_STEPS, FIRST_STEPS + 1) * FIRST_STEP_PX / camera.f_px
+    for roll_deg in FIRST_ROLLS_DEG:
+        for about_right in steps:
+            for about_down in steps:
+                turn = Rotation.from_rotvec([about_right, about_down, np.radians(roll_deg)]).as_matrix()
+                found = part_on_lights(turn)
+                if found > best:
+                    best, turned = found, turn
+    return np.asarray(turned)

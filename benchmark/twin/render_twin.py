@@ -21,7 +21,6 @@ from benchmark.twin.twin import Twin
 from benchmark.twin.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.weather import (
     CLOUDLESS,
-    CLOUDY_MISFIT,
     LEAST_PX,
     Fit,
     Seen,
@@ -113,8 +112,8 @@ def make_twin(
 
     names = numbers_of(scene)
     fitted = fit(tuple(name for name in names if name in CLOUDLESS))
-    if max(fitted.typical_miss, fitted.star_miss / 2) > CLOUDY_MISFIT:
-        fitted = min(fitted, fit(names), key=lambda each: each.bias)
+    if fitted.clouded:
+        fitted = min(fitted, fit(names), key=lambda each: each.misfit)
     weather = fitted.weather
     say("rendering")
     tree = twin_tree(scene, photograph, alignment.R_cam, weather)
@@ -196,10 +195,10 @@ class _Skies:
 
 
 def small_camera(scene: Scene) -> dict[str, object]:
-    """The scene's camera with pixels of four times the side, whose stars need no shape."""
+    """The scene's camera with pixels of four times the side, whose stars need no shape, under a clean dome."""
     given = dict(scene.tree["camera"])
     spec = scene.spec.camera
-    for key in ("hfov_deg", "focal_length_mm", "psf"):
+    for key in ("hfov_deg", "focal_length_mm", "psf", "dust"):
         given.pop(key, None)
     projection = spec.projection
     return given | {

@@ -32,6 +32,8 @@ LIMITS = {
 }
 START = {"airglow_factor": 0.8, "aerosol_tau_550": 0.06, "cloud_tau": 1.5, "city_factor": 1.0}
 CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
+MOST_HAZE = 0.4
+"""Aerosol depth above which a sky with cloud is tried: dust storms and smoke aside, more is cloud."""
 CLOUDY_MISFIT = 0.15
 """Typical miss of a cell's logarithm without cloud, and half of a star's, from which a sky with cloud is tried."""
 
@@ -115,15 +117,22 @@ class Fit:
     weather : Weather
     typical_miss, star_miss : float
         Medians of the cells' and of the stars' misses, without sign, in the logarithm.
-    bias : float
-        Median of the cells' misses and that of the stars', each then without sign, added: what is left when the pattern of a
-        cloud, which no fit knows, is averaged out.
     """
 
     weather: Weather
     typical_miss: float
     star_miss: float
-    bias: float
+
+    @property
+    def misfit(self) -> float:
+        """Both together; single stars vary twice as much as cells."""
+        return self.typical_miss + self.star_miss / 2
+
+    @property
+    def clouded(self) -> bool:
+        """Whether no air without cloud looks like this."""
+        haze = self.weather.aerosol_tau_550
+        return max(self.typical_miss, self.star_miss / 2) > CLOUDY_MISFIT or (haze is not None and haze > MOST_HAZE)
 
 
 def first_guess(names: tuple[str, ...]) -> Weather:
@@ -174,8 +183,7 @@ def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Se
     weather = weather_at(found.x)
     made = twin(weather)
     cells, stars = _misses(made.cells, real.cells), _misses(made.stars, real.stars)
-    bias = abs(float(np.median(cells))) + abs(float(np.median(stars)))
-    return Fit(weather, float(np.median(np.abs(cells))), float(np.median(np.abs(stars))), bias)
+    return Fit(weather, float(np.median(np.abs(cells))), float(np.median(np.abs(stars))))
 
 
 def _misses(made: Floats, real: Floats) -> Floats:

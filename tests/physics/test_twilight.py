@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from plain_twilight import PlainAir
+from small_scenes import small_scenario
 
 from generator.bake.fit_twilight import fitted
 from generator.bake.make_maps import run_worker
@@ -16,11 +17,14 @@ from generator.bake.twilight_setting import (
     JUDGED_VIEWS_DEG,
 )  # fmt: skip
 from generator.errors import GeneratorError
+from generator.frame.plan import plan_frame
+from generator.frame.scene import render_expected
 from generator.light.atmosphere import Atmosphere, standard_pressure_hpa
 from generator.light.bake_grids import BakedAir, TwilightGrid
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_I, BESSELL_V, GRID_NM
 from generator.light.single_scattering import aerosol_phase
 from generator.light.stellar_spectra import star_spectra
+from generator.sky.directions import unit_vectors
 from generator.sky.sunlight import SUN_BV_MAG
 from generator.sky.twilight import SUN_V_MAG, twilight, twilight_field
 from generator.twilight.air_profiles import EARTH_RADIUS_KM, HEIGHTS_KM, TOP_KM, air_density, column_densities
@@ -275,6 +279,37 @@ def test_gradient_of_the_photograph() -> None:
     assert away == pytest.approx(1.4, abs=0.8), ratio
     veil = (away - 1.4) / 0.4
     assert (towards + veil) / (1 + veil) == pytest.approx(3.1, rel=0.25), ratio
+
+
+def test_gradient_of_the_photograph_in_the_camera_s_grey_values() -> None:
+    """The same numbers (1.4 +- 0.4 and 3.1) in a frame of that camera's preset, whose light falls off the axis by a
+    third at the horizon and which spreads over half of it: away from the Sun within the error, towards it within 25 %."""
+    scenario = small_scenario(
+        site={"latitude_deg": 34.4773, "longitude_deg": -111.4332, "height_m": 2361},
+        time={"utc_start": "2018-10-10T01:28:30Z", "exposure_s": 1.0},
+        camera={"preset": "superstar-allsky"},
+        attitude={"azimuth_deg": 0.0, "altitude_deg": 90.0},
+        sky={"components": ["twilight", "airglow", "zodiacal", "milky_way", "starlight"]},
+        stars={"limiting_magnitude": -2.0, "planets": False},
+    )
+    plan = plan_frame(scenario, 0)
+    assert plan.sky.sun_depression_deg == pytest.approx(7.0, abs=0.1)
+    electrons = np.asarray(render_expected(plan, False, False).electrons)
+    projection = plan.spec.camera.projection
+    sun_azimuth = float(np.degrees(np.arctan2(*plan.sky.sun_enu[:2])))
+
+    def light(altitude_deg: float, azimuth_deg: float) -> float:
+        right, down, ahead = unit_vectors(altitude_deg, sun_azimuth + azimuth_deg) @ plan.spec.R_cam.T
+        angle = np.arccos(np.clip(ahead, -1, 1))
+        powers = angle ** np.arange(1, 2 * len(projection.k) + 2, 2)
+        radius = projection.f_px * powers @ [1, *projection.k] / max(float(np.hypot(right, down)), 1e-9)
+        u, v = round(projection.cx_px + radius * right), round(projection.cy_px + radius * down)
+        return float(np.median(electrons[v - 6 : v + 7, u - 6 : u + 7]))
+
+    zenith = light(90.0, 0.0)
+    away = np.mean([light(altitude, 180.0) for altitude in (5.0, 12.0, 20.0)]) / zenith
+    assert away == pytest.approx(1.4, abs=0.4)
+    assert light(35.0, 0.0) / zenith == pytest.approx(3.1, rel=0.25)
 
 
 def test_share_of_light_scattered_once() -> None:

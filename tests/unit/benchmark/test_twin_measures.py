@@ -1,5 +1,7 @@
 """What is measured on a photograph and its twin, on images whose answer is known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -10,7 +12,7 @@ from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.ground import PICTURE_PX, ground_mask, landscape_picture
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.view import dark_plane, view_of
-from benchmark.twin.weather import Seen, Weather, fit_weather, sky_cells
+from benchmark.twin.weather import Fit, Seen, Weather, fit_weather, sky_cells
 from celnav.camera import Camera
 
 CAMERA = Camera("equidistant", 400, 400, f_px=120.0)
@@ -61,7 +63,7 @@ def test_stars_with_a_brighter_or_similar_neighbour_are_not_isolated() -> None:
     assert isolated(uv, v_mag).tolist() == [False, False, True, False, True, False]
 
 
-@pytest.mark.parametrize("turn_deg", [0.05, 1.0])
+@pytest.mark.parametrize("turn_deg", [0.05, 1.0, 4.0])
 def test_an_attitude_is_found_by_the_stars(turn_deg: float) -> None:
     rng = np.random.default_rng(2)
     azimuth, altitude = sky_stars(rng, 80)
@@ -143,7 +145,16 @@ def test_a_weather_is_found_from_sky_and_stars() -> None:
     assert found.weather.city_factor == pytest.approx(2.0, rel=0.1)
     assert found.weather.cloud_tau is None
     assert found.typical_miss < 0.04
-    assert found.bias < 0.03
+    assert found.misfit == found.typical_miss + found.star_miss / 2
+    assert not found.clouded
+
+
+def test_thick_haze_and_misses_are_cloud() -> None:
+    clear = Fit(Weather(aerosol_tau_550=0.1), 0.05, 0.1)
+    assert not clear.clouded
+    assert dataclasses.replace(clear, weather=Weather(aerosol_tau_550=0.8)).clouded
+    assert dataclasses.replace(clear, typical_miss=0.2).clouded
+    assert dataclasses.replace(clear, star_miss=0.4).clouded
 
 
 def test_a_weather_changes_its_keys_of_the_scenario_and_no_others() -> None:
