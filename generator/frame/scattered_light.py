@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from generator.frame.plan import FramePlan
 from generator.optics.dust import dust_shadows
 from generator.optics.light_cells import cells_outside
+from generator.optics.scratches import scratch_light
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
-from generator.scenario.model import FrameSpec
 from generator.seeds import random_stream
 from generator.sensor.colour import filter_tile
 
@@ -38,12 +38,12 @@ class Shining:
     on_axis_e: Floats
 
 
-def scattered(spec: FrameSpec, scene: Any, camera: Any, sky: Any, image: Any, shining: Sequence[Shining]) -> Any:
+def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, shining: Sequence[Shining]) -> Any:
     """Electrons of light astray in each pixel, TensorXf of the shape of `image`.
 
     Parameters
     ----------
-    spec : FrameSpec
+    plan : FramePlan
     scene : Scene
         Whose environment is the diffuse sky.
     camera : Sensor
@@ -59,6 +59,7 @@ def scattered(spec: FrameSpec, scene: Any, camera: Any, sky: Any, image: Any, sh
     from generator.plugins.filter_array import chosen
     from generator.plugins.integrator import interleaved
 
+    spec = plan.spec
     integrator = scene.integrator()
     colour = spec.sensor.colour
     pattern = None if colour is None else filter_tile(colour.pattern)
@@ -80,6 +81,12 @@ def scattered(spec: FrameSpec, scene: Any, camera: Any, sky: Any, image: Any, sh
     if spec.camera.all_ghosts:
         more = ghosts(sky, sources(None), surround, grid, spec.camera, pattern)
         planes = [light + ghost for light, ghost in zip(planes, more, strict=True)]
+    if spec.camera.scratches is not None:
+        random = random_stream(plan.scenario.seed, "unit.scratches", 0)
+        lit = [(one.u_px, one.v_px, one.electrons) for one in sources(None)]
+        if lit:
+            streaks = scratch_light(spec.camera.scratches, lit, spec.camera, random)
+            planes = [light + type(light)(streak.ravel()) for light, streak in zip(planes, streaks, strict=True)]
     height, width, count = image.shape
     if pattern is not None and count == 1:
         planes = [chosen(pattern, planes, width, height)]

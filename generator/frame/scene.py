@@ -327,7 +327,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         return mosaic(np.array(image if dust is None else image * dust), sensor)
 
     def astray(scene: Any, sky: Any, image: Any, shining: list[Shining]) -> Any:
-        return scattered(plan.spec, scene, camera, sky, image, shining)
+        return scattered(plan, scene, camera, sky, image, shining)
 
     if plan.spec.foreground.hides_sky:
         sky, covered = integrator.diffuse_and_cover(scene, camera, pattern)

@@ -135,8 +135,8 @@ PRESETS: dict[str, CameraPreset] = {
         "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 632 stars of one frame (0.12 px rms an axis), throughput by stars of V 2.5 to 5, "
         "its fall off the axis and the point spread by stars of two frames, gain by the noise of clouds (4.1 DN^2 for a "
-        "DN of light), read noise and hot pixels by the dark corners, wings around stars to 38 px; ghosts and rings by two "
-        "frames under a bright Moon. "
+        "DN of light), read noise and hot pixels by the dark corners, wings around stars to 38 px; ghosts, rings and "
+        "number and strength of scratches by two frames under a bright Moon. "
         "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most, not from a data sheet of the ICX205.",
         camera={
             "model": "kannala_brandt",
@@ -169,6 +169,7 @@ PRESETS: dict[str, CameraPreset] = {
                 {"share": 2.0e-5, "magnification": 0.33, "diameter_px": 18.0},
                 {"share": 1.5e-5, "magnification": -0.425, "diameter_px": 30.0},
             ],
+            "scratches": {"number": 7500},
             "barrel_ring": [
                 {"radius_px": 389.0, "width_px": 8.0, "reflectance": 0.0, "far_side": 0.035},
                 {"radius_px": 514.0, "width_px": 9.0, "reflectance": 0.009, "near_side": 0.067, "even": 0.037},

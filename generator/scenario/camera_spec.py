@@ -24,6 +24,7 @@ from generator.scenario.lens.stray_light_spec import (
     DustSpec,
     GhostLensSpec,
     GhostSpec,
+    ScratchSpec,
     ghosts_of,
 )
 from generator.scenario.projection import LensModel, Projection, ProjectionError
@@ -117,6 +118,9 @@ class CameraSpec(Strict):
     """Dew on the dome or on the front of the lens."""
     dust: DustSpec | None = None
     """Dust there."""
+    # Left out of the scenario's hash unless given, as if the key did not exist.
+    scratches: ScratchSpec | None = Field(default=None, exclude_if=lambda scratches: scratches is None)
+    """Scratches of the dome, which shine around bright sources."""
     barrel_ring: Rings | None = None
     """Rings of light around the image circle; one, or a list."""
 
@@ -189,7 +193,7 @@ class CameraSpec(Strict):
     @property
     def strays(self) -> bool:
         """Whether any light reaches the sensor astray."""
-        return self.direct_share < 1 or bool(self.rings)
+        return self.direct_share < 1 or bool(self.rings) or self.scratches is not None
 
     @property
     def rings(self) -> tuple[BarrelRingSpec, ...]:

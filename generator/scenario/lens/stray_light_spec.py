@@ -69,6 +69,21 @@ class DustSpec(Strict):
     """Mean part of the light that a shadow takes in its middle."""
 
 
+class ScratchSpec(Strict):
+    """Scratches of a dome: streaks of light around bright sources."""
+
+    number: Annotated[int, Field(ge=1, le=50_000)]
+    """Over the frame; few shine at a time."""
+    length_px: Annotated[float, Field(ge=1, le=100)] = 12.0
+    """Mean of their lengths, px."""
+    width_px: Annotated[float, Field(ge=0.5, le=20)] = 1.5
+    """Standard deviation of their profile, px."""
+    strength: Annotated[float, Field(gt=0, le=1e-2)] = 1.4e-5
+    """Mean share of a source's light in a streak beside it that shines in full; a quarter of it 25 degrees away."""
+    lobe_deg: Annotated[float, Field(ge=2, le=180)] = 25.0
+    """Standard deviation of the directions, around the scratch, from which light makes it shine."""
+
+
 class BarrelRingSpec(Strict):
     """Light from the inner wall of a lens barrel, or from the rims of lenses: a ring around the principal point."""
 
