@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields, real_array
+from celnav.detecting.blank_border import blank_border
 from celnav.detecting.filtered_noise import noise_ratio
 from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
 from celnav.detecting.image_background import (
@@ -16,6 +17,7 @@ from celnav.detecting.image_background import (
     grey,
     remove_line_offsets,
     repair_defects,
+    typical,
     used_pixels,
 )
 from celnav.detecting.shape_stars import shape_of_bright, shape_of_components
@@ -161,6 +163,8 @@ def detect(
     if not used.any():
         return nothing
     tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
+    if (blank := blank_border(pixels, tiles)) is not None:
+        used &= ~blank
     background, noise = background_and_noise(pixels, used, tiles)
     light = pixels - background
     light[~used] = 0.0
@@ -172,8 +176,8 @@ def detect(
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * float(np.abs(pixels).max()))
     floor /= config.seed_sigma
     noise = np.maximum(noise, np.float32(floor))
-    cores = saturated_cores(pixels if mask is None else np.where(used, pixels, background), light, config.saturation_dn)
-    light = repair_defects(remove_line_offsets(light, noise), noise)
+    cores = saturated_cores(pixels if used.all() else np.where(used, pixels, background), light, config.saturation_dn)
+    light = repair_defects(remove_line_offsets(light, noise, used), noise)
 
     shape = first_guess = _given_shape(config, pixels.shape)
     known = config.psf_sigma_px is not None or config.streak_px is not None
@@ -204,7 +208,7 @@ def detect(
     uv = uv[without_flanks(uv, amplitude, sigma_amplitude, config.seed_sigma, shape, cores)]
     gain = config.gain_e_per_dn
     if gain is None:
-        gain = max(float(np.median(background[::16, ::16])), 1e-6) / float(np.median(noise[::16, ::16])) ** 2
+        gain = max(typical(background, used), 1e-6) / typical(noise, used) ** 2
     covariance = shape.at(uv)
     stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
     guessed = not known and shape is first_guess

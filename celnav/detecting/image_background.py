@@ -14,6 +14,8 @@ LARGEST_VALUE = 1e15
 
 # Clipped at three standard deviations a normal distribution keeps this part of its own.
 _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
+# A row or column is known from so many of the pixels sampled in it.
+_FEWEST_OF_LINE = 12
 _STRIP_PX = 32  # rows at a time, which stay in the processor's cache
 # A star of 0.5 px, the sharpest that a lens makes, puts this part of its middle pixel into the four beside it, at least.
 _SHARPEST = 0.12
@@ -105,7 +107,13 @@ def medians(samples: F4, counted: Mask) -> F4:
     return np.where(number > 0, middles, np.float32(np.nan))
 
 
-def remove_line_offsets(light: F4, noise: F4) -> F4:
+def typical(values: F4, used: Mask) -> float:
+    """Median of a map over some of its used pixels, of which there is one at least."""
+    some = values[::16, ::16][used[::16, ::16]]
+    return float(np.median(some if len(some) else values[used]))
+
+
+def remove_line_offsets(light: F4, noise: F4, used: Mask) -> F4:
     """Take off what rows and columns have in common, where that is more than chance leaves.
 
     Parameters
@@ -114,20 +122,33 @@ def remove_line_offsets(light: F4, noise: F4) -> F4:
         Image less background.
     noise : ndarray, shape (height, width)
         Standard deviation of its pixels.
+    used : ndarray of bool, shape (height, width)
+        Pixels that count. The light of the others is zero.
     """
-    typical = float(np.median(noise[::16, ::16]))
+    whole = bool(used.all())
+    usual = typical(noise, used)
     for axis in (1, 0):
-        lines = light if axis == 1 else light.T
+        lines, counted = (light, used) if axis == 1 else (light.T, used.T)
         if lines.shape[1] < 32:
             continue
         few = lines[:, :: max(1, lines.shape[1] // 120)]
-        means = np.clip(few, -3 * typical, 3 * typical).mean(axis=1)
-        # Of neighbouring lines: what stars and clouds change, changes slowly.
-        change = 1.4826 * float(np.median(np.abs(np.diff(means)))) / np.sqrt(2)
-        if change > 1.4 * typical / np.sqrt(few.shape[1]):
+        number = np.full(len(few), few.shape[1]) if whole else counted[:, :: max(1, lines.shape[1] // 120)].sum(axis=1)
+        known = number >= _FEWEST_OF_LINE
+        if known.sum() < 2:
+            continue
+        means = (np.clip(few, -3 * usual, 3 * usual).sum(axis=1) / np.maximum(number, 1))[known]
+        # Of neighbouring lines, each by its own scatter: what stars and clouds change, changes slowly.
+        scatter = usual / np.sqrt(number[known])
+        change = np.diff(means) / np.hypot(scatter[1:], scatter[:-1])
+        if 1.4826 * float(np.median(np.abs(change))) > 1.4:
             middle = lines.shape[1] // 2
-            offset = np.partition(lines, middle, axis=1)[:, middle]
+            if whole:
+                offset = np.partition(lines, middle, axis=1)[:, middle]
+            else:
+                offset = np.where(known, medians(lines, counted), np.float32(0))
             light = light - (offset[:, None] if axis == 1 else offset[None, :])
+            if not whole:
+                light[~used] = 0.0
     return light
 
 

@@ -12,15 +12,15 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-_STARS = 120
-# Cells of the frame, columns and rows, that give so many sources at a time.
-_CELLS, _EACH = (12, 9), 2
+_STARS, _COMPONENTS = 300, 120
+# Cells of the frame, px, that give so many sources at a time.
+_CELL_PX, _EACH = 100, 2
 # Maxima this many times above the noise of a pixel, without a brighter one so near.
 _BRIGHT, _ALONE_PX = 20.0, 6.0
 # Maxima that are considered at most, and fewest of which a shape is believed.
 _MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 20
 # Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
-_LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.3, 5
+_LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
 # Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
 _WIDE_VARIANCE, _LARGEST_COMPACT = 6.0, 9.0
 
@@ -62,7 +62,7 @@ def shape_of_bright(light: F4, noise: F4, cores: Cores) -> StarShape | None:
     uv, value = uv[alone], value[alone]
     if len(uv) < _FEWEST_MAXIMA:
         return None
-    chosen = _brightest_of_cells(uv, value.astype(np.float64), light.shape)[:_STARS]
+    chosen = _brightest_of_cells(uv, value.astype(np.float64))[:_STARS]
     if np.mean(_elongation(light, uv[chosen]) > _LONG) > _MOST_LONG:
         return None
     covariance = adaptive_moments(light, uv[chosen], np.tile([1.0, 0.0, 1.0], (len(chosen), 1)), _LARGEST_COMPACT)
@@ -109,7 +109,7 @@ def shape_of_components(
     single = clear & (np.bincount(part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
     chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
     dense = parts.flux[chosen] / parts.area[chosen]
-    chosen = chosen[_brightest_of_cells(parts.uv[chosen], dense, light.shape)[:_STARS]]
+    chosen = chosen[_brightest_of_cells(parts.uv[chosen], dense)[:_COMPONENTS]]
     if not len(chosen):
         return None
     # From the components' own moments: streaks differ in length and direction over the frame.
@@ -123,16 +123,15 @@ def shape_of_components(
     return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
 
 
-def _brightest_of_cells(uv: F8, brightness: F8, size: tuple[int, ...]) -> Rows:
+def _brightest_of_cells(uv: F8, brightness: F8) -> Rows:
     """Order sources by their rank in their own cell of the frame, then by brightness.
 
     Trees, lamps and reflections lie close together; stars are everywhere.
     """
     if not len(uv):
         return np.empty(0, dtype=np.intp)
-    side = np.array([size[1], size[0]]) / _CELLS
-    column, row = np.clip(uv / side, 0, np.array(_CELLS) - 1).astype(np.intp).T
-    cell = row * _CELLS[0] + column
+    column, row = (np.maximum(uv, 0) // _CELL_PX).astype(np.intp).T
+    cell = row * (int(column.max()) + 1) + column
     by_cell = np.lexsort((-brightness, cell))
     starts = np.flatnonzero(np.diff(cell[by_cell], prepend=-1))
     rank = np.empty(len(uv), dtype=np.intp)

@@ -38,6 +38,7 @@ _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
 # A shape that varies starts from those within so many times the agreement, and has to leave so much less scatter: a part
 # where one filter serves it all the same, or half.
 _LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
+_RANGE, _STEPS = 1.5, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +225,9 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
         return None
     agreeing = _largest_agreement(covariance)
     middle = np.median(covariance[agreeing], axis=0)
+    # Widths that change over the frame have no sharp mode: the median of a wider range does not jump within it.
+    for _ in range(_STEPS):
+        middle = np.median(covariance[_near(covariance, middle, _RANGE)], axis=0)
     fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
     if len(uv) < 20:
         return fixed

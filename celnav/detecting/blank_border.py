@@ -1,0 +1,57 @@
+"""What a camera or a program painted around the sky in one value: a border, a bar, the outside of an image circle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.detecting.tiles import Tiles
+
+F4 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_BLOCK_PX = 8
+# Tiles without any painted pixel have to be so large a part of the frame, and noisy: a dark sky without noise is no border.
+_LEAST_SKY = 0.1
+
+
+def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
+    """Find areas of one value that touch the frame's border; None where there are none.
+
+    Stars cannot be in them, and they are no sky whose level or noise could be measured. In a sky so dark that its pixels
+    hold one value all the same, nothing is taken for a border.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (height, width)
+        The image.
+    tiles : Tiles
+        Of the image.
+    """
+    from scipy import ndimage
+
+    samples = tiles.pairs(pixels)
+    same = (samples == samples[:, :1]).all(axis=1)
+    if not same.any() or same.all():
+        return None
+    rows, columns = pixels.shape[0] // _BLOCK_PX, pixels.shape[1] // _BLOCK_PX
+    blocks = pixels[: rows * _BLOCK_PX, : columns * _BLOCK_PX].reshape(rows, _BLOCK_PX, columns, _BLOCK_PX)
+    lowest, highest = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
+    labels, _ = ndimage.label(lowest == highest, structure=np.ones((3, 3)))
+    edges = np.concatenate((labels[0], labels[-1], labels[:, 0], labels[:, -1]))
+    painted = np.isin(labels, edges[edges > 0])
+    square = np.ones((3, 3), dtype=bool)
+    inner = ndimage.binary_erosion(painted, structure=square, border_value=1)
+    if not inner.any():
+        return None
+    value = lowest[tuple(ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True))]
+    near = ndimage.binary_dilation(inner, structure=square, iterations=2)
+    fill = [(0, pixels.shape[axis] - side * _BLOCK_PX) for axis, side in ((0, rows), (1, columns))]
+    value, near = (
+        np.pad(part.repeat(_BLOCK_PX, axis=0).repeat(_BLOCK_PX, axis=1), fill, mode="edge") for part in (value, near)
+    )
+    blank = np.asarray(near & (pixels == value))
+    of_sky = ~tiles.pairs(blank).any(axis=1)
+    if of_sky.mean() < _LEAST_SKY or (samples[of_sky] == samples[of_sky, :1]).all(axis=1).mean() > _LEAST_SKY:
+        return None
+    return blank
