@@ -17,6 +17,7 @@ from celnav.command.camera_file import CameraFile, read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
 from celnav.detecting.image_file import read_image
+from celnav.detecting.sky_mask import sky_mask
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
@@ -70,6 +71,7 @@ __all__ = [
     "fix_position",
     "read_camera_file",
     "read_image",
+    "sky_mask",
     "solve",
     "solvers",
     "usual_weather",

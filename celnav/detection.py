@@ -47,6 +47,8 @@ _SERVES = (0.7, 1.35)
 _SHAPE_ROUNDS = 2
 # The map of noise is clipped, and known to some per cent: so much more keeps the false alarms at those of the threshold.
 _NOISE_MARGIN = 1.04
+# The noise of the filtered image is correlated over a star: tiles of so many of its standard deviations hold enough of it.
+_TILE_OVER_SIGMA = 24
 # Light of another form than a star's, over the star's, from which on a compact image is no star's.
 _UNLIKE, _UNLIKE_SIGNIFICANCE = 0.5, 4.0
 _COMPACT_VARIANCE, _WIDER_THAN_GUESSED = 4.0, 1.1
@@ -183,7 +185,7 @@ def detect(
     known = config.psf_sigma_px is not None or config.streak_px is not None
     if not known and (seen := shape_of_bright(light, noise, cores)) is not None:
         shape, known = seen, True
-    found = _search(light, noise, floor, used, shape, tiles, config)
+    found = _search(light, noise, floor, used, shape, config)
     if not known:
         # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
         for _ in range(_SHAPE_ROUNDS):
@@ -197,7 +199,7 @@ def detect(
             if sigma is not None and filtered_by is not None and _SERVES[0] < sigma / filtered_by < _SERVES[1]:
                 break
             alike = sigma is not None and filtered_by is not None and 0.5 < sigma / filtered_by < 2
-            found = _search(light, noise, floor, used, shape, tiles, config, found.parts if alike else None)
+            found = _search(light, noise, floor, used, shape, config, found.parts if alike else None)
             if alike:
                 break
     kept = np.ones(len(found.uv), dtype=bool)
@@ -251,12 +253,13 @@ def _search(
     floor: float,
     used: Mask,
     shape: StarShape,
-    tiles: Tiles,
     config: DetectionConfig,
     parts: Components | None = None,
 ) -> _Found:
     """Filter the image, and find the peaks of what stands out, and its components unless they are known."""
     filtered = matched_filter(light, shape)
+    extent_px = float(np.sqrt(axes(shape.coefficients[:1])[0][0]))
+    tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
     effective = noise_ratio(filtered, noise, floor, used, tiles)
     effective *= noise
     with np.errstate(divide="ignore", invalid="ignore"):

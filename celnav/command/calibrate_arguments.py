@@ -79,7 +79,11 @@ def add_calibrate(commands: Any) -> None:
         default="auto",
         help="one attitude for a night or for each frame; auto: a night's unless its frames differ; default: %(default)s",
     )
-    group.add_argument("--mask", metavar="FILE", help="image that is not black where pixels are NOT to be used")
+    group.add_argument(
+        "--mask",
+        metavar="FILE",
+        help="image that is not black where pixels are NOT to be used; default: learnt from five or more images",
+    )
     group = command.add_argument_group("output")
     group.add_argument(
         "--out", required=True, metavar="FILE", help="the calibration, JSON: camera, attitude, covariance"

@@ -18,8 +18,9 @@ from celnav.command.exif import read_tags, refuse_raw
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.fits_file import block_middle, is_fits, read_fits
 from celnav.detecting.image_file import read_image
+from celnav.detecting.sky_mask import sky_mask
 from celnav.detection import Detections, detect
-from celnav.errors import CalibrationError, TimeError
+from celnav.errors import CalibrationError, ImageError, TimeError
 from celnav.sky.utc import parse_utc
 
 MAX_BYTES = 200_000_000
@@ -28,6 +29,8 @@ MAX_STARS = 100_000
 # RMS' blocks are 256 frames of video at 25 a second.
 _BLOCK_S = 10.24
 _FEWEST_NAMED = 20
+# Images that a mask is learnt from.
+_FEWEST_FOR_MASK, _MOST_FOR_MASK = 5, 12
 
 
 def read_frames(
@@ -49,11 +52,13 @@ def read_frames(
     time_zone, stamp
         Of EXIF tags, as for ``celnav solve``.
     mask : ndarray of bool, optional
-        Pixels that are not used.
+        Pixels that are not used; without it, of five images or more what is not sky is learnt (`celnav.sky_mask`).
     """
     if utc is not None and len(utc) != len(paths):
         raise TimeError(f"--utc is given {len(utc)} times for {len(paths)} frames: give one for each, in their order")
     frames: list[CalibrationFrame] = []
+    if mask is None:
+        mask = _learnt_mask([path for path in paths if Path(path).suffix.lower() != ".json"])
     for number, path in enumerate(paths):
         if Path(path).suffix.lower() == ".json":
             frames += read_rms_centroids(path)
@@ -67,12 +72,7 @@ def read_frames(
 def _image_frame(
     path: str, utc: str | None, time_zone: str | None, stamp: Stamp, mask: NDArray[np.bool_] | None
 ) -> CalibrationFrame:
-    refuse_raw(path)
-    if is_fits(path):
-        found = read_fits(path)
-        image, middle = found.pixels, None if found.middle is None else _written(found.middle)
-    else:
-        image, middle = read_image(path), _record_utc(Path(path).with_suffix(".json"))
+    image, middle = _image_and_middle(path)
     moment = utc or middle
     if moment is None:
         if is_fits(path):
@@ -85,6 +85,26 @@ def _image_frame(
             raise TimeError(f"image {path}: {error}") from None
     height, width = image.shape[:2]
     return CalibrationFrame(detect(image, mask), parse_utc(moment), (width, height), Path(path).name)
+
+
+def _image_and_middle(path: str) -> tuple[NDArray[np.generic], str | None]:
+    """Pixels, and the middle of the exposure where header or frame record state it."""
+    refuse_raw(path)
+    if is_fits(path):
+        found = read_fits(path)
+        return found.pixels, None if found.middle is None else _written(found.middle)
+    return read_image(path), _record_utc(Path(path).with_suffix(".json"))
+
+
+def _learnt_mask(paths: list[str]) -> NDArray[np.bool_] | None:
+    """What is not sky, from up to twelve images spread over all; None where they are few, or their sky has not turned."""
+    if len(paths) < _FEWEST_FOR_MASK:
+        return None
+    rows = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), _MOST_FOR_MASK)).astype(int))
+    try:
+        return sky_mask([_image_and_middle(paths[row])[0] for row in rows])
+    except ImageError:
+        return None
 
 
 def _written(moment: datetime) -> str:

@@ -1,0 +1,174 @@
+"""A camera's own mask, learnt from several frames: what stands still while the sky turns, and where no star was ever seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.detecting.blank_border import blank_border
+from celnav.detecting.image_background import as_image, background_and_noise, grey
+from celnav.detecting.tiles import Tiles
+from celnav.detection import Detections, detect
+from celnav.errors import ImageError
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FEWEST_FRAMES = 3
+_TILE_PX = 32
+# A pixel is hot or dead where it differs by so many sigma from the four beside it in this part of the frames.
+_HOT_SIGMA, _HOT_SHARE = 5.0, 0.7
+# Structure stands still where the mean of 3 x 3 pixels differs from the background by so many of its own sigma, to the same
+# side, in this part of the frames; and by so much of a pixel's.
+_STILL_SIGMA, _LEAST_STILL, _STILL_SHARE, _STILL_PX = 2.5, 1.5, 0.7, 1.5
+# A detection moves where fewer than this part of the other frames show one at its place; a sky that turned has so many.
+_STANDING_SHARE, _LEAST_MOVING = 0.5, 0.2
+# Sky is where moving detections are: within a disk that holds so many on average, this part of the median, and two at least.
+_BLOCK_PX, _IN_DISK, _PART_OF_MEDIAN = 8, 10.0, 0.12
+_FEWEST_MOVING, _LEAST_PART = 60, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """How often each pixel was hot, dead or painted, and how often its surroundings stood out, shape (height, width)."""
+
+    hot: NDArray[np.uint16]
+    above: NDArray[np.uint16]
+    below: NDArray[np.uint16]
+
+
+def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
+    """Learn what of a fixed camera's frames is not sky.
+
+    Hot and dead pixels are those that differ from their neighbours in most frames; trees, walls and scratches what stands
+    out at the same place in most; the sky is where detections come and go, which bounds it where nothing stands out, as
+    outside the image circle.
+
+    Parameters
+    ----------
+    frames : sequence of array_like
+        Three or more images of a camera that did not move, as `celnav.detect` takes them, between which the sky turned.
+        Five and more tell it clearly.
+
+    Returns
+    -------
+    ndarray of bool, shape (height, width)
+        True where the image is not to be used: a `mask` for `celnav.detect`.
+
+    Raises
+    ------
+    ImageError
+        For too few frames, frames of different sizes, or a sky that has not turned between them.
+    """
+    if len(frames) < FEWEST_FRAMES:
+        raise ImageError(f"a mask is learnt from {FEWEST_FRAMES} frames or more, not from {len(frames)}")
+    images = [grey(as_image(frame)) for frame in frames]
+    size = images[0].shape
+    if other := [image.shape for image in images if image.shape != size]:
+        raise ImageError(f"a mask is learnt from frames of one size; these are of {size} and of {other[0]}")
+    found = [detect(frame) for frame in frames]
+    moving = _moving(found)
+    number = sum(len(one) for one in found)
+    if number and len(moving) < _LEAST_MOVING * number:
+        raise ImageError(
+            "most detections stand still in these frames: a mask is learnt from frames between which the sky turned"
+        )
+    still = _standing(images)
+    least = len(images)
+    mask = still.hot >= np.ceil(_HOT_SHARE * least)
+    structure = _dilated(np.maximum(still.above, still.below) >= np.ceil(_STILL_SHARE * least))
+    mask |= structure
+    at = np.clip(np.rint(moving).astype(np.intp), 0, np.array(size[::-1]) - 1)
+    sky = _where_stars_come_and_go(moving[~structure[at[:, 1], at[:, 0]]], (size[0], size[1]))
+    if sky is not None:
+        mask |= ~sky
+    return np.asarray(mask)
+
+
+def _moving(found: list[Detections]) -> F8:
+    """Places of the detections, shape (n, 2), that few other frames show at the same place."""
+    from scipy.spatial import cKDTree
+
+    trees = [cKDTree(one.uv) if len(one) else None for one in found]
+    result = [np.empty((0, 2))]
+    for i, one in enumerate(found):
+        if not len(one):
+            continue
+        others = [tree for j, tree in enumerate(trees) if j != i and tree is not None]
+        seen: F8 = np.zeros(len(one))
+        for tree in others:
+            seen += tree.query(one.uv)[0] < _STILL_PX
+        result.append(one.uv[seen < max(1.0, _STANDING_SHARE * len(others))])
+    return np.concatenate(result)
+
+
+def _standing(images: list[F4]) -> _Still:
+    """Count in how many frames each pixel stands out by itself, and its surroundings above or below the background."""
+    from scipy import ndimage
+
+    size = images[0].shape
+    tiles = Tiles.of((size[0], size[1]), _TILE_PX)
+    hot, above, below = (np.zeros(size, dtype=np.uint16) for _ in range(3))
+    for pixels in images:
+        used = np.ones(size, dtype=bool)
+        if (blank := blank_border(pixels, tiles)) is not None:
+            used &= ~blank
+        background, noise = background_and_noise(pixels, used, tiles)
+        noise = np.maximum(noise, np.float32(1e-6 * max(1.0, float(np.abs(pixels).max()))))
+        relative = (pixels - background) / noise
+        relative[~used] = 0
+        clipped = np.clip(relative, -1000, 1000)
+        beside = ndimage.convolve(clipped, _CROSS, mode="nearest")
+        difference = clipped - beside
+        # Of a star the pixels beside hold light, too.
+        hot += ((np.abs(difference) > _HOT_SIGMA) & (np.abs(beside) < 0.2 * np.abs(clipped) + 1)) | ~used
+        mean = ndimage.uniform_filter(np.clip(relative, -5, 5), 3, mode="nearest")
+        # Of the quieter part of the frame, in units of the differences of neighbours, which noise that is correlated exceeds.
+        scatter = 1.4826 * float(np.percentile(np.median(np.abs(tiles.spread_samples(mean)), axis=1), 25))
+        above += mean > max(_STILL_SIGMA * scatter, _LEAST_STILL)
+        below += mean < -max(_STILL_SIGMA * scatter, _LEAST_STILL)
+    return _Still(hot, above, below)
+
+
+_CROSS = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)
+
+
+def _dilated(mask: Mask) -> Mask:
+    from scipy import ndimage
+
+    return np.asarray(ndimage.binary_dilation(mask, structure=np.ones((3, 3), dtype=bool)))
+
+
+def _where_stars_come_and_go(uv: F8, size: tuple[int, int]) -> Mask | None:
+    """The part of the frame that moving detections, shape (n, 2), fill; None where they are too few to tell."""
+    from scipy import ndimage, signal
+
+    if len(uv) < _FEWEST_MOVING:
+        return None
+    shape = tuple(-(-side // _BLOCK_PX) for side in size)
+    at = np.clip(np.rint(uv[:, ::-1]) // _BLOCK_PX, 0, np.array(shape) - 1).astype(np.intp)
+    count = np.zeros(shape)
+    np.add.at(count, (at[:, 0], at[:, 1]), 1)
+    covered = np.ones(shape, dtype=bool)
+    for _ in range(3):
+        # A disk that holds `_IN_DISK` detections on average over what they cover.
+        radius = np.clip(np.sqrt(_IN_DISK * covered.sum() / (np.pi * len(uv))), 1.5, min(shape) / 4)
+        reach = int(np.ceil(radius))
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        disk = (np.hypot(x, y) <= radius).astype(np.float64)
+        inside = signal.fftconvolve(count, disk, mode="same") / signal.fftconvolve(np.ones(shape), disk, mode="same")
+        inside *= disk.sum()
+        typical = np.median(inside[at[:, 0], at[:, 1]])
+        covered = inside > max(1.5, _PART_OF_MEDIAN * typical)
+    labels, n = ndimage.label(ndimage.binary_fill_holes(covered))
+    if n == 0:
+        return None
+    large = np.flatnonzero(np.bincount(labels.ravel())[1:] >= _LEAST_PART * labels.size) + 1
+    if not len(large):
+        return None
+    sky = np.isin(labels, large)
+    return np.asarray(sky.repeat(_BLOCK_PX, axis=0).repeat(_BLOCK_PX, axis=1)[: size[0], : size[1]])
