@@ -17,7 +17,6 @@ from celnav.command.camera_file import CameraFile, read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.flood_fill import FloodFillConfig
 from celnav.detecting.image_file import read_image
-from celnav.detecting.sky_mask import sky_mask
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CelnavError
 from celnav.fix import Calibration, Estimate, Fix, Reason
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from celnav.calibrating.calibration import CameraCalibration
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
+    from celnav.calibrating.sky_mask import sky_mask
 
 __all__ = [
     "SOLVERS",
@@ -96,4 +96,8 @@ def __getattr__(name: str) -> Any:
         from celnav.calibrating.lens_form import LensForm
 
         return LensForm
+    if name == "sky_mask":
+        from celnav.calibrating.sky_mask import sky_mask
+
+        return sky_mask
     raise AttributeError(f"module 'celnav' has no attribute {name!r}")

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.calibrating.frames import CalibrationFrame
+from celnav.calibrating.sky_mask import sky_mask
 from celnav.checking import finite_number
 from celnav.command.exif import read_tags, refuse_raw
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.fits_file import block_middle, is_fits, read_fits
 from celnav.detecting.image_file import read_image
-from celnav.detecting.sky_mask import sky_mask
 from celnav.detection import Detections, detect
 from celnav.errors import CalibrationError, ImageError, TimeError
 from celnav.sky.utc import parse_utc
