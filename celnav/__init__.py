@@ -24,9 +24,9 @@ from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position, usual_weather
 from celnav.problem import LastKnown
+from celnav.sequences.track import Track, TrackConfig, TrackPoint
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
-from celnav.track import Track, TrackConfig, TrackPoint
 
 if TYPE_CHECKING:
     from celnav.calibrating.calibrate import calibrate
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
     from celnav.calibrating.sky_mask import sky_mask
+    from celnav.sequences.night import Night, NightFix
 
 __all__ = [
     "SOLVERS",
@@ -55,6 +56,8 @@ __all__ = [
     "History",
     "LastKnown",
     "LensForm",
+    "Night",
+    "NightFix",
     "Pointing",
     "PositionConfig",
     "Reason",
@@ -100,4 +103,8 @@ def __getattr__(name: str) -> Any:
         from celnav.calibrating.sky_mask import sky_mask
 
         return sky_mask
+    if name in ("Night", "NightFix"):
+        from celnav.sequences import night
+
+        return getattr(night, name)
     raise AttributeError(f"module 'celnav' has no attribute {name!r}")

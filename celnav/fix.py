@@ -86,6 +86,8 @@ class Fix:
         Observed minus predicted position of every match, pixels, where the solver tells.
     R_icrs_to_camera : ndarray, shape (3, 3), or None
         Inertial attitude: takes ICRS directions (as seen, aberration included) to the camera frame.
+    rotation_cov_rad2 : ndarray, shape (3, 3), or None
+        Covariance of the error of `R_icrs_to_camera` as a small rotation in the camera frame, rad^2.
     limiting_mag : float
         Magnitude down to which the frame shows the catalogue's stars, estimated; NaN where the solver does not tell.
     log10_false_alarm : float
@@ -117,6 +119,7 @@ class Fix:
     residual_rms_px: float = math.nan
     residuals_px: NDArray[np.float64] | None = None
     R_icrs_to_camera: NDArray[np.float64] | None = None
+    rotation_cov_rad2: NDArray[np.float64] | None = None
     limiting_mag: float = math.nan
     log10_false_alarm: float = math.nan
     heading_off_deg: float = math.nan

@@ -24,7 +24,7 @@ from celnav.identification.identify import Question
 from celnav.identification.neighbourhood import BELIEVED_SIGMAS, neighbourhood, open_region
 from celnav.identification.pairing import candidate_pairs
 from celnav.identification.search_config import SearchConfig
-from celnav.identification.sky_index import load_sky_index
+from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
@@ -131,7 +131,12 @@ class SkybenchSolver:
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
             effort = Effort(self.config.max_work, clock.started_s + self._time_limit_s(problem))
             found = identify_at_focal_lengths(
-                prepared.question, load_sky_index(), self.config.search, factors, effort, self.config.focal_effort
+                prepared.question,
+                sky_index_for(prepared.question.solid_angle_sr),
+                self.config.search,
+                factors,
+                effort,
+                self.config.focal_effort,
             )
         alignment = found.alignment
         if alignment is None:
@@ -375,6 +380,7 @@ def _describe(
         residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
         residuals_px=np.concatenate((residuals, planet_residuals)),
         R_icrs_to_camera=inertial,
+        rotation_cov_rad2=adjusted.cov[:3, :3],
         limiting_mag=limiting_mag,
         log10_false_alarm=alignment.log10_false_alarm,
         calibration=calibration,

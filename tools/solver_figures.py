@@ -17,8 +17,8 @@ from benchmark.fields.solver_fields import Condition, make_field
 from benchmark.fields.solver_table import image_of
 from benchmark.judge.geodesy import geodesic_km
 from celnav.identification import identify
+from celnav.sequences.track import KM_PER_DEG, Track, moved, offset_km
 from celnav.sky.catalog import load_catalog
-from celnav.track import KM_PER_DEG, Track, moved, offset_km
 from generator.drawing.palette import SERIES, SOFT
 from generator.drawing.style import axes_at, house_style, new_figure
 from generator.drawing.svg import standalone_svg

@@ -36,7 +36,7 @@ from celnav.identification.search import (
     single_star_hypotheses,
 )
 from celnav.identification.search_config import SearchConfig, Stage
-from celnav.identification.sky_index import F4, F8, SkyIndex
+from celnav.identification.sky_index import F4, F8, NARROW, SkyIndex
 from celnav.identification.verification import WHOLE_SKY, Alignment, Region, field_cone, verify
 
 
@@ -244,10 +244,11 @@ class _Search:
     def _batches(self, order: _Order) -> Iterator[_Batch]:
         """Yield the hypotheses of all stages."""
         question, config = self.question, self.config
-        most = order.rows[: max(stage.scored for stage in (*config.pair_stages, *config.single_stages))]
+        ordered = config.narrow_stages if self.per_field > NARROW else config.pair_stages
+        most = order.rows[: max(stage.scored for stage in (*ordered, *config.single_stages))]
         rays = question.rays[most].astype(np.float32)
         scale = question.camera.radians_per_px(question.uv[most]).astype(np.float32)
-        by_pairs = config.pair_stages if order.ranked else config.unordered_stages
+        by_pairs = ordered if order.ranked else config.unordered_stages
         done: set[tuple[float, int, int]] = set()
         for stage in by_pairs if question.local is None else config.single_stages:
             view = View(rays[: stage.scored], scale[: stage.scored])
@@ -298,8 +299,9 @@ class _Search:
         if not len(pairs):
             return
         done.update((stage.sigma_px, int(i), int(j)) for i, j in pairs)
-        # Without a vertical refraction is in the positions: up to 0.03 deg between stars above 20 deg.
-        slack = 5e-5 if self.question.up is not None else 6e-4
+        # Without a vertical refraction is in the positions: it shortens separations of stars above 20 deg by 0.25 % at most,
+        # and by no more than 0.03 deg.
+        slack = (5e-5, 0.0) if self.question.up is not None else (5e-5, 2.5e-3)
         # The deeper the level, the more stars fit a pair: then fewer pairs of detections make a batch.
         window = 14 * stage.sigma_px * float(view.radians_per_px[:bright].max())
         fitting = 2 * len(level.first) * min(1.0, window / level.pair_limit_rad)

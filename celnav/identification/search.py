@@ -21,6 +21,7 @@ Pairs = NDArray[np.intp]
 # Look-ups at a time: they stay in the processor's cache, and the matrix products below what OpenBLAS splits over
 # threads, which costs more than it gains.
 _BLOCK = 20_000
+MOST_SLACK_RAD = 5.5e-4
 # With fewer look-ups than this all detections score all hypotheses.
 _FEW_LOOKUPS = 12 * _BLOCK
 
@@ -81,7 +82,7 @@ def pair_hypotheses(
     level: Level,
     xyz: F4,
     sigma_px: float,
-    slack_rad: float,
+    slack: tuple[float, float],
     at_once: int,
     allowed: NDArray[np.bool_] | None = None,
 ) -> Iterator[tuple[F4, int]]:
@@ -101,8 +102,8 @@ def pair_hypotheses(
         Their unit vectors.
     sigma_px : float
         Standard deviation of a centroid along each axis; separations may differ by 3.5 of their own.
-    slack_rad : float
-        Added to that.
+    slack : tuple of float
+        Added to that: radians, and a part of the separation (up to `MOST_SLACK_RAD`).
     at_once : int
         Most rotations of one array.
     allowed : ndarray of bool, shape (m, n), optional
@@ -111,7 +112,8 @@ def pair_hypotheses(
     i, j = pairs.T
     a, b = view.rays[i], view.rays[j]
     separation = 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=1) / 2, 1.0))
-    tolerance = 3.5 * sigma_px * np.hypot(view.radians_per_px[i], view.radians_per_px[j]) + slack_rad
+    tolerance = 3.5 * sigma_px * np.hypot(view.radians_per_px[i], view.radians_per_px[j]) + slack[0]
+    tolerance += np.minimum(slack[1] * separation, MOST_SLACK_RAD)
     low = np.searchsorted(level.separation_rad, (separation - tolerance).astype(np.float32))
     end = np.cumsum(np.searchsorted(level.separation_rad, (separation + tolerance).astype(np.float32)) - low)
     start = np.concatenate(([0], end[:-1]))
@@ -178,7 +180,7 @@ def enu_rotations(lat_rad: F8, lon_rad: F8) -> F8:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def nearest_stars(rotations: F4, rays: F4, level: Level, index: SkyIndex) -> tuple[NDArray[np.int16], F4]:
+def nearest_stars(rotations: F4, rays: F4, level: Level, index: SkyIndex) -> tuple[NDArray[np.integer], F4]:
     """Return the catalogue star nearest to each ray under each rotation, and the squared chord; shapes (h, m)."""
     sky = (rotations.transpose(1, 0, 2).reshape(-1, 3) @ rays.T).reshape(3, -1)
     star = level.nearest.take(octahedral_cell(*sky), mode="clip")

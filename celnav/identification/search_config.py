@@ -50,6 +50,23 @@ PAIR_STAGES = (
     Stage(20, (4, 8), *COARSE),
     Stage(60, (1, 8), *FINE),
 )
+# In narrow fields the sky holds so many stars that a pair fits thousands of theirs: closer separations first, which good
+# centroids have, and more pairs of detections before wider ones.
+SHARP = (0.4, 4.0)
+NARROW_STAGES = (
+    Stage(4, (1, 3), *SHARP, scored=40),
+    Stage(8, (1, 3), *SHARP, scored=60),
+    Stage(14, (1, 3), *SHARP, scored=60),
+    Stage(6, (1, 2), *FINE, scored=60),
+    Stage(10, (4, 9), *SHARP, scored=60),
+    Stage(24, (1, 3), *SHARP),
+    Stage(6, (1, 2), *COARSE, scored=60),
+    Stage(14, (1, 3), *FINE),
+    Stage(40, (1, 3), *SHARP),
+    Stage(14, (1, 3), *COARSE),
+    Stage(30, (4, 8), *SHARP),
+    Stage(30, (1, 2), *COARSE),
+)
 # Without an order of brightness pairs are as good as one another: many narrow windows before wide ones.
 UNORDERED_STAGES = (
     Stage(8, (1, 3), *FINE),
@@ -74,8 +91,9 @@ class SearchConfig:
 
     Attributes
     ----------
-    pair_stages, unordered_stages, single_stages : tuple of Stage
-        Where the attitude to the horizon is not known; the same without an order of brightness; and where it is known.
+    pair_stages, narrow_stages, unordered_stages, single_stages : tuple of Stage
+        Where the attitude to the horizon is not known; the same in narrow fields; without an order of brightness; and where
+        the attitude is known.
     verified : int
         Detections that verify a hypothesis: enough for a bound far below the limit, few enough for half a millisecond.
     candidates : int
@@ -123,6 +141,7 @@ class SearchConfig:
     """
 
     pair_stages: tuple[Stage, ...] = PAIR_STAGES
+    narrow_stages: tuple[Stage, ...] = NARROW_STAGES
     unordered_stages: tuple[Stage, ...] = UNORDERED_STAGES
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
     verified: int = bounded(120, 1, 100_000)

@@ -13,7 +13,7 @@ Cigolle et al. 2014, "Survey of Efficient Representations for Independent Unit V
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,11 @@ from celnav.sky.catalog import load_catalog, propagate
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
-I2 = NDArray[np.int16]
+Rows = NDArray[np.integer]
 
+# Deeper levels, for fields so narrow that the levels above show too few stars in them.
+DEEP_LEVELS = (25600, 51200, 102400)
+DEEP_PAIR_LIMIT_DEG = (6.0, 3.5, 2.2)
 LEVELS = (100, 200, 400, 800, 1600, 3200, 6400, 12800)
 # Widest pairs of each level, degrees: together they keep the tables at some 1.5 million pairs.
 PAIR_LIMIT_DEG = (180.0, 180.0, 180.0, 180.0, 60.0, 25.0, 15.0, 9.0)
@@ -36,6 +39,8 @@ MAP_SIDE = 1 << _SIDE_BITS
 # A hair under half a side, so that a coordinate of 1 falls into the last cell and not beyond it.
 _HALF_SIDE = np.float32(MAP_SIDE / 2 * (1 - 1e-6))
 BLEND_ARCSEC = 120.0
+# From so many fields to the sky on, fields count as narrow: less than about 20 by 13 deg.
+NARROW = 150
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +55,18 @@ class Level:
         Pairs are listed up to this separation.
     separation_rad : ndarray of float32, shape (p,)
         Separations of the pairs, ascending.
-    first, second : ndarray of int16, shape (p,)
+    first, second : ndarray of int16 or int32, shape (p,)
         The pairs' stars (rows of the index).
-    nearest : ndarray of int16, shape (2 * MAP_SIDE**2,)
+    nearest : ndarray of int16 or int32, shape (2 * MAP_SIDE**2,)
         The star nearest to the middle of each cell of the octahedral map.
     """
 
     n: int
     pair_limit_rad: float
     separation_rad: F4
-    first: I2
-    second: I2
-    nearest: I2
+    first: Rows
+    second: Rows
+    nearest: Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,19 +135,26 @@ def octahedral_centres() -> F8:
     return np.asarray(centres / np.linalg.norm(centres, axis=1, keepdims=True))
 
 
-def _build() -> dict[str, NDArray[np.generic]]:
+def _stars(most: int) -> F8:
+    """Unit vectors of the brightest stars of the sky, at most `most`, without fainter components of close pairs."""
     from scipy.spatial import cKDTree
 
     catalog = load_catalog()
-    brightest = catalog.take(np.arange(min(len(catalog), 2 * LEVELS[-1])))
+    brightest = catalog.take(np.arange(min(len(catalog), 2 * most)))
     xyz = propagate(brightest.vectors, brightest.motion, EPOCH_JYEAR - brightest.epoch_jyear)
     close = cKDTree(xyz).query_pairs(np.radians(BLEND_ARCSEC / 3600), output_type="ndarray")
     alone = np.ones(len(xyz), dtype=bool)
     alone[close.max(axis=1)] = False  # sorted by magnitude, so the larger row is the fainter star
-    xyz = xyz[alone][: LEVELS[-1]]
-    arrays: dict[str, NDArray[np.generic]] = {"xyz": xyz.astype(np.float32)}
+    return np.asarray(xyz[alone][:most])
+
+
+def _build(levels: tuple[int, ...], limits_deg: tuple[float, ...], rows: type[np.integer]) -> dict[str, Rows | F4]:
+    from scipy.spatial import cKDTree
+
+    xyz = _stars(levels[-1])
+    arrays: dict[str, Rows | F4] = {"xyz": xyz.astype(np.float32)}
     centres = octahedral_centres()
-    for n, limit_deg in zip(LEVELS, PAIR_LIMIT_DEG, strict=True):
+    for n, limit_deg in zip(levels, limits_deg, strict=True):
         tree = cKDTree(xyz[:n])
         if limit_deg >= 180:
             first, second = np.triu_indices(n, 1)
@@ -151,32 +163,53 @@ def _build() -> dict[str, NDArray[np.generic]]:
         chord = np.linalg.norm(xyz[first] - xyz[second], axis=1)
         order = np.argsort(chord, kind="stable")
         arrays[f"separation_rad_{n}"] = (2 * np.arcsin(np.minimum(chord[order] / 2, 1.0))).astype(np.float32)
-        arrays[f"first_{n}"], arrays[f"second_{n}"] = first[order].astype(np.int16), second[order].astype(np.int16)
-        arrays[f"nearest_{n}"] = np.asarray(tree.query(centres)[1], dtype=np.int16)
+        arrays[f"first_{n}"], arrays[f"second_{n}"] = first[order].astype(rows), second[order].astype(rows)
+        arrays[f"nearest_{n}"] = np.asarray(tree.query(centres)[1], dtype=rows)
     return arrays
+
+
+def _load(
+    name: str, levels: tuple[int, ...], limits_deg: tuple[float, ...], rows: type[np.integer]
+) -> tuple[F4, tuple[Level, ...]]:
+    catalog = load_catalog()
+    stars = slice(2 * levels[-1])
+    key = digest(Path(__file__).read_bytes(), catalog.ra_rad[stars].tobytes(), catalog.dec_rad[stars].tobytes())
+    arrays = cached(name, key, partial(_build, levels, limits_deg, rows))
+    found = tuple(
+        Level(
+            n,
+            float(np.radians(limit_deg)),
+            arrays[f"separation_rad_{n}"].astype(np.float32, copy=False),
+            arrays[f"first_{n}"].astype(rows, copy=False),
+            arrays[f"second_{n}"].astype(rows, copy=False),
+            arrays[f"nearest_{n}"].astype(rows, copy=False),
+        )
+        for n, limit_deg in zip(levels, limits_deg, strict=True)
+    )
+    return arrays["xyz"].astype(np.float32, copy=False), found
+
+
+def _index(xyz: F4, levels: tuple[Level, ...]) -> SkyIndex:
+    x, y, z = (np.ascontiguousarray(column) for column in xyz.T)
+    return SkyIndex(xyz, (x, y, z), levels)
 
 
 @lru_cache(maxsize=1)
 def load_sky_index() -> SkyIndex:
     """Return the tables, from the cache where they are there, else built in about two seconds."""
-    catalog = load_catalog()
-    key = digest(
-        Path(__file__).read_bytes(),
-        catalog.ra_rad[: 2 * LEVELS[-1]].tobytes(),
-        catalog.dec_rad[: 2 * LEVELS[-1]].tobytes(),
-    )
-    arrays = cached("sky-index", key, _build)
-    levels = tuple(
-        Level(
-            n,
-            float(np.radians(limit_deg)),
-            arrays[f"separation_rad_{n}"].astype(np.float32, copy=False),
-            arrays[f"first_{n}"].astype(np.int16, copy=False),
-            arrays[f"second_{n}"].astype(np.int16, copy=False),
-            arrays[f"nearest_{n}"].astype(np.int16, copy=False),
-        )
-        for n, limit_deg in zip(LEVELS, PAIR_LIMIT_DEG, strict=True)
-    )
-    xyz = arrays["xyz"].astype(np.float32, copy=False)
-    x, y, z = (np.ascontiguousarray(column) for column in xyz.T)
-    return SkyIndex(xyz, (x, y, z), levels)
+    return _index(*_load("sky-index", LEVELS, PAIR_LIMIT_DEG, np.int16))
+
+
+@lru_cache(maxsize=1)
+def load_deep_sky_index() -> SkyIndex:
+    """Return the tables with the levels for narrow fields: nearly the whole catalogue, whose end is at V 8 to 9.
+
+    The brighter stars are the same in both, so that the levels of `load_sky_index` serve here too.
+    """
+    xyz, deep = _load("deep-sky-index", DEEP_LEVELS, DEEP_PAIR_LIMIT_DEG, np.int32)
+    return _index(xyz, (*load_sky_index().levels, *deep))
+
+
+def sky_index_for(solid_angle_sr: float) -> SkyIndex:
+    """Return the tables for a field of view: the deep ones where the sky holds more than `NARROW` such fields."""
+    return load_deep_sky_index() if 4 * np.pi > NARROW * solid_angle_sr else load_sky_index()

@@ -11,7 +11,7 @@ from benchmark.fields.hostile import CAMERAS, make_hostile
 from benchmark.fields.solver_bars import WRONG_KM, camera_of
 from benchmark.fields.solver_fields import Condition, make_field
 from benchmark.judge.geodesy import geodesic_km
-from celnav.track import moved
+from celnav.sequences.track import moved
 
 SEED, FIELDS = 17, 40
 # A video camera's eight stars among as many false ones; a cluttered frame whose heading is a compass'.

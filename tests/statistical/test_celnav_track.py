@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import celnav
-from celnav.track import KM_PER_DEG, Track, TrackConfig, moved, offset_km
+from celnav.sequences.track import KM_PER_DEG, Track, TrackConfig, moved, offset_km
 
 SIGMA_KM, BIAS_DEG = 0.3, np.array([0.06, -0.04])
 

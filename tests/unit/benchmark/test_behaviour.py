@@ -90,7 +90,7 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
         ("celnav.skybench_solver", {"skybench"}),
         ("celnav.detecting.star_shape", CELNAV | {DETECTOR}),
         ("celnav.position", CELNAV),
-        ("celnav.track", set()),
+        ("celnav.sequences.track", set()),
         ("celnav.cli", set()),
         ("benchmark.solvers.tetra3rs.adapter", {"tetra3rs"}),
         ("benchmark.solvers.sep_detector", PEERS),

@@ -1,0 +1,1 @@
+"""Many frames: a vehicle under way (track), a fixed camera (night)."""

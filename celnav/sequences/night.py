@@ -1,0 +1,285 @@
+"""A night of a camera that stands still: one attitude, one position, and whether the sky turns as the Earth does.
+
+Every frame measures the same orientation to the Earth, so that noise averages; an error of the vertical is in every
+frame alike and does not. What stars cannot tell at all is said in words.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.attitude import Attitude, as_attitude
+from celnav.camera import Camera
+from celnav.checking import finite_number
+from celnav.detection import Detections
+from celnav.errors import ConfigError
+from celnav.fix import Estimate, Fix, Reason
+from celnav.horizon import horizontal_frame, place_from_rotation
+from celnav.problem import LastKnown, Solver
+from celnav.sequences.fixed_mount import EARTH_RAD_S, FixedMount, combine
+from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import Utc, parse_utc
+from celnav.solver import solve
+
+F8 = NDArray[np.float64]
+
+# A turn of the mount, or of the clock, that chance gives less often is one.
+LEAST_CHANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class NightFix:
+    """What a night says.
+
+    Attributes
+    ----------
+    ok : bool
+        Whether there is a position.
+    reason : Reason
+        ``ok``; ``vertical_required`` where no vertical is known; ``too_few_detections`` where no frame was identified;
+        ``inconsistent`` where a heading is contradicted.
+    message : str
+        The reason in words; empty for a position.
+    lat_deg, lon_deg, cov_km2
+        As of `Fix`. The covariance holds the attitude's and the clock's standard deviations once, not averaged.
+    heading_off_deg : float
+        How far the heading that the stars imply is from the one given; NaN where none was given.
+    R_terrestrial_to_camera : ndarray, shape (3, 3), or None
+        Orientation to the Earth (ITRS), as of the mean time.
+    cov_rad2 : ndarray, shape (3, 3), or None
+        Covariance of its error as a small rotation in the camera frame; wander of the mount included, the clock's error not.
+    wander_deg : float
+        Scatter of the frames about each axis beyond their own covariances.
+    axis_camera : ndarray, shape (3,), or None
+        The Earth's axis (north) in the camera frame as the turning of the sky shows it, without the frames' absolute times.
+    axis_sigma_deg : float
+        Its standard deviation along the worse direction.
+    rate : Estimate or None
+        Turning of the sky over that of the Earth: 1 where the mount stands still and the clock runs right.
+    turn_chance : float
+        Probability that mount and clock which are right show as much turn; NaN where frames span no time.
+    latitude_deg : Estimate or None
+        From that axis and the vertical alone: neither time nor longitude enter. None without a vertical or an axis.
+    used, left_out : tuple of int
+        Numbers of the frames that count, and of those that were identified and disagree.
+    told, untold : tuple of str
+        What the night says, and what it can never say, in words.
+    """
+
+    ok: bool
+    reason: Reason
+    message: str = ""
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+    cov_km2: F8 | None = None
+    heading_off_deg: float = math.nan
+    R_terrestrial_to_camera: F8 | None = None
+    cov_rad2: F8 | None = None
+    wander_deg: float = math.nan
+    axis_camera: F8 | None = None
+    axis_sigma_deg: float = math.nan
+    rate: Estimate | None = None
+    turn_chance: float = math.nan
+    latitude_deg: Estimate | None = None
+    used: tuple[int, ...] = ()
+    left_out: tuple[int, ...] = ()
+    told: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()
+
+    def attitude_at(self, lat_deg: float, lon_deg: float) -> Attitude:
+        """Return the attitude of a camera that stands at a known place, with the standard deviations of the night.
+
+        Raises
+        ------
+        ConfigError
+            Where no frame was identified.
+        """
+        if self.R_terrestrial_to_camera is None or self.cov_rad2 is None:
+            raise ConfigError("no frame of the night was identified: there is no attitude")
+        R_cam = self.R_terrestrial_to_camera @ enu_rotation(lat_deg, lon_deg).T
+        local = R_cam.T @ self.cov_rad2 @ R_cam
+        tilt = math.degrees(math.sqrt(float(local[0, 0] + local[1, 1]) / 2))
+        return Attitude.with_sigma(R_cam, tilt_deg=tilt, heading_deg=math.degrees(math.sqrt(float(local[2, 2]))))
+
+
+@dataclass
+class Night:
+    r"""Frames of one camera that stands still; add them in any order, then ask for the `fix`.
+
+    Attributes
+    ----------
+    camera : Camera
+        The camera.
+    attitude : Attitude, 3x3 array_like or None
+        What is known of its orientation to the horizon, the same for all frames; None gives no position.
+    clock_sigma_s : float
+        Standard deviation of the clock's offset, which is the same in all frames: it enters the longitude.
+    pressure_hpa, temperature_c : float
+        Air, for refraction.
+    near : LastKnown, optional
+        Where the answer lies.
+    solver : str or callable
+        Which gives `Fix.R_icrs_to_camera` with `Fix.rotation_cov_rad2`: ``skybench``, or a variant of it.
+
+    Examples
+    --------
+    >>> night = celnav.Night(camera, attitude=celnav.Attitude.up([0, 0, 1], tilt_deg=0.05))
+    >>> for image, utc in frames:
+    ...     night.add(celnav.detect(image), utc)
+    >>> found = night.fix()
+    >>> print(found.lat_deg, found.lon_deg, found.cov_km2, *found.told, *found.untold, sep="\n")
+    """
+
+    camera: Camera
+    attitude: Attitude | ArrayLike | None = None
+    clock_sigma_s: float = 0.0
+    pressure_hpa: float = 1010.0
+    temperature_c: float = 10.0
+    near: LastKnown | None = None
+    solver: str | Solver = "skybench"
+    _frames: list[tuple[Utc, Fix]] = field(default_factory=list, repr=False)
+
+    def __post_init__(self) -> None:
+        self.attitude = as_attitude(self.attitude)
+        self.clock_sigma_s = finite_number(self.clock_sigma_s, "clock_sigma_s", ConfigError, least=0.0)
+
+    @property
+    def fixes(self) -> tuple[Fix, ...]:
+        """The frames' own fixes and refusals."""
+        return tuple(fix for _, fix in self._frames)
+
+    def add(
+        self, detections: Detections | ArrayLike, utc: str | datetime | Utc, *, flux: ArrayLike | None = None
+    ) -> Fix:
+        """Solve a frame alone, and keep it.
+
+        Parameters
+        ----------
+        detections, utc, flux
+            As of `celnav.solve`.
+        """
+        instant = parse_utc(utc)
+        known = self.attitude
+        assert known is None or isinstance(known, Attitude)
+        fix = solve(
+            detections, self.camera, instant, known, self.solver, flux=flux, pressure_hpa=self.pressure_hpa,
+            temperature_c=self.temperature_c, near=self.near,
+        )  # fmt: skip
+        self._frames.append((instant, fix))
+        return fix
+
+    def fix(self) -> NightFix:
+        """Combine the frames."""
+        rows = [
+            number
+            for number, (_, fix) in enumerate(self._frames)
+            if fix.R_icrs_to_camera is not None and fix.rotation_cov_rad2 is not None
+            and fix.reason in (Reason.OK, Reason.VERTICAL_REQUIRED)
+        ]  # fmt: skip
+        if not rows:
+            message = f"none of {len(self._frames)} frames was identified"
+            return NightFix(False, Reason.TOO_FEW_DETECTIONS, message)
+        rotations, covs = [], []
+        for number in rows:
+            utc, fix = self._frames[number]
+            assert fix.R_icrs_to_camera is not None
+            assert fix.rotation_cov_rad2 is not None
+            rotations.append(fix.R_icrs_to_camera @ celestial_to_terrestrial(utc, earth_orientation(utc)).T)
+            covs.append(fix.rotation_cov_rad2)
+        first = self._frames[rows[0]][0]
+        times = np.array([_seconds_between(first, self._frames[number][0]) for number in rows])
+        mount = combine(np.stack(rotations), np.stack(covs), times)
+        used = tuple(rows[k] for k in mount.used)
+        night = NightFix(
+            False,
+            Reason.OK,
+            R_terrestrial_to_camera=mount.rotation,
+            cov_rad2=mount.cov,
+            wander_deg=math.degrees(mount.wander_rad),
+            used=used,
+            left_out=tuple(number for number in rows if number not in used),
+        )
+        night = _with_turn(night, mount)
+        return _in_words(self._placed(night, mount), mount, len(self._frames), self.clock_sigma_s)
+
+    def _placed(self, night: NightFix, mount: FixedMount) -> NightFix:
+        """Add position and latitude where the vertical is known."""
+        attitude = self.attitude
+        if attitude is None:
+            message = "the night gives the orientation to the Earth; a position needs the vertical: give Attitude.up"
+            return replace(night, reason=Reason.VERTICAL_REQUIRED, message=message)
+        assert isinstance(attitude, Attitude)
+        pole = mount.rotation[:, 2]
+        turned = EARTH_RAD_S * self.clock_sigma_s
+        place = place_from_rotation(mount.rotation, mount.cov + turned**2 * np.outer(pole, pole), attitude)
+        latitude = None
+        if night.axis_camera is not None:
+            up = horizontal_frame(attitude)[:, 2]
+            sine = float(np.clip(up @ night.axis_camera, -1, 1))
+            sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg)
+            latitude = Estimate(math.degrees(math.asin(sine)), sigma)
+        limit = 1.0 + 5 * attitude.heading_deg
+        if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
+            message = f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
+            return replace(night, reason=Reason.INCONSISTENT, message=message, latitude_deg=latitude)
+        return replace(
+            night, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2 * max(1.0, place.chi2 / 16),
+            heading_off_deg=place.heading_off_deg, latitude_deg=latitude,
+        )  # fmt: skip
+
+
+def _seconds_between(one: Utc, other: Utc) -> float:
+    """Elapsed seconds, leap seconds counted."""
+    (day, part), (other_day, other_part) = one.tt, other.tt
+    return ((other_day - day) + (other_part - part)) * 86400.0
+
+
+def _with_turn(night: NightFix, mount: FixedMount) -> NightFix:
+    """Add the Earth's axis and rate as the frames measure them."""
+    chi2 = mount.turn_chi2
+    if math.isnan(chi2):
+        return night
+    # Survival function of chi-squared with three degrees of freedom.
+    chance = math.erfc(math.sqrt(chi2 / 2)) + math.sqrt(2 * chi2 / math.pi) * math.exp(-chi2 / 2)
+    turn = mount.sky_turn
+    speed = float(np.linalg.norm(turn))
+    across = np.linalg.eigvalsh(mount.turn_cov[:2, :2])[-1]
+    return replace(
+        night,
+        axis_camera=turn / speed,
+        axis_sigma_deg=math.degrees(math.sqrt(float(across)) / EARTH_RAD_S),
+        rate=Estimate(speed / EARTH_RAD_S, math.sqrt(float(mount.turn_cov[2, 2])) / EARTH_RAD_S),
+        turn_chance=chance,
+    )
+
+
+def _in_words(night: NightFix, mount: FixedMount, frames: int, clock_sigma_s: float) -> NightFix:
+    """Add what is told, and what cannot be."""
+    told = [f"{len(night.used)} of {frames} frames give one orientation to the Earth, over {mount.span_s / 3600:.2f} h"]
+    if night.left_out:
+        told.append(f"frames {', '.join(map(str, night.left_out))} disagree with it and are left out")
+    if night.wander_deg > 0:
+        told.append(f"the mount wanders by {night.wander_deg:.4f} deg about each axis beyond the frames' noise")
+    if night.rate is not None:
+        told.append(
+            f"the sky turns at {night.rate.value:.6f} +- {night.rate.sigma:.6f} of the Earth's rate, about an axis known "
+            f"within {night.axis_sigma_deg:.4f} deg"
+        )
+        verdict = "the mount moved or the clock runs wrong" if night.turn_chance < LEAST_CHANCE else "nothing moved"
+        told.append(f"{verdict} (probability of as much by chance {night.turn_chance:.2g})")
+    untold = [
+        "an offset of the clock is a longitude: 1 s is 15.04 arcsec, 464 m at the equator"
+        + ("" if clock_sigma_s else "; the clock is taken as exact (clock_sigma_s = 0)"),
+        "a turn of camera and ground together about the Earth's axis is a longitude, a tilt of the vertical is a place: "
+        "stars show neither, and frames do not average it away",
+        "a drift of the mount about the Earth's axis is a clock that runs fast or slow",
+        "refraction that stands still in the frame is a distortion of the lens: a lens calibrated on these frames alone "
+        "holds it",
+    ]
+    return replace(night, told=tuple(told), untold=tuple(untold))

@@ -1,0 +1,185 @@
+"""A night of a camera that stands still: coverage of what it claims, wander, a moving mount, a wrong clock."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import celnav
+from benchmark.fields.solver_fields import HEIGHT, WIDTH
+from benchmark.judge.geodesy import east_north_km
+from celnav.horizon import rotation_vector
+from celnav.sequences.fixed_mount import EARTH_RAD_S, combine
+from celnav.sky.astrometry import apparent_enu, enu_rotation
+from celnav.sky.catalog import load_catalog
+from celnav.sky.utc import Utc, parse_utc
+
+CAMERA = celnav.Camera.pinhole(WIDTH, HEIGHT, 90)
+START = parse_utc("2022-09-14T20:00:00Z")
+LAT_DEG, LON_DEG = 51.883, -1.306
+R_CAM = Rotation.from_euler("ZXZ", [40, 35, 20], degrees=True).as_matrix() @ np.diag([-1.0, -1.0, 1.0])
+NOISE_PX = 0.4
+UP = celnav.Attitude.up(R_CAM[:, 2])
+
+
+def later(seconds):
+    return Utc(START.mjd_day, START.second_of_day_s + seconds)
+
+
+def frame(utc, rng, R_cam=R_CAM, noise_px=NOISE_PX):
+    """Positions and fluxes of the stars to V 4.5 that a camera on the ground sees."""
+    stars = load_catalog()
+    stars = stars.take(stars.v_mag < 4.5)
+    enu = apparent_enu(stars, utc, LAT_DEG, LON_DEG, pressure_hpa=1010.0, temperature_c=10.0)
+    uv = CAMERA.project(enu @ R_cam.T)
+    seen = (enu[:, 2] > 0.3) & np.isfinite(uv[:, 0]) & CAMERA.in_frame(np.nan_to_num(uv, nan=-1e9))
+    uv = uv[seen] + noise_px * rng.standard_normal((int(seen.sum()), 2))
+    return np.clip(uv, 0, [WIDTH - 1, HEIGHT - 1]), 10 ** (-0.4 * stars.v_mag[seen])
+
+
+def night_of(seconds, rng, attitude=UP, clock=lambda s: s, mount=lambda s: np.eye(3), **options):
+    """A night whose clock reads `clock(s)` at the second s, and whose mount is turned by `mount(s)`."""
+    night = celnav.Night(CAMERA, attitude, **options)
+    for second in seconds:
+        uv, flux = frame(later(second), rng, mount(second) @ R_CAM)
+        night.add(uv, later(clock(second)), flux=flux)
+    return night.fix()
+
+
+def offset_km(found):
+    return np.array(east_north_km(LAT_DEG, LON_DEG, found.lat_deg, found.lon_deg))
+
+
+def turned(about, degrees):
+    return Rotation.from_rotvec(np.radians(degrees) * np.asarray(about, dtype=float)).as_matrix()
+
+
+def test_a_night_is_as_good_as_it_says():
+    """30 nights of 6 frames: chi-squared of 60 and of 90 degrees of freedom; each bound fails once in 5,000 runs."""
+    squares, turns, ratios = [], [], []
+    for seed in range(30):
+        rng = np.random.default_rng([1, seed])
+        found = night_of(np.linspace(0, 10800, 6), rng)
+        assert found.ok
+        assert len(found.used) == 6
+        error = offset_km(found)
+        squares.append(error @ np.linalg.solve(found.cov_km2, error))
+        turns.append(found.turn_chance)
+        ratios.append((found.rate.value - 1) / found.rate.sigma)
+    assert 27.5 < np.sum(squares) < 106  # chi2.ppf([1e-4, 0.9999], 60) = 27.5, 107
+    # Probabilities are uniform: Kolmogorov's statistic of 30 exceeds 0.38 once in 5,000 runs.
+    assert np.max(np.abs(np.sort(turns) - (np.arange(30) + 0.5) / 30)) < 0.38
+    assert 10.8 < np.sum(np.square(ratios)) < 67  # the same quantiles of 30 degrees of freedom
+
+
+def test_frames_average_noise_and_not_the_vertical():
+    """A tilt of 0.1 deg is 11 km, in one frame as in a night; noise of a night of nine is a third of a frame's."""
+    rng = np.random.default_rng(2)
+    sharp = night_of(np.linspace(0, 9000, 9), rng)
+    single = night_of([0.0], rng)
+    assert np.sqrt(np.trace(sharp.cov_km2) / np.trace(single.cov_km2)) == pytest.approx(1 / 3, rel=0.25)
+    tilted = night_of(np.linspace(0, 9000, 9), rng, celnav.Attitude.up(R_CAM[:, 2], tilt_deg=0.1))
+    assert np.sqrt(np.diag(tilted.cov_km2)) == pytest.approx(11.1, rel=0.02)
+
+
+def test_a_clock_that_is_off_is_a_longitude():
+    """60 s are 0.2507 deg of longitude (15.041 arcsec a second) and no latitude; clock_sigma_s holds them."""
+    found = night_of(np.linspace(0, 7200, 5), np.random.default_rng(3), clock=lambda s: s + 60, clock_sigma_s=60.0)
+    east, north = offset_km(found)
+    assert abs(found.lon_deg - LON_DEG) == pytest.approx(0.2507, abs=0.01)
+    assert abs(north) < 1.5
+    assert math.sqrt(found.cov_km2[0, 0]) == pytest.approx(abs(east), rel=0.1)
+    assert found.latitude_deg.value == pytest.approx(LAT_DEG, abs=4 * found.latitude_deg.sigma)
+    assert found.turn_chance > 1e-3
+    assert any("clock" in sentence for sentence in found.untold)
+
+
+def test_a_clock_that_runs_fast_shows_as_the_rate_of_the_sky():
+    """One per cent fast: in an hour 36 s, 0.15 deg; the sky seems to turn by a hundred and first less."""
+    found = night_of(np.linspace(0, 7200, 6), np.random.default_rng(4), clock=lambda s: 1.01 * s)
+    assert found.rate.value == pytest.approx(1 / 1.01, abs=4 * found.rate.sigma)
+    assert found.turn_chance < 1e-3
+    assert any("clock runs wrong" in sentence for sentence in found.told)
+
+
+def test_a_mount_that_turns_moves_the_axis():
+    """0.05 deg an hour about the boresight."""
+    found = night_of(
+        np.linspace(0, 7200, 6), np.random.default_rng(5), mount=lambda s: turned([0, 0, 1], 0.05 * s / 3600)
+    )
+    assert found.turn_chance < 1e-6
+    assert any("the mount moved" in sentence for sentence in found.told)
+
+
+def test_the_axis_of_the_turning_sky_is_the_pole():
+    """Without absolute times: the axis from the turning alone, and the latitude from it and the vertical."""
+    found = night_of(np.linspace(0, 14400, 8), np.random.default_rng(6))
+    pole = R_CAM @ [0, math.cos(math.radians(LAT_DEG)), math.sin(math.radians(LAT_DEG))]
+    away_deg = math.degrees(math.acos(found.axis_camera @ pole))
+    assert away_deg < 4 * found.axis_sigma_deg < 0.2
+    assert found.latitude_deg.value == pytest.approx(LAT_DEG, abs=4 * found.latitude_deg.sigma)
+
+
+def test_without_a_vertical_the_place_gives_the_attitude():
+    found = night_of(np.linspace(0, 7200, 5), np.random.default_rng(7), attitude=None, pressure_hpa=0.0)
+    assert (found.ok, found.reason) == (False, "vertical_required")
+    attitude = found.attitude_at(LAT_DEG, LON_DEG)
+    # Refraction was not taken off: half an arcminute at most in the mean over this field.
+    assert np.degrees(np.linalg.norm(rotation_vector(attitude.R_cam @ R_CAM.T))) < 0.03
+    assert 0 < attitude.tilt_deg < 0.02
+    empty = celnav.Night(CAMERA, UP).fix()
+    assert (empty.ok, empty.reason) == (False, "too_few_detections")
+    with pytest.raises(celnav.CelnavError, match="no frame"):
+        empty.attitude_at(LAT_DEG, LON_DEG)
+
+
+def draws(n, rng, sigma_rad, wander_rad, correlated=False):
+    """Orientations around one, with noise and wander of the mount."""
+    wander = wander_rad * rng.standard_normal((n, 3))
+    if correlated:  # one value for each quarter of the frames
+        wander = np.repeat(wander[:4], math.ceil(n / 4), axis=0)[:n]
+    turn = sigma_rad * rng.standard_normal((n, 3)) + wander
+    rotations = np.stack([Rotation.from_rotvec(one).as_matrix() for one in turn]) @ R_CAM
+    return rotations, np.broadcast_to(sigma_rad**2 * np.eye(3), (n, 3, 3))
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_wander_is_in_the_covariance(correlated):
+    """120 means of 40 frames: chi-squared of 360 where each wanders alone, at most 1.3 times (its 0.9999 quantile).
+
+    Where wander goes on for ten frames at a time it is not averaged at all: the covariance is then too wide, not too narrow.
+    """
+    rng = np.random.default_rng(8)
+    squares, wanders = [], []
+    for _ in range(120):
+        found = combine(*draws(40, rng, 1e-4, 3e-4, correlated), np.arange(40.0))
+        error = rotation_vector(found.rotation @ R_CAM.T)
+        squares.append(error @ np.linalg.solve(found.cov, error))
+        wanders.append(found.wander_rad)
+    assert np.median(wanders) == pytest.approx(3e-4, rel=0.5 if correlated else 0.1)
+    assert np.mean(squares) < 3.9  # chi2.ppf(0.9999, 360) / 120
+    assert np.mean(squares) > (0.3 if correlated else 2.2)
+
+
+def test_a_frame_that_is_named_wrongly_is_left_out():
+    rng = np.random.default_rng(9)
+    rotations, covs = draws(9, rng, 1e-4, 0.0)
+    rotations[4] = turned([0, 1, 0], 25.0) @ rotations[4]
+    found = combine(rotations, covs, np.arange(9.0))
+    assert 4 not in found.used
+    assert len(found.used) == 8
+    assert np.linalg.norm(rotation_vector(found.rotation @ R_CAM.T)) < 4e-4
+
+
+def test_the_rate_is_that_of_the_earth_rotation_angle():
+    """360 deg of Earth rotation angle take 86164.0989 s of UT1 (IERS Conventions 2010, stellar day)."""
+    assert 2 * math.pi / EARTH_RAD_S == pytest.approx(86164.098903691, abs=1e-6)
+
+
+def test_a_site_is_where_the_night_puts_it():
+    """The terrestrial orientation is that of the place and the attitude."""
+    found = night_of(np.linspace(0, 7200, 4), np.random.default_rng(10))
+    true = R_CAM @ enu_rotation(LAT_DEG, LON_DEG)
+    error = rotation_vector(found.R_terrestrial_to_camera @ true.T)
+    assert error @ np.linalg.solve(found.cov_rad2, error) < 21.1  # three degrees of freedom, once in 10,000 runs
