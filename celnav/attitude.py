@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,6 @@ Kind = Literal["rotation", "up"]
 _Rows = tuple[tuple[float, float, float], ...]
 ROTATION_TOLERANCE = 1e-6
 _LARGEST_ENTRY = 1e100  # its square is still a float
-_MOST_NUMBERS = 10_000
 
 
 @dataclass(frozen=True)
@@ -33,20 +32,12 @@ class Attitude:
         Rows of `R_cam` (3 of them), or the up vector in the camera frame (one row).
     tilt_deg, heading_deg : float
         Standard deviations: of the tilt about each horizontal axis, and of the heading.
-    turn_by_lens : tuple
-        Of an attitude that was calibrated together with a lens: how it turns in the camera frame, radians, with each
-        parameter of the camera's `LensUncertainty`; three rows. Empty for any other.
-    star_cells : tuple
-        Of such an attitude: u, v (pixels) and information (px^-2) of the stars that it came from, gathered in cells of the
-        frame. What the lens' form leaves there has turned the attitude too.
     """
 
     kind: Kind
     rows: _Rows
     tilt_deg: float = 0.0
     heading_deg: float = 0.0
-    turn_by_lens: tuple[tuple[float, ...], ...] = ()
-    star_cells: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def exact(cls, R_cam: ArrayLike) -> Attitude:
@@ -92,20 +83,7 @@ class Attitude:
         if "tilt_sigma_deg" not in record and "heading_sigma_deg" not in record:
             return cls.exact(record["R_cam"])
         sigmas = {name: record.get(f"{name}_sigma_deg", 0.0) for name in ("tilt", "heading")}
-        attitude = cls.with_sigma(record["R_cam"], tilt_deg=sigmas["tilt"], heading_deg=sigmas["heading"])
-        calibrated: dict[str, Any] = {}
-        for name, key in (("turn_by_lens", "turn_by_lens_rad"), ("star_cells", "star_cells_px")):
-            if record.get(key) is not None:
-                rows = real_array(record[key], key, AttitudeError)
-                good = (
-                    rows.ndim == 2
-                    and rows.shape[0 if name == "turn_by_lens" else 1] == 3
-                    and rows.size <= _MOST_NUMBERS
-                )
-                if not good or not (np.abs(rows) <= _LARGEST_ENTRY).all():
-                    raise AttitudeError(f"attitude file {path}: {key} must be finite numbers in threes")
-                calibrated[name] = tuple(tuple(row) for row in rows.tolist())
-        return replace(attitude, **calibrated)
+        return cls.with_sigma(record["R_cam"], tilt_deg=sigmas["tilt"], heading_deg=sigmas["heading"])
 
     @property
     def R_cam(self) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from celnav import projection
 from celnav.checking import finite_number, real_array, real_rows, shown
 from celnav.errors import CameraError
+from celnav.lens.lens_uncertainty import LensUncertainty
 
 PERSPECTIVE = ("pinhole", "brown_conrady")
 FISHEYE = ("kannala_brandt", "equidistant", "equisolid", "stereographic", "orthographic")
@@ -29,65 +29,7 @@ OUTSIDE_FRAME_PART = 0.05
 # How many coefficients k each model takes; models that are absent take none.
 _RADIAL = {"brown_conrady": 6, "kannala_brandt": 4}
 _MOST_TILT_RAD = 0.5
-_PARAMETER = re.compile(r"f_px|fy_px|cx_px|cy_px|k[1-6]|p[12]|s[1-4]|tau_[xy]_rad")
 _NAMES = ("model", "width", "height", "f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad")
-
-
-@dataclass(frozen=True)
-class LensUncertainty:
-    """How well a calibration knows a lens.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters: ``f_px`` (of both axes unless ``fy_px`` is among them), ``cx_px``, ``cy_px``, ``k1``..., ``p1``, ``p2``,
-        ``s1``..., ``tau_x_rad``, ``tau_y_rad``.
-    rows : tuple of tuple of float
-        Their covariance, the attitudes of the calibration's frames free.
-
-    Raises
-    ------
-    CameraError
-        When a name is unknown, or the matrix is no covariance of as many parameters.
-    """
-
-    names: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
-
-    def __post_init__(self) -> None:
-        if unknown := [name for name in self.names if not _PARAMETER.fullmatch(name)]:
-            raise CameraError(f"camera uncertainty: parameter {shown(unknown[0])} is not known")
-        cov = real_array(self.rows, "camera uncertainty: covariance", CameraError)
-        if len(set(self.names)) < len(self.names) or cov.shape != (len(self.names), len(self.names)):
-            raise CameraError(f"camera uncertainty: covariance of shape {cov.shape} of {len(self.names)} parameters")
-        if not (np.abs(cov) <= _LARGEST_COEFFICIENT**2).all() or (np.diag(cov) < 0).any():
-            raise CameraError("camera uncertainty: covariance must hold finite numbers, and variances on its diagonal")
-        scale = 1 / np.sqrt(np.where(np.diag(cov) > 0, np.diag(cov), 1.0))
-        scaled = cov * scale[:, None] * scale
-        if not np.allclose(scaled, scaled.T, rtol=0, atol=1e-6) or np.linalg.eigvalsh(scaled)[0] < -1e-6:
-            raise CameraError(
-                "camera uncertainty: covariance must be symmetric, and no combination of parameters negative"
-            )
-        object.__setattr__(self, "rows", tuple(tuple(row) for row in cov.tolist()))
-
-    @property
-    def cov(self) -> NDArray[np.float64]:
-        """The covariance, shape (m, m)."""
-        return np.array(self.rows)
-
-    @classmethod
-    def from_dict(cls, record: object) -> LensUncertainty:
-        """Make one from ``parameters`` and ``covariance``."""
-        if not isinstance(record, Mapping) or not {"parameters", "covariance"} <= record.keys():
-            raise CameraError("camera uncertainty must hold parameters and covariance")
-        names = record["parameters"]
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise CameraError("camera uncertainty: parameters must be a list of names")
-        return cls(tuple(names), record["covariance"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what `from_dict` reads."""
-        return {"parameters": list(self.names), "covariance": [list(row) for row in self.rows]}
 
 
 @dataclass(frozen=True)

@@ -171,8 +171,9 @@ class SkybenchSolver:
         adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
         shared = None
         if adjusted is not None:
+            air = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
-            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up)
+            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, air)
             if (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 again = self._adjust(
                     camera, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment

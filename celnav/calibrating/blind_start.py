@@ -30,22 +30,27 @@ WORK = 4_000_000
 
 
 @dataclass(frozen=True)
-class _Pass:
-    """Radius of the disk, in focal lengths; range of focal lengths, in the frame's shorter side; step, and work for each."""
+class Pass:
+    """Radius of the disk, in focal lengths; range of focal lengths, in the frame's shorter side; step, and work for each.
+
+    `frames` is the most frames that it is tried on.
+    """
 
     reach_rad: float
     shortest: float
     longest: float
     step: float
     work: int
+    frames: int
 
 
 # From an image circle of 180 deg over a third of the frame to 5 deg across it. Where clutter is bright or stars are few,
-# finer steps and more work find what the first passes miss.
-_PASSES = (
-    _Pass(0.35, 0.1135, 11.0, 1.12, WORK),
-    _Pass(0.5, 0.1135, 11.0, 1.12, WORK),
-    _Pass(0.35, 0.5, 11.0, 1.05, 5 * WORK),
+# finer steps and more work find what the first passes miss. All together take 3.7e9 look-ups at most, and 1.6e9 of one frame,
+# however many frames there are; those that are tried lie evenly in their order.
+PASSES = (
+    Pass(0.35, 0.1135, 11.0, 1.12, WORK, 12),
+    Pass(0.5, 0.1135, 11.0, 1.12, WORK, 2),
+    Pass(0.35, 0.5, 11.0, 1.05, 5 * WORK, 1),
 )
 
 
@@ -71,10 +76,10 @@ class Start:
     stars: int
 
 
-def find_start(frame: CalibrationFrame, sky: Sky) -> Start | None:
+def find_start(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...] = PASSES) -> Start | None:
     """Find focal length and attitude from nothing; None where the middle of the frame shows no stars to be named."""
     shorter = min(frame.size)
-    for each in _PASSES:
+    for each in passes:
         steps = int(math.log(each.longest / each.shortest) / math.log(each.step)) + 1
         for step in range(steps):
             f_px = each.shortest * shorter * each.step**step
@@ -88,7 +93,7 @@ def is_mirrored(frame: CalibrationFrame, sky: Sky) -> bool:
     """Tell whether the stars of the frame are found once it is turned over: a picture whose rows run upwards."""
     uv = frame.uv * [1.0, -1.0] + [0.0, frame.size[1] - 1.0]
     turned = replace(frame, detections=replace(frame.detections, uv=uv))
-    return find_start(turned, sky) is not None
+    return find_start(turned, sky, PASSES[:1]) is not None
 
 
 def identify_middle(

@@ -19,9 +19,10 @@ from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
 from celnav.calibrating.residual_pattern import residual_pattern, star_cells
-from celnav.camera import Camera, LensUncertainty
+from celnav.camera import Camera
 from celnav.checking import finite_number
 from celnav.errors import CalibrationError, ConfigError
+from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.position import usual_weather
 
 F8 = NDArray[np.float64]
@@ -170,7 +171,10 @@ def _described(
         )
     stars = np.array([field.skies[f].star_id[s] for f, s in zip(fit.seen.frame, fit.seen.star, strict=True)])
     cov = bundle.cov * pattern.inflation
-    known = LensUncertainty(form.names, tuple(tuple(row) for row in cov.tolist()))
+    mount = mount_of(bundle.rotations, cov_of_group, group_night)
+    turn = bundle.turn_by_lens.mean(axis=0)
+    parts = (cov, mount.R_cam, turn, star_cells(fit.seen, bundle.size).round(3))
+    known = LensUncertainty(form.names, *(tuple(tuple(row) for row in part.tolist()) for part in parts))
     return CameraCalibration(
         camera=replace(form.camera(bundle.values, bundle.size), uncertainty=known),
         form=form,
@@ -179,7 +183,7 @@ def _described(
         attitudes=tuple(attitudes),
         one_attitude_per="night" if len(bundle.rotations) < len(field.frames) else "frame",
         steady=steady,
-        mount=mount_of(bundle.rotations, cov_of_group, group_night),
+        mount=mount,
         noise=fit.noise,
         rms_px=math.sqrt(float(np.average(square, weights=weight))),
         plain_rms_px=math.sqrt(float(square.mean())),
@@ -189,6 +193,4 @@ def _described(
         left_out=tuple(left_out),
         residuals=Residuals(fit.seen.uv, residual, fit.seen.sigma_px, fit.seen.frame, stars, group),
         R_by_group=bundle.rotations,
-        turn_by_lens=bundle.turn_by_lens.mean(axis=0),
-        star_cells=star_cells(fit.seen, bundle.size),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -105,10 +105,6 @@ class CameraCalibration:
         Of every star.
     R_by_group : ndarray, shape (g, 3, 3)
         The attitudes that were fitted.
-    turn_by_lens : ndarray, shape (3, m)
-        How the mount's attitude would turn in the camera frame, radians, by a change of each parameter of the lens.
-    star_cells : ndarray, shape (c, 3)
-        Where the stars stood: u, v (pixels), and their information (px^-2), gathered in cells of the frame.
     """
 
     camera: Camera
@@ -128,8 +124,6 @@ class CameraCalibration:
     left_out: tuple[str, ...]
     residuals: Residuals
     R_by_group: F8
-    turn_by_lens: F8
-    star_cells: F8
 
     @cached_property
     def sigmas(self) -> Mapping[str, float]:
@@ -140,9 +134,7 @@ class CameraCalibration:
     def attitude(self) -> Attitude:
         """The mount's attitude for another night, with its standard deviations, as `celnav.solve` takes it."""
         mount = self.mount
-        known = Attitude.with_sigma(mount.R_cam, tilt_deg=mount.tilt_sigma_deg, heading_deg=mount.heading_sigma_deg)
-        turn, cells = (tuple(tuple(row) for row in part.tolist()) for part in (self.turn_by_lens, self.star_cells))
-        return replace(known, turn_by_lens=turn, star_cells=cells)
+        return Attitude.with_sigma(mount.R_cam, tilt_deg=mount.tilt_sigma_deg, heading_deg=mount.heading_sigma_deg)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the calibration as JSON can hold it; `celnav solve` reads its camera and its attitude."""
@@ -153,8 +145,6 @@ class CameraCalibration:
                 "R_cam": mount.R_cam.tolist(),
                 "tilt_sigma_deg": mount.tilt_sigma_deg,
                 "heading_sigma_deg": mount.heading_sigma_deg,
-                "turn_by_lens_rad": self.turn_by_lens.tolist(),
-                "star_cells_px": self.star_cells.round(3).tolist(),
             },
             "calibration": {
                 "parameters": list(self.form.names),

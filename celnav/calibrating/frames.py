@@ -38,12 +38,15 @@ class CalibrationFrame:
         Width and height, pixels.
     name : str
         For messages and tables.
+    exposure_s : float or None
+        Length of the exposure, where it is known.
     """
 
     detections: Detections
     utc: Utc
     size: tuple[int, int]
     name: str = ""
+    exposure_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.detections.shape is not None and self.detections.shape != self.size[::-1]:

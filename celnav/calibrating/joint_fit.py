@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.calibrating.blind_start import Start, find_start, identify_middle, is_mirrored
+from celnav.calibrating.blind_start import PASSES, Start, find_start, identify_middle, is_mirrored
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.fixed_detections import moving
 from celnav.calibrating.frames import CalibrationFrame, Sky
@@ -25,6 +26,8 @@ _MOST_LOG10_CHANCE = -8.0
 _MOUNT_RADII_PX = (10.0, 5.0, 3.0)
 _MOUNT_MAGS = (3.5, 4.5, 5.5)
 _FIRST_RADIUS_PX = 3.0
+# Frames that a guess is tried on: 0.04 s each.
+_GUESSED_FRAMES = 50
 _LEAST_RADIUS_PX, _MOST_RADIUS_PX = 0.8, 4.0
 _ROUNDS = 4
 
@@ -92,14 +95,8 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
 
     `guess` is a camera whose focal length is known within 6 %.
     """
-    for i, (frame, sky) in enumerate(zip(field.frames, field.skies, strict=True)):
-        start = None
-        if guess is not None:
-            start = identify_middle(frame, sky, guess.camera, guess.reach_px)
-        if start is None:
-            start = find_start(frame, sky)
-        if start is None:
-            continue
+    for i, start in _starts(field, guess):
+        frame, sky = field.frames[i], field.skies[i]
         if float((start.rotation.T @ middle_axis(start))[2]) < math.sin(math.radians(-20)):
             raise CalibrationError(
                 f"frame {frame.name}: {start.stars} stars are identified, but they lie below the horizon of the place at "
@@ -114,6 +111,19 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
         if mirrored
         else "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera"
     )
+
+
+def _starts(field: Field, guess: Start | None) -> Iterator[tuple[int, Start]]:
+    """Frames whose middle can be named, with their starts: by the guess, then by the passes of a blind search."""
+    if guess is not None:
+        for i, (frame, sky) in enumerate(zip(field.frames, field.skies, strict=True)):
+            if i < _GUESSED_FRAMES and (start := identify_middle(frame, sky, guess.camera, guess.reach_px)) is not None:
+                yield i, start
+    for each in PASSES:
+        count = len(field.frames)
+        for i in np.unique(np.linspace(0, count - 1, min(count, each.frames)).round().astype(int)).tolist():
+            if (start := find_start(field.frames[i], field.skies[i], (each,))) is not None:
+                yield i, start
 
 
 def middle_axis(start: Start) -> F8:

@@ -64,10 +64,13 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
             "roll_deg": pointing.roll_deg,
         }
         site = {"latitude_deg": arguments.lat, "longitude_deg": arguments.lon, "height_m": arguments.height_m}
-        moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(found.attitudes[0].utc.mjd * 86400), "s")
+        first = next(frame for frame in frames if frame.name == found.attitudes[0].name)
+        exposure_s = 1.0 if first.exposure_s is None else first.exposure_s
+        started_mjd = found.attitudes[0].utc.mjd - exposure_s / 2 / 86400
+        moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(started_mjd * 86400), "s")
         centre = np.array([found.camera.cx_px, found.camera.cy_px])
         reach_px = float(np.hypot(*(found.residuals.uv - centre).T).max())
-        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", 1.0, reach_px))
+        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", exposure_s, reach_px))
     if arguments.map is not None:
         draw_residual_map(found, arguments.map)
     return found.to_json().rstrip("\n") if arguments.json else report(found)

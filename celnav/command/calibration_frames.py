@@ -72,7 +72,7 @@ def read_frames(
 def _image_frame(
     path: str, utc: str | None, time_zone: str | None, stamp: Stamp, mask: NDArray[np.bool_] | None
 ) -> CalibrationFrame:
-    image, middle = _image_and_middle(path)
+    image, middle, exposure_s = _image_and_time(path)
     moment = utc or middle
     if moment is None:
         if is_fits(path):
@@ -84,16 +84,17 @@ def _image_frame(
         except TimeError as error:
             raise TimeError(f"image {path}: {error}") from None
     height, width = image.shape[:2]
-    return CalibrationFrame(detect(image, mask), parse_utc(moment), (width, height), Path(path).name)
+    return CalibrationFrame(detect(image, mask), parse_utc(moment), (width, height), Path(path).name, exposure_s)
 
 
-def _image_and_middle(path: str) -> tuple[NDArray[np.generic], str | None]:
-    """Pixels, and the middle of the exposure where header or frame record state it."""
+def _image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:
+    """Pixels; middle and length (s) of the exposure where header, frame record or tags state them."""
     refuse_raw(path)
     if is_fits(path):
         found = read_fits(path)
-        return found.pixels, None if found.middle is None else _written(found.middle)
-    return read_image(path), _record_utc(Path(path).with_suffix(".json"))
+        return found.pixels, None if found.middle is None else _written(found.middle), found.exposure_s
+    middle, exposure_s = _of_record(Path(path).with_suffix(".json"))
+    return read_image(path), middle, read_tags(path).exposure_s if exposure_s is None else exposure_s
 
 
 def _learnt_mask(paths: list[str]) -> NDArray[np.bool_] | None:
@@ -102,7 +103,7 @@ def _learnt_mask(paths: list[str]) -> NDArray[np.bool_] | None:
         return None
     rows = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), _MOST_FOR_MASK)).astype(int))
     try:
-        return sky_mask([_image_and_middle(paths[row])[0] for row in rows])
+        return sky_mask([_image_and_time(paths[row])[0] for row in rows])
     except ImageError:
         return None
 
@@ -111,15 +112,17 @@ def _written(moment: datetime) -> str:
     return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def _record_utc(path: Path) -> str | None:
-    """Middle of the exposure by the frame record beside an image; None where there is none."""
+def _of_record(path: Path) -> tuple[str | None, float | None]:
+    """Middle and length (s) of the exposure by the frame record beside an image; None where it does not say."""
     try:
         record = json.loads(path.read_text(encoding="utf-8")) if path.stat().st_size <= MAX_BYTES else None
     except (OSError, ValueError, RecursionError):
-        return None
+        return None, None
     time = record.get("time") if isinstance(record, dict) else None
     middle = time.get("utc_mid") if isinstance(time, dict) else None
-    return middle if isinstance(middle, str) else None
+    length = time.get("exposure_s") if isinstance(time, dict) else None
+    known = isinstance(length, (int, float)) and not isinstance(length, bool) and 0 < length < math.inf
+    return (middle if isinstance(middle, str) else None), (float(length) if known and length is not None else None)
 
 
 def read_rms_centroids(path: str | Path) -> list[CalibrationFrame]:
@@ -166,4 +169,4 @@ def _rms_frame(path: str | Path, name: str, platepar: dict[str, Any]) -> Calibra
         days = finite_number(float(rows[0, 0]), f"{what}: Julian date", CalibrationError, 2_400_000, 2_600_000)
         middle = datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=days - 2451545.0)
     detections = Detections(rows[:, [2, 1]].copy(), np.maximum(rows[:, 3], math.ulp(1.0)), (height, width), None)
-    return CalibrationFrame(detections, parse_utc(_written(middle)), (width, height), name)
+    return CalibrationFrame(detections, parse_utc(_written(middle)), (width, height), name, _BLOCK_S)

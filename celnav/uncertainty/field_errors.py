@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from celnav.adjustment import Adjusted, CameraPriors, design_of
 from celnav.attitude import Attitude
 from celnav.camera import Camera
-from celnav.errors import AttitudeError
+from celnav.horizon import horizontal_frame
 from celnav.uncertainty.lens_errors import lens_covariance, lens_derivatives, turn_by_lens
 from celnav.uncertainty.noise_components import airmass, relative_sigmas
+from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA, refraction_derivatives
 from celnav.uncertainty.shared_residuals import SharedField, Sway, shared_field, sway
 
 F8 = NDArray[np.float64]
 
+SAME_VERTICAL_DEG = 0.2
+"""An attitude whose vertical is as near as this to that of the camera's calibration is taken to come from it: mounts move by
+hundredths of a degree, and no level agrees with one so well by chance alone."""
 # Pairs that are less likely say nothing of the field.
 _LEAST_WEIGHT = 0.05
 
@@ -38,6 +42,8 @@ class FieldOfStars:
         Stars, terrestrial frame.
     up : ndarray, shape (3,), or None
         Zenith in the camera frame; None where it is unknown or there is no air.
+    air : tuple of float
+        Pressure (hPa) and temperature (deg C).
     """
 
     camera: Camera
@@ -46,6 +52,7 @@ class FieldOfStars:
     relative_sigma: F8 | None
     dirs: F8
     up: F8 | None
+    air: tuple[float, float]
 
     @cached_property
     def mass(self) -> F8 | None:
@@ -91,6 +98,7 @@ def with_shared_errors(
     turned = field.dirs[star] @ adjusted.rotation.T
     design = design_of(field.camera, turned, adjusted.camera_values, free)
     mass = None if field.mass is None else field.mass[detection]
+    together = _calibrated_together(field.camera, attitude)
     size = field.camera.width, field.camera.height
     shared = shared_field(
         field.uv[detection],
@@ -100,31 +108,38 @@ def with_shared_errors(
         held,
         mass,
         size,
-        _reference(field, attitude),
+        _reference(field) if together else None,
     )
     if shared is not None:
         cov = adjusted.cov + shared.cov
         of_camera = adjusted.camera_sigmas.copy()
         of_camera[free] = np.sqrt(np.diag(cov)[3:])
         adjusted = replace(adjusted, cov=cov, camera_sigmas=of_camera)
+    cov = adjusted.cov.copy()
+    if field.up is not None:
+        by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
+        turn = turn_by_lens(design, by_air, precision, held)
+        cov[:3, :3] += RELATIVE_SIGMA**2 * turn @ turn.T
     uncertainty = field.camera.uncertainty
     if uncertainty is not None:
-        attitude_turn = () if attitude is None else attitude.turn_by_lens
-        if attitude_turn and len(attitude_turn[0]) != len(uncertainty.names):
-            raise AttitudeError("the attitude was calibrated with another lens: take both from one calibration")
         by_lens = lens_derivatives(field.camera, turned, uncertainty.names)
         turn = turn_by_lens(design, by_lens, precision, held)
-        cov = adjusted.cov.copy()
-        cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(attitude_turn) if attitude_turn else None)
-        adjusted = replace(adjusted, cov=cov)
-    return adjusted, shared
+        cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(uncertainty.turn_by_lens) if together else None)
+    return replace(adjusted, cov=cov), shared
 
 
-def _reference(field: FieldOfStars, attitude: Attitude | None) -> Sway | None:
-    """How residuals where the stars of the attitude's calibration stood have turned it; None of any other attitude."""
-    if attitude is None or not attitude.star_cells:
-        return None
-    cells = np.array(attitude.star_cells)
+def _calibrated_together(camera: Camera, attitude: Attitude | None) -> bool:
+    """Tell whether the vertical of an attitude is the one that was calibrated with the camera."""
+    if attitude is None or camera.uncertainty is None or not camera.uncertainty.R_cam:
+        return False
+    apart = horizontal_frame(attitude)[:, 2] - np.array(camera.uncertainty.R_cam)[:, 2]
+    return float(np.linalg.norm(apart)) < np.radians(SAME_VERTICAL_DEG)
+
+
+def _reference(field: FieldOfStars) -> Sway | None:
+    """How residuals where the stars of the calibration stood have turned its attitude."""
+    assert field.camera.uncertainty is not None
+    cells = np.array(field.camera.uncertainty.star_cells)
     rays = field.camera.to_rays(cells[:, :2])
     seen = np.isfinite(rays[:, 0])
     cells, rays = cells[seen], rays[seen]

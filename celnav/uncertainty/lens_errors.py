@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.camera import Camera, LensUncertainty
+from celnav.camera import Camera
+from celnav.lens.lens_uncertainty import LensUncertainty
 
 F8 = NDArray[np.float64]
 

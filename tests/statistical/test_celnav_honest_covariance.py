@@ -16,8 +16,8 @@ import celnav
 from benchmark.fields.solver_bars import camera_of
 from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from benchmark.judge.geodesy import east_north_km
-from celnav.camera import LensUncertainty
 from celnav.identification.verification import rotation_of
+from celnav.lens.lens_uncertainty import LensUncertainty
 from celnav.uncertainty.shared_residuals import LEAST_SCORE, shared_field
 
 WIDE = Condition("wide", noise_px=0.2)

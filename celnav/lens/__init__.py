@@ -1,0 +1,1 @@
+"""Of a lens: how well it is known."""

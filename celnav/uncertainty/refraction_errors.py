@@ -1,0 +1,42 @@
+"""What the air's own refraction adds: it is not exactly that of the pressure and the temperature given.
+
+Refraction above 15 deg of altitude is the refractivity of the air at the observer times tan z, less a thousandth (Green 1985,
+Spherical Astronomy, section 4.4), and the refractivity goes with the pressure over the absolute temperature: 1 % of it is
+10 hPa or 3 K. A camera beside the zenith sees it as a shift of all stars, which their residuals do not show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+from celnav.sky.refraction import refraction_rad
+
+F8 = NDArray[np.float64]
+
+RELATIVE_SIGMA = 0.01
+"""Of the refraction: the temperature along the way through the lowest air differs from the observer's by some 3 K."""
+
+
+def refraction_derivatives(camera: Camera, rays: F8, up: F8, pressure_hpa: float, temperature_c: float) -> F8:
+    """Derivatives of unrefracted positions by the refraction's relative error, shape (n, 2, 1).
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    rays : ndarray, shape (n, 3)
+        Directions without refraction, camera frame.
+    up : ndarray, shape (3,)
+        Zenith.
+    pressure_hpa, temperature_c : float
+        Of the air.
+    """
+    height = np.clip(rays @ up, -1.0, 1.0)
+    outward = up - height[:, None] * rays
+    length = np.maximum(np.linalg.norm(outward, axis=1), 1e-12)
+    angle = refraction_rad(np.minimum(np.arctan2(length, height), np.pi / 2), pressure_hpa, temperature_c)
+    _, by_direction = camera.project_with_derivatives(rays)
+    lifted = outward / length[:, None] * angle[:, None]
+    return np.nan_to_num(np.einsum("nai,ni->na", by_direction, lifted))[:, :, None]
