@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from generator.errors import GeneratorError
-from generator.scenario.camera_presets import GENERIC, PRESETS
+from generator.scenario.camera_presets import PRESETS
+from generator.scenario.own_values import labelled
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
@@ -84,7 +85,9 @@ class Preset:
 
 def all_named() -> tuple[Named, ...]:
     """Every name, by kind."""
-    cameras = [Named(name, CAMERA, preset.title, f"{preset.source} {GENERIC}") for name, preset in PRESETS.items()]
+    cameras = [
+        Named(name, CAMERA, preset.title, f"{preset.source} {labelled(name)}") for name, preset in PRESETS.items()
+    ]
     curves = [Named(name, CURVE, _CURVE_TITLES[name], _OWN) for name in QE_CURVES]
     attitudes = [
         Named(name, ATTITUDE, title, "definition (docs/conventions.md)") for name, title in _ATTITUDE_TITLES.items()

@@ -6,12 +6,6 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any
 
-GENERIC = (
-    "Where no source is named, dark current, line time, non-uniformities, distortion, vignetting, aberrations, stray light "
-    "and quantum efficiency are skybench's own generic values."
-)
-"""Holds for every camera beside the source of its other figures."""
-
 
 @dataclass(frozen=True)
 class CameraPreset:
@@ -21,7 +15,7 @@ class CameraPreset:
     ----------
     title : str
     source : str
-        Of its figures.
+        Of its figures; those without one are listed in `generator.scenario.own_values`.
     camera, sensor : mapping of str to object
         Values of the scenario's two sections; those left out have skybench's defaults.
     """

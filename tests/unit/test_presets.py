@@ -11,6 +11,7 @@ from generator import presets
 from generator.light.lamps import lamp_spectra
 from generator.scenario.camera_presets import PRESETS
 from generator.scenario.model import NAMED_ATTITUDES, FrameSpec
+from generator.scenario.own_values import OWN_VALUES
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
@@ -55,6 +56,17 @@ def test_a_camera_is_shown_whole() -> None:
     assert run.exit_code == 0, run.output
     for words in ("strollswithmydog.com", "camera: {preset: NAME}", "sensor.full_well_e", "8180.0", "default"):
         assert words in run.stdout
+
+
+def test_values_without_a_source_are_labelled() -> None:
+    """Every preset has its list; what it names is among the preset's values, and `skybench presets` prints it."""
+    assert set(OWN_VALUES) == set(PRESETS)
+    for name, keys in OWN_VALUES.items():
+        given = {f"{part}.{key}" for part in ("camera", "sensor") for key in getattr(PRESETS[name], part)}
+        assert set(keys) <= given, name
+        assert len(set(keys)) == len(keys)
+    sources = {named.name: named.source for named in presets.all_named()}
+    assert "skybench's own, of the usual size: camera.k, " in sources["pixel-8-main"]
 
 
 def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
