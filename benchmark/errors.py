@@ -31,3 +31,7 @@ class SolverError(BenchmarkError):
 
 class PhotographError(BenchmarkError):
     """A photograph cannot be read, or its twin cannot be made."""
+
+
+class RoundError(BenchmarkError):
+    """A round's secret, rules, commitment or frames are missing, wrong or do not belong together."""

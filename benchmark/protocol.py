@@ -12,6 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+SIGMAS = ("utc_sigma_s", "focal_sigma", "principal_point_sigma_px", "pressure_sigma_hpa", "temperature_sigma_c")
+"""Standard deviations of what is told, beside those of the attitude."""
+
 
 @dataclass(frozen=True)
 class CameraRecord:
@@ -53,6 +56,14 @@ class Observation:
         Standard deviation of its heading; infinite where the heading is not known.
     pressure_hpa, temperature_c : float
         Air at the observer, as a barometer and a thermometer on board tell; pressure 0 where nothing is refracted.
+    utc_sigma_s : float
+        Standard deviation of the time.
+    focal_sigma : float
+        Of the focal length, relative.
+    principal_point_sigma_px : float
+        Of each of the principal point's coordinates.
+    pressure_sigma_hpa, temperature_sigma_c : float
+        Of the air's. All sigmas are 0 where what is told is exact.
     """
 
     camera: CameraRecord
@@ -62,6 +73,11 @@ class Observation:
     heading_sigma_deg: float = 0.0
     pressure_hpa: float = 1010.0
     temperature_c: float = 10.0
+    utc_sigma_s: float = 0.0
+    focal_sigma: float = 0.0
+    principal_point_sigma_px: float = 0.0
+    pressure_sigma_hpa: float = 0.0
+    temperature_sigma_c: float = 0.0
 
 
 class Detections(Protocol):

@@ -40,7 +40,7 @@ def commands_that_exist() -> dict[str, Any]:
 def name_of(line: str, existing: dict[str, Any]) -> str | None:
     """The words of a command line that name its command, if there is such a command."""
     words = line.split()
-    for length in (3, 2):
+    for length in (4, 3, 2):
         if " ".join(words[:length]) in existing:
             return " ".join(words[:length])
     return None

@@ -12,12 +12,14 @@ from benchmark.cli import submissions as submission_cli
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import progress_bars, working
+from benchmark.cli.rounds import commands as rounds_cli
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError, ResultsError
 
 app = typer.Typer(help="Run solvers over frames and report how they did.", no_args_is_help=True)
 submission_cli.add_to(app)
 boards_cli.add_to(app)
+app.add_typer(rounds_cli.app, name="round")
 
 
 class DetectionsChoice(StrEnum):

@@ -63,7 +63,8 @@ class TruthStars:
 class Frame:
     """One frame of a dataset; `observation` goes to the solver, the rest to the judge.
 
-    `condition` is the graded value of the frame in its task, None outside a task.
+    `condition` is the graded value of the frame in its task, None outside a task. `record_path` is the frame record, where
+    it does not lie beside the image.
     """
 
     frame_id: str
@@ -73,6 +74,7 @@ class Frame:
     conditions: FrameConditions
     truth: TruthStars
     condition: float | None = None
+    record_path: Path | None = None
 
 
 @dataclass(frozen=True)

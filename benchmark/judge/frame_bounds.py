@@ -11,6 +11,11 @@ from benchmark.frames.record_values import optional_number, read_record
 from benchmark.judge.cramer_rao import AttitudePrior, bound_km
 from benchmark.judge.place_information import StarLight, background_variance
 
+EARTH_RATE_RAD_S = 7.292115e-5
+"""Nominal mean angular velocity of the Earth (WGS84, NGA.STND.0036)."""
+EQUATOR_KM, ECCENTRICITY_SQUARED = 6378.137, 6.69437999014e-3
+"""Semi-major axis and first eccentricity squared of WGS84."""
+
 
 def light_of(frame: Frame) -> StarLight | None:
     """Gather a frame's true light, whatever the solver is given.
@@ -25,7 +30,7 @@ def light_of(frame: Frame) -> StarLight | None:
     """
     if not frame.image_path.name:
         return None  # made in memory, without image or record
-    path = frame.image_path.with_suffix(".json")
+    path = frame.record_path or frame.image_path.with_suffix(".json")
     record = read_record(path)
     sigma_px = optional_number(path, record, "optics.psf_sigma_px")
     if sigma_px is None:
@@ -43,8 +48,14 @@ def light_of(frame: Frame) -> StarLight | None:
     )
 
 
+def ground_speed_km_s(latitude_deg: float) -> float:
+    """Speed of a place on WGS84 about the Earth's axis: the error of a longitude for each second's error of the time."""
+    sine, cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    return EARTH_RATE_RAD_S * EQUATOR_KM / math.sqrt(1.0 - ECCENTRICITY_SQUARED * sine**2) * cosine
+
+
 def bound_of(frame: Frame) -> float | None:
-    """Least root mean square position error, km, for a solver with the attitude's stated uncertainty.
+    """Least root mean square position error, km, for a solver with the stated uncertainty of attitude and time.
 
     None where the frame has no bound: no width of the point spread function on record, or no stars that fix a position.
     """
@@ -53,4 +64,6 @@ def bound_of(frame: Frame) -> float | None:
         return None
     given = frame.observation
     bound = bound_km(light, AttitudePrior(given.tilt_sigma_deg, given.heading_sigma_deg))
+    # An error of the time turns the sky about the pole, as another longitude does: the two add up.
+    bound = math.hypot(bound, given.utc_sigma_s * ground_speed_km_s(light.latitude_deg))
     return bound if math.isfinite(bound) else None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmark.frames.dataset import Frame
 from benchmark.judge.answers import LONGEST_REASON, plain_words
-from benchmark.protocol import Answer, Detections, Observation
+from benchmark.protocol import SIGMAS, Answer, Detections, Observation
 from benchmark.solvers.attitude_position import position_of_attitude
 
 PROTOCOL = "skybench-solver/1"
@@ -75,6 +75,7 @@ def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str
         "heading_sigma_deg": _number_or_none(seen.heading_sigma_deg),
         "pressure_hpa": seen.pressure_hpa,
         "temperature_c": seen.temperature_c,
+        **{name: getattr(seen, name) for name in SIGMAS},
         "detections": found,
     }
 

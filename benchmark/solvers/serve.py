@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from benchmark.protocol import CameraRecord, Detections, Observation, SolverUnderTest
+from benchmark.protocol import SIGMAS, CameraRecord, Detections, Observation, SolverUnderTest
 from benchmark.solvers.messages import PROTOCOL
 from benchmark.solvers.registry import make_solver
 
@@ -59,6 +59,7 @@ def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[
         heading_sigma_deg=np.inf if heading is None else heading,
         pressure_hpa=request["pressure_hpa"],
         temperature_c=request["temperature_c"],
+        **{name: request[name] for name in SIGMAS},
     )
     started = time.perf_counter()
     found = _given(request) if request["detections"] is not None else solver.detect(_read(request["image"]))

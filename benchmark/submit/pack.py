@@ -8,7 +8,8 @@ import hmac
 import io
 import json
 import math
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from generator.files import write_bytes
 LISTING = "frames.json"
 TEMPLATE = "answers.csv"
 LARGEST_LISTING_BYTES = 64 * 2**20
+DATE_UNIX_S = 946_684_800
+"""Date of every file of a set, 2000-01-01: when it was made tells nothing."""
 
 
 def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
@@ -49,8 +52,15 @@ def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
     }
 
 
-def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = lambda name: None) -> None:
+def pack(
+    frames: Sequence[Frame],
+    out: Path,
+    progress: Callable[[str], None] = lambda name: None,
+    names: Mapping[str, str] | None = None,
+) -> None:
     """Write images with the records that a solver is given, without the truth.
+
+    Files are written in the order of their names, and all have one date.
 
     Parameters
     ----------
@@ -60,6 +70,8 @@ def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = l
         An empty or new folder: for each frame NAME.png and NAME.json, then a form for the answers, then the list.
     progress : callable
         Called with the name of each frame written.
+    names : mapping of str to str, optional
+        Name of each frame by its id; `withheld_names` unless given.
 
     Raises
     ------
@@ -68,7 +80,7 @@ def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = l
     ResultsError
         `out` cannot be used.
     """
-    names = withheld_names(frames)
+    names = withheld_names(frames) if names is None else names
     try:
         out.mkdir(parents=True, exist_ok=True)
         if any(out.iterdir()):
@@ -78,15 +90,20 @@ def pack(frames: Sequence[Frame], out: Path, progress: Callable[[str], None] = l
         for frame in sorted(frames, key=lambda frame: names[frame.frame_id]):
             name = names[frame.frame_id]
             image = _png(load_image(frame))
-            write_bytes(out / f"{name}.png", image)
-            write_bytes(out / f"{name}.json", (json.dumps(public_record(name, frame), indent=1) + "\n").encode())
+            _write(out / f"{name}.png", image)
+            _write(out / f"{name}.json", (json.dumps(public_record(name, frame), indent=1) + "\n").encode())
             listing.append({"frame_id": name, "sha256": hashlib.sha256(image).hexdigest()})
             progress(name)
         rows = [(entry["frame_id"], REFUSED, *[""] * (len(FRAME_COLUMNS) - 2)) for entry in listing]
-        write_bytes(out / TEMPLATE, csv_lines([FRAME_COLUMNS, *rows]).encode())
-        write_bytes(out / LISTING, (json.dumps(listing, indent=1) + "\n").encode())
+        _write(out / TEMPLATE, csv_lines([FRAME_COLUMNS, *rows]).encode())
+        _write(out / LISTING, (json.dumps(listing, indent=1) + "\n").encode())
     except OSError as error:
         raise ResultsError(f"{error.filename or out}: {error.strerror}; choose another folder") from error
+
+
+def _write(path: Path, content: bytes) -> None:
+    write_bytes(path, content)
+    os.utime(path, (DATE_UNIX_S, DATE_UNIX_S))
 
 
 def public_record(name: str, frame: Frame) -> dict[str, Any]:
@@ -96,15 +113,21 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
     return {
         "format": FRAME_FORMAT,
         "frame_id": name,
-        "time": {"utc_mid": seen.utc},
+        "time": {"utc_mid": seen.utc, "utc_sigma_s": seen.utc_sigma_s},
         "camera": seen.camera.as_given(),
+        "camera_sigma": {"focal_sigma": seen.focal_sigma, "principal_point_sigma_px": seen.principal_point_sigma_px},
         "attitude": {
             "R_cam": np.asarray(seen.R_cam).tolist(),
             **dataclasses.asdict(celnav.Pointing.of(seen.R_cam)),
             "tilt_sigma_deg": seen.tilt_sigma_deg,
             "heading_sigma_deg": heading if math.isfinite(heading) else None,
         },
-        "atmosphere": {"pressure_hpa": seen.pressure_hpa, "temperature_c": seen.temperature_c},
+        "atmosphere": {
+            "pressure_hpa": seen.pressure_hpa,
+            "temperature_c": seen.temperature_c,
+            "pressure_sigma_hpa": seen.pressure_sigma_hpa,
+            "temperature_sigma_c": seen.temperature_sigma_c,
+        },
     }
 
 

@@ -8,11 +8,12 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import yaml
 from pydantic import ValidationError
 
@@ -23,6 +24,7 @@ from generator.scenario.messages import HEADER_KEYS, message
 from generator.scenario.model import FrameSpec, SceneSpec, height_followers
 from generator.scenario.sequences.sequence import Passage, SequenceSpec, frame_of, passage_of
 from generator.scenario.strict import InputFile
+from generator.scenario.strict_yaml import StrictLoader
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 from generator.seeds import random_stream
 
@@ -35,34 +37,6 @@ SEQUENCE_KEYS = ("path", "imu")
 TIME_KEYS = ("every_s", "count")
 """Keys, at the top and in `time`, that make frames a sequence."""
 Spec = TypeVar("Spec", bound=SceneSpec)
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """Safe YAML without duplicate keys, aliases or dates made of times."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.constructor.ConstructorError(None, None, "aliases are not allowed", event.start_mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                problem = "a key must be a plain word, not a list or a mapping"
-                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
-            if key_node.value in seen:
-                problem = f"the key '{key_node.value}' is given twice"
-                raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
-            seen.add(key_node.value)
-        return super().construct_mapping(node, deep)
-
-
-_StrictLoader.yaml_implicit_resolvers = {
-    letter: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
-    for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
 
 
 @dataclass(frozen=True)
@@ -172,16 +146,33 @@ class Scenario:
             raise IndexError(f"scenario '{self.name}' has frames 0 to {self.frame_count - 1}, not {index}")
 
     def _values(self, number: int) -> dict[str, Any]:
-        """Tree of values of a frame or sequence, with its sweeps and draws; repeats of a combination stand together."""
+        """Tree of values of a frame or sequence, drawn from the streams of the scenario's seed."""
+        return self.drawn(number, lambda draw: random_stream(self.seed, draw.stream, number))
+
+    def drawn(self, number: int, stream_of: Callable[[Draw], np.random.Generator]) -> dict[str, Any]:
+        """Tree of values of a frame or sequence, with its sweeps and draws; repeats of a combination stand together.
+
+        Parameters
+        ----------
+        number : int
+            Of the frame or sequence.
+        stream_of : callable
+            Random numbers of each draw.
+
+        Raises
+        ------
+        ScenarioError
+            A draw is impossible.
+        """
         chosen = self._swept(number // self.repeats)
         for draw in self.draws:
             if not draw.distribution.needs_site:
-                chosen[draw.path] = draw.distribution.draw(random_stream(self.seed, draw.stream, number), None)
+                chosen[draw.path] = draw.distribution.draw(stream_of(draw), None)
         for draw in self.draws:
             if draw.distribution.needs_site:
                 observer = _observer(self.template, chosen)
                 try:
-                    value = draw.distribution.draw(random_stream(self.seed, draw.stream, number), observer)
+                    value = draw.distribution.draw(stream_of(draw), observer)
                 except ScenarioError as error:
                     what = "frame" if self.steps is None else "sequence"
                     raise ScenarioError(f"{self.source}: {'.'.join(draw.path)}: {what} {number}: {error}") from error
@@ -301,7 +292,7 @@ def load_scenario(path: Path) -> Scenario:
 def parse_scenario(text: str, source: str) -> Scenario:
     """Check and return the scenario in a YAML text; `source` is its name in messages. Raises ScenarioError."""
     try:
-        tree = yaml.load(text, Loader=_StrictLoader)  # a SafeLoader underneath
+        tree = yaml.load(text, Loader=StrictLoader)  # a SafeLoader underneath
     except yaml.MarkedYAMLError as error:
         where = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         raise ScenarioError(f"{source}{where}: not valid YAML: {error.problem}") from error

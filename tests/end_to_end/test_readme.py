@@ -22,6 +22,7 @@ from documented_commands import (
     skybench_app,
 )
 from photograph_files import standin, write_camera, write_ff, write_fits
+from small_rounds import RULES
 from typer.testing import CliRunner
 
 from benchmark.cli.datasets import FORMS
@@ -63,6 +64,11 @@ AS_JSON = (
     "skybench bench pack-test out --out packed-again",
     "skybench bench check packed/answers.csv --set packed",
     "skybench bench score packed/answers.csv --truth out --name again --out results",
+    "skybench bench round draw --secret again.hex --rules small.rules.yaml --frames 1 --out round-again",
+    "skybench bench round pack round-again --secret again.hex --truth again-truth --out again-set",
+    "skybench bench round score round-again --secret again.hex --truth again-truth --set again-set --solver skybench --later",
+    "skybench bench round open round-again --secret again.hex --truth again-truth",
+    "skybench bench round verify round-again",
     "skybench demo --scenario small.yaml --frames out/demo --out results/demo",
 )
 SMALL = """\
@@ -111,7 +117,7 @@ def test_commands_in_documents_are_acceptable(name: str) -> None:
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_commands_in_sentences_exist_with_their_options(name: str) -> None:
     existing = commands_that_exist()
-    groups = {" ".join(command.split()[:2]) for command in existing if len(command.split()) == 3}
+    groups = {" ".join(command.split()[:length]) for command in existing for length in range(2, len(command.split()))}
     faults = []
     for line in shown_in_words(DOCUMENTS[name]):
         options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", line))
@@ -157,6 +163,7 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
     write_photographs()
     monkeypatch.setattr(fetch, "missing_sources", lambda task, data: [])  # a third of them is at hand here
     Path("fetched").mkdir()
+    Path("small.rules.yaml").write_text(RULES, encoding="utf-8")
     frame = "out/frame-00000"
     rendered = {"SCENARIO": "small.yaml", "DIR": "out"}
     made = {"SCENARIO": "small.yaml", "DIR": "set"}
@@ -183,6 +190,13 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
         "skybench bench pack-test": ["skybench bench pack-test out --out packed"],
         "skybench bench check": ["skybench bench check packed/answers.csv --set packed"],
         "skybench bench score": ["skybench bench score packed/answers.csv --truth out --name mine --out results"],
+        "skybench bench round draw": [
+            "skybench bench round draw --rules small.rules.yaml --frames 2 --solver skybench"
+        ],
+        "skybench bench round pack": ["skybench bench round pack round --out round-set"],
+        "skybench bench round score": ["skybench bench round score round --set round-set --solver skybench"],
+        "skybench bench round open": ["skybench bench round open round"],
+        "skybench bench round verify": ["skybench bench round verify round --render 1"],
         "skybench doctor": [row("skybench doctor")],
         "skybench scenes": ["skybench scenes", "skybench scenes horizon --copy copied"],
         "skybench presets": ["skybench presets", "skybench presets imx477-6mm"],
@@ -195,6 +209,10 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
             )
         ],
     }
+    for name in ("draw", "pack", "score", "open"):
+        plan[f"skybench bench round {name}"][0] += " --secret secret.hex" + (
+            " --out round" if name == "draw" else " --truth round-truth"
+        )
     assert {name for name in plan if name.startswith("skybench")} | set(TAKE_LONG) | NOT_RUN == set(
         commands_that_exist()
     )

@@ -262,7 +262,7 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     frames = board.entries[0].stored.provenance.frames
     versions = {name: version for name, version in frames.rendered_with.items() if name != GENERATOR_REVISION}
     rendered = ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
-    head = (
+    head: tuple[tuple[str, str], ...] = (
         ("frames", f"{frames.target} ({board.task.key}, {board.split})"),
         ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
         ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else ""),
@@ -270,6 +270,9 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
         ("generator's revision", frames.rendered_with.get(GENERATOR_REVISION, "")),
         ("rendered with", rendered),
     )
+    if frames.frozen is not None:
+        settled = ", ".join(f"{name} {revision}" for name, revision in sorted(frames.frozen.items()))
+        head += (("solvers settled before the frames were drawn", settled or "none"),)
     stated = tuple((name, words) for name, words in head if words)
     lacking = ", ".join(name for name, words in head if not words)
     if lacking:

@@ -15,6 +15,7 @@ from unit.benchmark.fake_night import write_dataset
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import open_dataset
+from benchmark.protocol import SIGMAS
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import outcomes
 from benchmark.run.sessions import SessionPool
@@ -257,7 +258,7 @@ def test_a_request_holds_the_observation_and_no_truth(frames):
     request = request_of(frames[0], None, frames[0].image_path)
     assert set(request) == {
         "type", "frame_id", "image", "camera", "utc_mid", "R_cam", "tilt_sigma_deg", "heading_sigma_deg",
-        "pressure_hpa", "temperature_c", "detections",
+        "pressure_hpa", "temperature_c", "detections", *SIGMAS,
     }  # fmt: skip
     assert request["detections"] is None
     json.dumps(request, allow_nan=False)

@@ -137,9 +137,12 @@ def test_the_set_holds_no_truth(packed, folder, frames):
     }  # fmt: skip
     for frame in frames:
         record = json.loads((packed / f"{names[frame.frame_id]}.json").read_text())
-        assert set(record) == {"format", "frame_id", "time", "camera", "attitude", "atmosphere"}
-        assert set(record["atmosphere"]) == {"pressure_hpa", "temperature_c"}
-        assert set(record["time"]) == {"utc_mid"}
+        assert set(record) == {"format", "frame_id", "time", "camera", "camera_sigma", "attitude", "atmosphere"}
+        assert set(record["atmosphere"]) == {
+            "pressure_hpa", "temperature_c", "pressure_sigma_hpa", "temperature_sigma_c"
+        }  # fmt: skip
+        assert set(record["time"]) == {"utc_mid", "utc_sigma_s"}
+        assert record["camera_sigma"] == {"focal_sigma": 0.0, "principal_point_sigma_px": 0.0}
         assert set(record["attitude"]) == {
             "R_cam", "azimuth_deg", "altitude_deg", "roll_deg", "tilt_sigma_deg", "heading_sigma_deg"
         }  # fmt: skip

@@ -1,0 +1,96 @@
+"""Scoring a round: solvers that run here, and answers that were sent in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmark.cli.progress import progress_bars
+from benchmark.errors import ResultsError, RoundError
+from benchmark.report.formatting import number, percent
+from benchmark.rounds.steps import Drawn, check_frozen, frames_to_score
+from benchmark.run.contestants import contestant_of
+from benchmark.run.engine import check_contestants, run_all
+from benchmark.run.results import check_writable
+from benchmark.stats.metrics import Summary, summarise
+from benchmark.submit.score import check_name, judge_submission, version_of, write_score
+from benchmark.submit.submission import Checked, check_answers, check_stars
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """What is scored: the round and its drawn frames, the truth, the set, where results go, and whether apart."""
+
+    folder: Path
+    drawn: Drawn
+    truth: Path
+    packed: Path
+    out: Path
+    later: bool
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One contestant's result: its name and folder, and how it did in words."""
+
+    solver: str
+    folder: Path
+    words: str
+
+
+def score_solvers(wanted: Scoring, names: Sequence[str], jobs: int) -> list[Scored]:
+    """Run solvers on the set and score them.
+
+    Raises
+    ------
+    BenchmarkError
+        A solver is not as it was committed to, or the frames are not those that were published.
+    """
+    contestants = check_contestants([contestant_of(name) for name in names], jobs)
+    if not wanted.later:
+        revisions = {one.name: one.definition.revision for one in contestants if one.definition is not None}
+        check_frozen(wanted.drawn.commitment.terms, revisions)
+    check_writable(wanted.out)
+    frames = frames_to_score(wanted.folder, wanted.drawn, wanted.truth, wanted.packed, wanted.later)
+    with progress_bars() as bar:
+        lines = {one.name: bar.add_task(one.name, total=len(frames.frames)) for one in contestants}
+        runs = run_all(
+            contestants, [frames], wanted.out, "own", jobs, lambda name, count: bar.advance(lines[name], count)
+        )
+        return [Scored(run.solver, run.folder, _words(run.solver, run.summary)) for run in runs]
+
+
+def score_answers(wanted: Scoring, answers: Path, stars: Path | None, name: str) -> Scored:
+    """Score answers that were sent in.
+
+    Raises
+    ------
+    BenchmarkError
+        They have faults, or come from someone who was not committed to.
+    """
+    check_name(name)
+    terms = wanted.drawn.commitment.terms
+    if not wanted.later and name not in terms.contestants:
+        raise RoundError(f"{name}: was not committed to; score it with --later, apart from those that were")
+    frames = frames_to_score(wanted.folder, wanted.drawn, wanted.truth, wanted.packed, wanted.later)
+    ids = {frame.frame_id: frame.frame_id for frame in frames.frames}
+    given = _without_faults(answers, check_answers(answers, frozenset(ids)))
+    table = None if stars is None else _without_faults(stars, check_stars(stars, frozenset(ids)))
+    outcomes = judge_submission(frames.frames, ids, given, table)
+    folder = write_score(frames, wanted.out, name, version_of(answers, stars), outcomes)
+    return Scored(name, folder, _words(name, summarise([outcome.score for outcome in outcomes])))
+
+
+def _without_faults(path: Path, checked: Checked) -> Checked:
+    if checked.problems:
+        listed = "\n".join(f"{path}: {problem}" for problem in checked.problems[:20])
+        raise ResultsError(f"{listed}\n{path}: {len(checked.problems)} faults; see `skybench bench check`")
+    return checked
+
+
+def _words(name: str, summary: Summary) -> str:
+    return (
+        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
+        f"median error {number(summary.median_error_km.value, 'km')}"
+    )

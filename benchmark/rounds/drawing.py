@@ -1,0 +1,110 @@
+"""What a round's key draws by its rules: a scenario for every frame, how well it is told, and a name that says nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmark.errors import RoundError
+from benchmark.rounds.rules import INSTRUMENTS, Rules
+from benchmark.rounds.secret import RoundKey
+from generator.errors import ScenarioError
+from generator.scenario.file import Scenario, parse_scenario
+from generator.scenario.variation import Draw
+
+PURPOSES = {"site": "site", "time": "time", "attitude": "pose", "motion": "pose", "camera": "camera"}
+"""Stream of each section of a scenario; those of the others are nuisances."""
+NUISANCE = "nuisance"
+NAME_DIGITS = 16
+MOST_FRAMES = 20_000
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How well a frame's circumstances are told: standard deviations, each above 0, by `INSTRUMENTS`."""
+
+    tilt_sigma_deg: float
+    heading_sigma_deg: float
+    utc_sigma_s: float
+    focal_sigma: float
+    principal_point_sigma_px: float
+    pressure_sigma_hpa: float
+    temperature_sigma_c: float
+
+
+@dataclass(frozen=True)
+class DrawnFrame:
+    """One frame of a round, before it is rendered.
+
+    Attributes
+    ----------
+    index : int
+        Order of drawing, which nobody is shown.
+    name : str
+        That solvers see: a keyed hash of the index.
+    kind : str
+        Of the rules.
+    scenario_text : str
+        YAML of one frame, every value fixed.
+    precision : Precision
+    """
+
+    index: int
+    name: str
+    kind: str
+    scenario_text: str
+    precision: Precision
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        return parse_scenario(self.scenario_text, f"round frame {self.index}")
+
+
+def draw_frames(rules: Rules, key: RoundKey, count: int) -> tuple[DrawnFrame, ...]:
+    """Draw the frames of a round, in the order of drawing; the first are the same however many are drawn.
+
+    Every frame has a place, a time and a pose of its own, and each graded value one level: no two frames show one sky.
+
+    Raises
+    ------
+    RoundError
+        The rules allow what cannot be.
+    """
+    if not 1 <= count <= MOST_FRAMES:
+        raise RoundError(f"{count} frames; a round has 1 to {MOST_FRAMES}")
+    try:
+        frames = tuple(_draw_frame(rules, key, index) for index in range(count))
+    except ScenarioError as error:
+        raise RoundError(f"rules {rules.file.name}: {error}") from error
+    if len({frame.name for frame in frames}) < count:
+        raise RoundError("two frames have the same name, which happens once in 10^15 rounds; draw with another secret")
+    return frames
+
+
+def _draw_frame(rules: Rules, key: RoundKey, index: int) -> DrawnFrame:
+    shares = np.array([kind.share for kind in rules.file.kinds], dtype=np.float64)
+    kind = rules.file.kinds[int(key.stream("kind", index).choice(len(shares), p=shares / shares.sum()))].name
+    template = rules.templates[kind]
+
+    def stream_of(draw: Draw) -> np.random.Generator:
+        return key.stream(f"{PURPOSES.get(draw.path[0], NUISANCE)}:{'.'.join(draw.path)}", index)
+
+    seed = int.from_bytes(key.digest("noise", index)[:8], "big") >> 1  # records hold signed integers of 64 bits
+    head: dict[str, Any] = {"name": f"{rules.file.name}-{index:05d}", "seed": seed}
+    text = yaml.safe_dump(head | template.drawn(0, stream_of), sort_keys=False)
+    return DrawnFrame(
+        index, f"f{key.digest('name', index).hex()[:NAME_DIGITS]}", kind, text, _precision(rules, key, index)
+    )
+
+
+def _precision(rules: Rules, key: RoundKey, index: int) -> Precision:
+    values = {}
+    for name in INSTRUMENTS:
+        drawn = rules.instrument_draws[name]
+        stream = key.stream(f"precision:{name}", index)
+        values[name] = float(drawn.distribution.draw(stream, None) if isinstance(drawn, Draw) else drawn)
+    return Precision(**values)
