@@ -1,4 +1,4 @@
-"""Commands `skybench study thesis` and `skybench study calibration`."""
+"""Commands `skybench study thesis`, `skybench study calibration` and `skybench study realism`."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ DEFAULT_SITES = 100
 CALIBRATION_OUT = Path("results/studies/calibration")
 CALIBRATION_SITES, CALIBRATION_PICTURES, GRADIENT_FRAMES = 40, 12, 10
 CALIBRATION_SCENARIO = Path("calibration_study")
+REALISM_OUT = Path("results/studies/realism")
 EXIT_BAD_INPUT = 2
 
 
@@ -131,6 +132,65 @@ def calibration(
     with _one_line_for_bad_input(), _bars() as progress:
         study = run_study(path, Sizes(sites, pictures, gradient), work, out, command, progress, by_fault)
     _print_study((f"{row[0]}: {row[6]}" for row in study.tables[0].rows), out / NUMBERS, out / PAGE, as_json)
+
+
+@app.command(
+    epilog="Example: skybench study realism nights/00[1356].fits.bz2 --calibrate-on nights/008.fits.bz2 "
+    "--scene observatory_allsky"
+)
+def realism(
+    photographs: Annotated[
+        list[Path], typer.Argument(metavar="FITS…", help="Raw photographs of one fixed camera, with place and time.")
+    ],
+    calibrate_on: Annotated[
+        Path, typer.Option("--calibrate-on", metavar="FITS", help="Another one, that the camera is calibrated on.")
+    ],
+    scene: Annotated[
+        Path,
+        typer.Option(
+            "--scene", help="Scenario of the camera, as for `skybench twin`.", autocompletion=completion.scenarios
+        ),
+    ],
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--solver", help="Repeat for several; default: all that can run here.", autocompletion=completion.solvers
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder for tables and the page.")] = REALISM_OUT,
+    work: Annotated[
+        Path, typer.Option("--work", help="Folder for twins and frames; what is there is used again.")
+    ] = Path("out/realism"),
+    as_json: AsJson = False,
+) -> None:
+    """Run solvers on photographs and on their rendered twins, and tell whether the twins foretell the photographs."""
+    from benchmark.cli.running import obstacles
+    from benchmark.solvers.registry import known_solvers
+    from benchmark.studies.realism.study import NUMBERS, PAGE, run_study
+    from benchmark.twin.scene import read_scene
+    from generator.scenario.shipped import find_scenario
+
+    names = list(solver or [])
+    if not names:
+        left_out = obstacles(known_solvers())
+        names = [name for name in known_solvers() if name not in left_out]
+    files = [path.name for path in photographs]
+    command = shlex.join(
+        ["skybench", "study", "realism", *files, "--calibrate-on", calibrate_on.name, "--scene", str(scene)]
+        + [word for name in solver or () for word in ("--solver", name)]
+    )
+    with _one_line_for_bad_input(), _bars() as progress:
+        study = run_study(
+            read_scene(find_scenario(scene)), photographs, calibrate_on, names, work, out, command, progress
+        )
+    found = study.agreement
+    lines = (
+        f"tau of success {found.tau_success.value:.2f} ({found.tau_success.low:.2f} to {found.tau_success.high:.2f})",
+        f"same outcome {found.same_outcome.value:.0%}, kappa {found.kappa.value:.2f}",
+        f"error over the twin's {found.error_ratio.value:.2f} "
+        f"({found.error_ratio.low:.2f} to {found.error_ratio.high:.2f})",
+    )
+    _print_study(lines, out / NUMBERS, out / PAGE, as_json)
 
 
 def _print_study(lines: Iterable[str], numbers: Path, page: Path, as_json: bool) -> None:

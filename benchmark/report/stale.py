@@ -37,11 +37,13 @@ CHECK_COMMAND = "skybench bench stale"
 DETECTOR = "the shared detector"
 RENDERING, GALLERY = "rendering", "the gallery"
 THESIS_STUDY, CALIBRATION_STUDY = "the study thesis", "the study calibration"
+REALISM_STUDY = "the study realism"
 _SUBJECTS = {
     RENDERING: ("generator.frame.render",),
     GALLERY: ("generator.gallery.make_gallery",),
     THESIS_STUDY: tuple(f"benchmark.studies.thesis.{name}" for name in ("rendered", "disturbed", "centroids")),
     CALIBRATION_STUDY: tuple(f"benchmark.studies.calibration.{name}" for name in ("run", "camera_by_gradient")),
+    REALISM_STUDY: ("benchmark.studies.realism.pairs",),
 }
 """The modules that measure, by what is measured."""
 _MEASURED = (

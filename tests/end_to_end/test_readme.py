@@ -4,6 +4,7 @@ import io
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -47,6 +48,11 @@ TAKE_LONG = {
     "skybench study thesis": "skybench study thesis --frames 2 --sites 2 --out thesis --work work",
     "skybench study calibration": (
         "skybench study calibration --sites 2 --pictures 1 --gradient 2 --out calibration --work work"
+    ),
+    "skybench study realism": (
+        f"skybench study realism {ROOT}/tests/data/allsky/005.fits.bz2 a.fits.bz2 b.fits.bz2 "
+        f"--calibrate-on {ROOT}/tests/data/allsky/008.fits.bz2 --scene observatory_allsky --solver skybench "
+        "--solver tetra3rs --out realism --work work"
     ),
     "skybench twin": f"skybench twin {ROOT}/tests/data/allsky/008.fits.bz2 --scene observatory_allsky --out twins",
 }
@@ -233,6 +239,8 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
 @pytest.mark.parametrize("name", TAKE_LONG)
 def test_rows_of_the_table_that_take_long_run(name: str, tmp_path, monkeypatch) -> None:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    for name in ("a", "b"):  # photographs are few here
+        shutil.copyfile(ROOT / "tests/data/allsky/005.fits.bz2", tmp_path / f"{name}.fits.bz2")
     monkeypatch.chdir(tmp_path)
     assert refusal(TAKE_LONG[name]) is None
     assert run(TAKE_LONG[name]) == 0

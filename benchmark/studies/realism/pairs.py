@@ -1,0 +1,134 @@
+"""Photographs and their twins as two datasets that are made in the same way.
+
+Each has a camera calibrated from the stars of one of its own frames (of a photograph, or of that photograph's twin), and is
+imported with it, so that nothing of the scene's camera is told to a solver.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import celnav
+from benchmark.errors import PhotographError
+from benchmark.importing.known_sky import Place
+from benchmark.importing.told import ToldCamera
+from benchmark.importing.write import Import, import_photographs
+from benchmark.twin.photograph import Photograph, read_photograph
+from benchmark.twin.render_twin import make_twin
+from benchmark.twin.report import numbers_of_twin
+from benchmark.twin.scene import Scene
+from celnav.command.calibration_frames import read_frames
+from generator.files import atomic_path, write_bytes
+
+REAL, TWINS = "real", "twins"
+"""Names of the two datasets."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Two datasets of the same frames.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the photographs, in the order of the frames.
+    real, twins : Path
+        Folders of the datasets.
+    measures : list of dict
+        What was measured on each pair (`benchmark.twin.report.numbers_of_twin`), the frame of the calibration last.
+    told : dict of str to ToldCamera
+        What solvers are told of each dataset.
+    """
+
+    names: tuple[str, ...]
+    real: Path
+    twins: Path
+    measures: list[dict[str, Any]]
+    told: dict[str, ToldCamera]
+
+
+def make_pairs(
+    scene: Scene,
+    photographs: Sequence[Path],
+    calibrated_on: Path,
+    work: Path,
+    progress: Callable[[], None] = lambda: None,
+) -> Pairs:
+    """Render the twins that are missing, calibrate both cameras and import both sets.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the fixed camera.
+    photographs : sequence of Path
+        FITS files that solvers are judged on.
+    calibrated_on : Path
+        The photograph that the camera is calibrated on; not one of the others.
+    work : Path
+        For everything that is made; what is there is used again.
+    progress : callable
+        Called after each twin.
+
+    Raises
+    ------
+    PhotographError
+        A photograph cannot be used, or the calibration fails.
+    """
+    if calibrated_on.name in {path.name for path in photographs}:
+        raise PhotographError(
+            f"{calibrated_on}: the photograph of the calibration is judged too; leave it out of the others"
+        )
+    twins, measures = [], []
+    for path in (*photographs, calibrated_on):
+        made, numbers = _twin(scene, path, work)
+        twins.append(made)
+        measures.append(numbers)
+        progress()
+    first = read_photograph(photographs[0])
+    place = Place(first.latitude_deg, first.longitude_deg, first.height_m)
+    told, folders = {}, {}
+    for name, files in ((REAL, [*photographs, calibrated_on]), (TWINS, twins)):
+        told[name] = _calibrated(files[-1], place)
+        folders[name] = work / name
+        import_photographs(Import(f"realism-{name}", files[:-1], place, told[name]), folders[name], True)
+    names = tuple(read_photograph(path).name for path in photographs)
+    return Pairs(names, folders[REAL], folders[TWINS], measures, told)
+
+
+def _calibrated(path: Path, place: Place) -> ToldCamera:
+    """Lens and mount by the stars of one frame, from a blind start."""
+    try:
+        found = celnav.calibrate(
+            read_frames([str(path)]), place.latitude_deg, place.longitude_deg, height_m=place.height_m
+        )
+    except celnav.CelnavError as error:
+        raise PhotographError(f"{path}: cannot be calibrated on ({error})") from error
+    return ToldCamera(found.camera, found.mount.R_cam, found.mount.tilt_sigma_deg, found.mount.heading_sigma_deg)
+
+
+def _twin(scene: Scene, path: Path, work: Path) -> tuple[Path, dict[str, Any]]:
+    """The twin of a photograph as a FITS file, and what was measured on the two; made if it is not there."""
+    photograph = read_photograph(path)
+    picture, numbers = work / "pictures" / f"{photograph.name}.fits", work / "pictures" / f"{photograph.name}.json"
+    if not (picture.is_file() and numbers.is_file()):
+        twin = make_twin(scene, photograph, work / "scenarios")
+        _write_fits(picture, photograph, twin.pixels)
+        write_bytes(numbers, (json.dumps(numbers_of_twin(twin), indent=1) + "\n").encode())
+    return picture, json.loads(numbers.read_text(encoding="utf-8"))
+
+
+def _write_fits(path: Path, photograph: Photograph, pixels: np.ndarray[Any, np.dtype[np.uint16]]) -> None:
+    """Write a twin's pixels with the photograph's time."""
+    from astropy.io import fits
+
+    unit = fits.PrimaryHDU(pixels)
+    unit.header["DATE-OBS"] = photograph.utc_start.rstrip("Z")
+    unit.header["EXPTIME"] = photograph.exposure_s
+    with atomic_path(path) as temporary:
+        unit.writeto(temporary, overwrite=True)

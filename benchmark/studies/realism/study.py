@@ -1,0 +1,299 @@
+"""The study of realism: twins rendered, solvers run on both sets, tables and one page written."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from benchmark import provenance
+from benchmark.errors import ResultsError
+from benchmark.report.formatting import interval, number, percent
+from benchmark.report.marks import Mark
+from benchmark.report.stale import REALISM_STUDY, mark_of_today, revision_today
+from benchmark.report.templates import render_page
+from benchmark.run.engine import SolverRun, run
+from benchmark.run.results import FRAMES_NAME, read_table
+from benchmark.stats.metrics import SUCCESS_KM
+from benchmark.studies.common.page_model import Table, plain
+from benchmark.studies.common.progress import StudyProgress
+from benchmark.studies.common.records import write_table
+from benchmark.studies.realism.agreement import Agreement, Outcomes, agreement_of, successes
+from benchmark.studies.realism.pairs import Pairs, make_pairs
+from benchmark.twin.scene import Scene
+from generator.files import write_bytes
+
+FORMAT = "skybench-study/1"
+PAGE, NUMBERS, ROWS = "index.html", "study.json", "outcomes.parquet"
+LEAST_PHOTOGRAPHS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Everything that the page shows.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the photographs.
+    calibrated_on : str
+    outcomes : Outcomes
+    agreement : Agreement
+    tables : tuple of Table
+    measures : sequence of dict
+    command : str
+    minutes : float
+    """
+
+    names: tuple[str, ...]
+    calibrated_on: str
+    outcomes: Outcomes
+    agreement: Agreement
+    tables: tuple[Table, ...]
+    measures: Sequence[dict[str, Any]]
+    command: str
+    minutes: float
+
+
+def run_study(
+    scene: Scene,
+    photographs: Sequence[Path],
+    calibrated_on: Path,
+    solvers: Sequence[str],
+    work: Path,
+    out: Path,
+    command: str,
+    progress: StudyProgress,
+) -> Study:
+    """Run the study and write its results.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the fixed camera.
+    photographs : sequence of Path
+        FITS files that solvers are judged on.
+    calibrated_on : Path
+        The photograph that the camera is calibrated on.
+    solvers : sequence of str
+    work, out : Path
+        Where frames and results go.
+    command : str
+        For the page.
+    progress : StudyProgress
+
+    Raises
+    ------
+    BenchmarkError, GeneratorError
+        With what to do about it.
+    """
+    if len(photographs) < LEAST_PHOTOGRAPHS:
+        raise ResultsError(
+            f"{len(photographs)} photographs tell nothing of a ranking; give {LEAST_PHOTOGRAPHS} or more"
+        )
+    start = time.monotonic()
+    progress.begin("twins", len(photographs) + 1)
+    pairs = make_pairs(scene, photographs, calibrated_on, work, progress.advance)
+    progress.begin("solvers", 2 * len(photographs) * len(solvers))
+    outcomes = outcomes_of(pairs, solvers, work, progress)
+    study = Study(
+        names=pairs.names,
+        calibrated_on=calibrated_on.name,
+        outcomes=outcomes,
+        agreement=agreement_of(outcomes),
+        tables=(solver_table(outcomes), frame_table(pairs.names, outcomes), *measure_tables(pairs.measures)),
+        measures=pairs.measures,
+        command=command,
+        minutes=(time.monotonic() - start) / 60,
+    )
+    write_table(out / ROWS, _rows(study))
+    write_bytes(out / NUMBERS, (json.dumps(_numbers(study), indent=1, allow_nan=False) + "\n").encode())
+    mark, sentence = mark_of_today(command, REALISM_STUDY, out / NUMBERS)
+    write_bytes(out / PAGE, page(study, mark, sentence).encode())
+    return study
+
+
+def outcomes_of(pairs: Pairs, solvers: Sequence[str], work: Path, progress: StudyProgress) -> Outcomes:
+    """Run every solver on both sets."""
+    found = []
+    for folder in (pairs.real, pairs.twins):
+        runs = run(folder, list(solvers), work / "results", progress=lambda solver, count: _advance(progress, count))
+        found.append(np.array([_errors_km(one, len(pairs.names)) for one in runs]))
+    return Outcomes(tuple(solvers), found[0], found[1])
+
+
+def _advance(progress: StudyProgress, count: int) -> None:
+    for _ in range(count):
+        progress.advance()
+
+
+def _errors_km(one: SolverRun, count: int) -> list[float]:
+    """Errors of a run by frame; infinite without a fix."""
+    table = read_table(one.folder / FRAMES_NAME)
+    by_index = dict(zip(table["index"].to_pylist(), table["error_km"].to_pylist(), strict=True))
+    return [math.inf if by_index[index] is None else by_index[index] for index in range(count)]
+
+
+def solver_table(outcomes: Outcomes) -> Table:
+    """Success and errors of every solver, the best on photographs first."""
+    real, twin = successes(outcomes.real_km), successes(outcomes.twin_km)
+    order = np.lexsort((np.median(outcomes.real_km, axis=1), -real.sum(axis=1)))
+    rows = []
+    for row in order:
+        near = [errors[row][hits[row]] for errors, hits in ((outcomes.real_km, real), (outcomes.twin_km, twin))]
+        rows.append(
+            (
+                outcomes.solvers[row],
+                str(real[row].sum()),
+                str(twin[row].sum()),
+                _wrong(outcomes.real_km[row]),
+                _wrong(outcomes.twin_km[row]),
+                *(number(float(np.median(errors)), "km") if len(errors) else "-" for errors in near),
+                f"{np.mean(real[row] == twin[row]):.0%}",
+            )
+        )
+    return Table(
+        "Solvers",
+        f"{outcomes.real_km.shape[1]} frames; success: a fix within {SUCCESS_KM:g} km.",
+        ("solver", "successes on photographs", "on twins", "wrong fixes", "on twins", "median error of successes",
+         "on twins", "frames with the same outcome"),
+        tuple(rows),
+    )  # fmt: skip
+
+
+def _wrong(errors_km: np.ndarray[Any, np.dtype[np.float64]]) -> str:
+    return str(int(np.count_nonzero(np.isfinite(errors_km) & (errors_km >= SUCCESS_KM))))
+
+
+def frame_table(names: Sequence[str], outcomes: Outcomes) -> Table:
+    """Which solvers succeed on each photograph and on its twin."""
+    real, twin = successes(outcomes.real_km), successes(outcomes.twin_km)
+    rows = tuple(
+        (name, str(real[:, frame].sum()), str(twin[:, frame].sum()), str((real & ~twin)[:, frame].sum()),
+         str((twin & ~real)[:, frame].sum()))
+        for frame, name in enumerate(names)
+    )  # fmt: skip
+    header = ("photograph", "solvers that succeed", "on its twin", "on the photograph alone", "on the twin alone")
+    return Table("Frames", f"Of {len(outcomes.solvers)} solvers.", header, rows)
+
+
+def measure_tables(measures: Sequence[dict[str, Any]]) -> tuple[Table, ...]:
+    """What is measured on a photograph and on its twin: detections and stars; sky and noise."""
+    detections, skies = [], []
+    for one in measures:
+        found = one["detections"]
+        detections.append(
+            (
+                one["photograph"],
+                *(f"{found[name]['real']}, {found[name]['twin']}" for name in ("celnav", "sep")),
+                *(
+                    f"{_share(found[name]['spurious_real'])}, {_share(found[name]['spurious_twin'])}"
+                    for name in ("celnav", "sep")
+                ),
+                _ratio(one["snr_ratio"]),
+                _ratio(one["flux_ratio"]),
+                f"{_ratio(one['nearest_share_real'])}, {_ratio(one['nearest_share_twin'])}",
+            )
+        )
+        skies.append(
+            (
+                one["photograph"],
+                f"{one['moon_altitude_deg']:.0f}",
+                *(_ratio(value) for value in one["sky_ratio"]),
+                _ratio(one["noise_ratio"]),
+                *(_ratio(value) for value in one["spectrum_ratio"]),
+            )
+        )
+    edges = measures[0]["sky_edges_deg"]
+    bands = [f"{low}-{high} deg" for low, high in itertools.pairwise(edges)]
+    return (
+        Table(
+            "Detections and stars",
+            "Photograph, twin. Spurious: 1.5 px or more from any star to V 7.5. Ratios are photograph over twin, medians "
+            "of stars to V 4.5.",
+            ("photograph", "celnav", "sep, 3 sigma", "celnav, spurious", "sep, spurious", "SNR", "light",
+             "light in the brightest pixel"),
+            tuple(detections),
+        ),
+        Table(
+            "Sky and noise",
+            "Photograph over twin: the sky's light by altitude, the noise of a pixel, and the noise's spectrum in four bands "
+            "of frequency, low to high.",
+            ("photograph", "Moon, deg", *bands, "noise", "0.03-0.1 / px", "0.1-0.2", "0.2-0.35", "0.35-0.5"),
+            tuple(skies),
+        ),
+    )  # fmt: skip
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0%}"
+
+
+def _rows(study: Study) -> pa.Table:
+    """One row to a solver and a photograph."""
+    m, n = study.outcomes.real_km.shape
+    columns = {
+        "solver": np.repeat(study.outcomes.solvers, n).tolist(),
+        "photograph": list(study.names) * m,
+        "real_error_km": study.outcomes.real_km.ravel().tolist(),
+        "twin_error_km": study.outcomes.twin_km.ravel().tolist(),
+    }
+    return pa.table(columns)
+
+
+def _numbers(study: Study) -> dict[str, object]:
+    return {
+        "format": FORMAT,
+        "command": study.command,
+        "minutes": round(study.minutes, 1),
+        "photographs": list(study.names),
+        "calibrated_on": study.calibrated_on,
+        "agreement": plain(study.agreement),
+        "measures": [plain(one) for one in study.measures],
+        "revision": revision_today(REALISM_STUDY),
+        "versions": dict(provenance.versions()),
+        "machine": plain(provenance.machine()),
+        "date_utc": provenance.now_utc(),
+        "tables": [plain(table) for table in study.tables],
+    }
+
+
+def page(study: Study, mark: Mark, sentence: str) -> str:
+    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    return render_page(
+        "study_realism.html",
+        study=study,
+        agreement=study.agreement,
+        n_frames=len(study.names),
+        n_solvers=len(study.outcomes.solvers),
+        number=number,
+        percent=percent,
+        interval=interval,
+        machine=provenance.machine(),
+        date=provenance.now_utc(),
+        minutes=f"{study.minutes:.1f}",
+        mark=mark,
+        sentence=sentence,
+    )
+
+
+def outcomes_in(path: Path) -> Outcomes:
+    """Read the outcomes of a study back from its table."""
+    table = pq.read_table(path).to_pandas()
+    solvers, names = tuple(table["solver"].unique()), tuple(table["photograph"].unique())
+    shape = (len(solvers), len(names))
+    columns = (table[name].to_numpy(np.float64).reshape(shape) for name in ("real_error_km", "twin_error_km"))
+    return Outcomes(solvers, *columns)
