@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -74,6 +75,8 @@ def twin(
                 photograph = read_photograph(path, place)
                 make = make_twin if photograph.stack is None else make_video_twin
                 made = make(camera_scene, photograph, out, not_sky=hidden)
+            if not math.isfinite(made.alignment.rms_px):
+                typer.echo(f"{path.name}: too few stars for an attitude; the twin has the scene's", err=True)
             write_picture(made, out)
             rows.append(numbers_of_twin(made))
             write_report(rows, out)
