@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from generator.sensor.draws import poisson, standard_normal
 from generator.sensor.effect import Exposure, Floats
+from generator.sensor.sparse import rare_pixels
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class PhotoResponse:
             spread = standard_normal(signal.shape, exposure.unit("prnu"))
             signal = signal * np.maximum(1 + self.prnu * spread, 0)
         if self.dead_fraction:
-            signal = np.where(exposure.unit("dead").random(signal.shape) < self.dead_fraction, 0, signal)
+            signal = signal.copy()
+            signal.reshape(-1)[rare_pixels(exposure.unit("dead"), signal.size, self.dead_fraction)] = 0
         return signal
 
 
@@ -112,9 +114,12 @@ class CosmicRays:
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         left = charge[track] * np.maximum(length, 1)[track] / steps[track]
         # Several steps may fall into one pixel, where they add up.
-        place = row[inside] * width + column[inside]
-        light = np.bincount(place, weights=left[inside], minlength=height * width).reshape(height, width)
-        return (signal + light).astype(signal.dtype)
+        place, of_step = np.unique(row[inside] * width + column[inside], return_inverse=True)
+        light = np.bincount(of_step, weights=left[inside], minlength=len(place))
+        result = signal.copy()
+        pixels = result.reshape(*signal.shape[:-2], height * width)
+        pixels[..., place] = pixels[..., place] + light
+        return result
 
 
 @dataclass(frozen=True)
@@ -128,8 +133,13 @@ class FullWell:
         """Limit the charge."""
         del exposure
         if self.blooming:
-            signal = signal.copy()
-            _spill(signal, self.full_well_e)
+            # Charge stays in its column.
+            columns = np.flatnonzero((signal > self.full_well_e).any(axis=tuple(range(signal.ndim - 1))))
+            if len(columns):
+                signal = signal.copy()
+                full = signal[..., columns]
+                _spill(full, self.full_well_e)
+                signal[..., columns] = full
         return np.minimum(signal, self.full_well_e)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from generator.sensor.draws import poisson, uniform_at
 from generator.sensor.effect import Exposure, Floats
+from generator.sensor.sparse import rare_pixels
 
 MOMENTS = 16
 """At which the state of a blinking pixel is looked at during an exposure."""
@@ -41,7 +43,7 @@ class HotPixels:
     def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
         """Flat places of the hot pixels, (n,), and their excess, e/s, (n,); the same for all frames of a sensor."""
         random = exposure.unit("hot")
-        places = np.flatnonzero(random.random(shape) < self.fraction)
+        places = rare_pixels(random, math.prod(shape), self.fraction)
         logarithm = self.log_sigma * random.standard_normal(len(places)) - 0.5 * self.log_sigma**2
         return places, (self.mean_e_s * np.exp(logarithm)).astype(np.float32)
 
@@ -74,35 +76,35 @@ class BlinkingPixels:
     def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
         """Flat places of these pixels, (n,), and the excess of each, e/s, on average over the exposure, (n,)."""
         random = exposure.unit("blinking")
-        places = np.flatnonzero(random.random(shape) < self.fraction)
+        places = rare_pixels(random, math.prod(shape), self.fraction)
         amplitude = self.amplitude_e_s * random.standard_exponential(len(places))
         constant_s = self.shortest_s * (self.longest_s / self.shortest_s) ** random.random(len(places))
         offset = random.random(len(places))
         key = exposure.unit("blinking.renewals")
-        high = np.zeros(len(places))
         number = int(key.integers(0, 1 << 64, dtype=np.uint64))
-        for moment in range(MOMENTS):
-            time_s = exposure.start_s + (moment + 0.5) / MOMENTS * exposure.exposure_s
-            high += telegraph_level(number, time_s / constant_s + offset)
+        time_s = exposure.start_s + (np.arange(MOMENTS) + 0.5) / MOMENTS * exposure.exposure_s
+        high = telegraph_level(number, time_s[:, None] / constant_s + offset).sum(axis=0)
         return places, (amplitude * high / MOMENTS).astype(np.float32)
 
 
 def telegraph_level(key: int, time: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Levels of n independent random telegraph processes, each at its own time in units of its time constant, (n,) array.
+    """Levels of n independent random telegraph processes at times (..., n) in units of their time constants, (..., n) array.
 
     Process i of a key is the same function of time in every call. Probabilities of both levels are 1/2.
     """
+    shape, count = time.shape, time.shape[-1]
+    time = time.reshape(-1)
     cell = np.floor(time)
     level = np.zeros(len(time), bool)
     decided = np.zeros(len(time), bool)
-    process = np.arange(len(time))
+    everyone = np.arange(len(time))
     # Cumulative Poisson probabilities of mean 1.
     counts = np.exp(-1.0) * np.cumsum(1 / np.cumprod([1.0, *range(1, MOST_RENEWALS + 1)]))
     for back in range(MOST_CELLS):
-        left = process[~decided]
+        left = everyone[~decided]
         if not len(left):
             break
-        draws = uniform_at(key, left, (cell[left] - back).astype(np.int64), 1 + 2 * MOST_RENEWALS)
+        draws = uniform_at(key, left % count, (cell[left] - back).astype(np.int64), 1 + 2 * MOST_RENEWALS)
         when, what = draws[1 : 1 + MOST_RENEWALS], draws[1 + MOST_RENEWALS :]
         happened = np.arange(MOST_RENEWALS)[:, None] < np.searchsorted(counts, draws[0], side="right")
         if not back:
@@ -111,7 +113,7 @@ def telegraph_level(key: int, time: NDArray[np.float64]) -> NDArray[np.bool_]:
         found = happened.any(axis=0)
         level[left[found]] = what[latest[found], np.flatnonzero(found)] < 0.5
         decided[left[found]] = True
-    return level
+    return level.reshape(shape)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from generator.sensor.draws import standard_normal
 from generator.sensor.effect import Exposure, Floats
+from generator.sensor.sparse import rare_pixels
 
 
 @dataclass(frozen=True)
@@ -96,10 +97,12 @@ class TelegraphNoise:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the jumps."""
         unit = exposure.unit("telegraph")
-        trapped = unit.random(signal.shape) < self.fraction
-        amplitude = unit.standard_exponential(signal.shape) * self.amplitude_e
-        jump = exposure.frame("telegraph").integers(0, 2, (2, *signal.shape)).sum(axis=0) - 1
-        return signal + (trapped * amplitude * jump).astype(np.float32)
+        places = rare_pixels(unit, signal.size, self.fraction)
+        amplitude = unit.standard_exponential(len(places)) * self.amplitude_e
+        jump = exposure.frame("telegraph").integers(0, 2, (2, len(places))).sum(axis=0) - 1
+        result = signal.copy()
+        result.reshape(-1)[places] += (amplitude * jump).astype(np.float32)
+        return result
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import fft
 from scipy.ndimage import map_coordinates
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from generator.light.cloud_phase import ICE_ASYMMETRY, WATER_ASYMMETRY
 from generator.places.earth import EQUATORIAL_RADIUS_KM
@@ -192,15 +193,25 @@ def gaussian_tile(
     Its power is k^slope above 1 / outer scale and flat below, the same function of the wave number for every tile. A texture
     stretches it and adds the waves of cells.
     """
-    white = np.fft.rfft2(random.standard_normal((cells, cells)))
-    waves: Floats = np.fft.fftfreq(cells, cell_km).astype(np.float64)
-    ky, kx = waves[:, None], waves[None, :]
+    amplitude, variance = _tile_amplitude(cells, cell_km, slope, outer_scale_km, band_per_km, texture)
+    white = fft.rfft2(random.standard_normal((cells, cells)).astype(np.float32))
+    return np.asarray(fft.irfft2(white * amplitude, s=(cells, cells)), dtype=np.float32), variance
+
+
+@functools.lru_cache(maxsize=4)
+def _tile_amplitude(
+    cells: int, cell_km: float, slope: float, outer_scale_km: float, band_per_km: tuple[float, float], texture: Texture
+) -> tuple[NDArray[np.float32], float]:
+    """Factors on the transform of white noise on a tile, (cells, cells / 2 + 1) array, and the field's expected variance."""
+    ky: Floats = np.fft.fftfreq(cells, cell_km).astype(np.float64)[:, None]
+    kx: Floats = np.fft.rfftfreq(cells, cell_km).astype(np.float64)[None, :]
     k = np.hypot(kx, ky)
     power = texture.power(kx, ky, slope, outer_scale_km)
     power = power * ((k >= band_per_km[0]) & (k < band_per_km[1])) / cell_km**2
     power[0, 0] = 0
-    field = np.fft.irfft2(white * np.sqrt(power[:, : cells // 2 + 1]), s=(cells, cells))
-    return field.astype(np.float32), float(power.mean())
+    # Waves of the other half have the same power; those of the first and the last column stand for themselves.
+    variance = (2 * power.sum() - power[:, 0].sum() - power[:, -1].sum()) / cells**2
+    return np.sqrt(power).astype(np.float32), float(variance)
 
 
 def cloud_pattern(
@@ -226,10 +237,11 @@ def cloud_pattern(
     fine_sigma = float(np.sqrt(fine_variance))
     sigma = float(np.hypot(coarse.std(), fine_sigma))
     lowest = float(coarse.min()) - 3 * fine_sigma
-    threshold = float(sigma * norm.ppf(1 - coverage)) if coverage < 1 else lowest
+    threshold = float(sigma * ndtri(1 - coverage)) if coverage < 1 else lowest
     # Mean over the fine field, which is Gaussian, of what stands above the threshold.
-    above = (coarse.astype(float) - threshold) / fine_sigma
-    mean = float(np.mean(fine_sigma * (norm.pdf(above) + above * norm.cdf(above))))
+    above = (coarse - np.float32(threshold)) / np.float32(fine_sigma)
+    density = np.exp(-0.5 * above**2) / np.float32(np.sqrt(2 * np.pi))
+    mean = fine_sigma * float(np.mean(density + above * ndtr(above), dtype=np.float64))
     return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12), mean_optical_depth)
 
 

@@ -10,11 +10,13 @@ from generator.frame.object_table import HOT_PIXEL_OBJECT, object_table
 from generator.frame.render import render_frame
 from generator.scenario.sensor_spec import SensorSpec
 from generator.seeds import random_stream
+from generator.sensor.charge import FullWell
 from generator.sensor.dark import BlinkingPixels, HotPixels, telegraph_level
 from generator.sensor.detector import expose
 from generator.sensor.draws import uniform_at
 from generator.sensor.effect import Exposure
 from generator.sensor.readout import FixedLines, Interference
+from generator.sensor.sparse import rare_pixels
 
 SHAPE = (400, 500)
 KEY = 4711
@@ -27,6 +29,52 @@ def exposure(number: int = 0, start_s: float = 0.0, exposure_s: float = 1.0) -> 
         lambda name: random_stream(5, f"unit.{name}", 0),
         start_s,
     )
+
+
+@pytest.mark.parametrize("fraction", [1e-4, 0.013, 0.5, 1.0])
+def test_rare_pixels_are_independent_draws(fraction) -> None:
+    """Counts are binomial and places uniform, each at a false alarm of 1e-4; neighbours as often as chance has it."""
+    size, rounds = 20_000, 200
+    random = np.random.default_rng(8)
+    drawn = [rare_pixels(random, size, fraction) for _ in range(rounds)]
+    assert all((np.diff(places) > 0).all() and places[0] >= 0 and places[-1] < size for places in drawn if len(places))
+    counts = np.array([len(places) for places in drawn])
+    wanted = size * fraction * rounds
+    assert abs(counts.sum() - wanted) <= 3.9 * np.sqrt(wanted * (1 - fraction))
+    spread = ((counts - size * fraction) ** 2).sum() / max(size * fraction * (1 - fraction), 1e-9)
+    if fraction < 1:
+        assert stats.chi2(rounds).sf(spread) > 5e-5
+        assert stats.chi2(rounds).cdf(spread) > 5e-5
+        whole = np.concatenate(drawn) / size
+        assert stats.kstest(whole + random.random(len(whole)) / size, "uniform").pvalue > 1e-4
+    pairs = sum(int((np.diff(places) == 1).sum()) for places in drawn)
+    expected = rounds * (size - 1) * fraction**2
+    assert abs(pairs - expected) <= 3.9 * np.sqrt(3 * expected * (1 - fraction) + 1)
+
+
+def test_no_pixels_are_rare_where_there_are_none() -> None:
+    assert len(rare_pixels(np.random.default_rng(1), 1000, 0.0)) == 0
+
+
+def test_levels_at_many_times_are_those_one_by_one() -> None:
+    time = np.random.default_rng(2).uniform(-50, 50, (7, 300))
+    np.testing.assert_array_equal(telegraph_level(KEY, time), [telegraph_level(KEY, each) for each in time])
+
+
+def test_charge_that_runs_over_stays_in_its_column() -> None:
+    """Columns on their own, one by one, and a frame without saturation; charge is kept where it does not reach the ends."""
+    charge = np.random.default_rng(3).uniform(0, 100, (60, 40)).astype(np.float32)
+    charge[30, 7], charge[28:33, 20] = 900.0, 400.0
+    well = FullWell(100.0, blooming=True)
+    whole = well.apply(charge, exposure())
+    for column in range(40):
+        np.testing.assert_array_equal(
+            whole[:, column : column + 1], well.apply(charge[:, column : column + 1], exposure())
+        )
+    assert whole.max() <= 100
+    assert whole.sum() == pytest.approx(charge.sum(), rel=1e-5)
+    dark = charge[:10]
+    np.testing.assert_array_equal(well.apply(dark, exposure()), dark)
 
 
 def test_hot_pixels_are_log_normal() -> None:
