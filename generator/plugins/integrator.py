@@ -150,10 +150,18 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         if self.landscape is not None:
             free = free * self._add_landscape(image, camera, film_position, free, seen)
         terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
-        for look in range(self.sky_moments):
-            ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
-            etendue *= free / self.sky_moments
-            self.add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
+        if self.landscape is None:
+            self._add_moments(image, environment, camera, film_position, terms, free, seen)
+        else:
+            # Where a landscape hides the sky, it is not looked at.
+            open_sky = dr.compress(free > 0)
+            if dr.width(open_sky):
+                part = [dr.zeros(mi.Float, dr.width(open_sky)) for _ in range(planes)]
+                those = None if seen is None else (seen[0], *(dr.gather(mi.Int32, each, open_sky) for each in seen[1:]))
+                place, share = dr.gather(mi.Point2f, film_position, open_sky), dr.gather(mi.Float, free, open_sky)
+                self._add_moments(part, environment, camera, place, terms, share, those)
+                for plane, light in zip(image, part, strict=True):
+                    dr.scatter_add(plane, light, open_sky)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
                 ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
@@ -207,6 +215,22 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         dr.scatter(left, dr.maximum(1 - means[0], 0), chosen)
         dr.eval(image, left)
         return left
+
+    def _add_moments(
+        self,
+        image: list[Any],
+        environment: Any,
+        camera: NightSkyCamera,
+        film_position: Any,
+        terms: list[Any],
+        free: Any,
+        seen: tuple[Pattern, Any, Any] | None,
+    ) -> None:
+        """Add the sky's light at all moments at which it is looked at, by the part of pixels that is `free`."""
+        for look in range(self.sky_moments):
+            ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
+            etendue *= free / self.sky_moments
+            self.add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
 
     def add_sky(
         self,

@@ -101,3 +101,15 @@ def test_wide_lenses_high_in_the_sky_have_none() -> None:
 
     plan = plan_frame(small_scenario(camera__hfov_deg=60), 0)
     assert dispersion_parameters(plan, plan.directions) == {}
+
+
+@pytest.mark.parametrize(("height_m", "temperature_c"), [(0.0, 10.0), (4000.0, -25.0), (11000.0, -50.0)])
+def test_refraction_between_wavelengths_is_straight_in_the_refractivity(height_m, temperature_c) -> None:
+    """Twelve bands at once against each by its own integral, arcsec."""
+    site, air = Site(50.0, 10.0, height_m), Air(1010.0 * np.exp(-height_m / 8000), temperature_c, 0.6)
+    bands = np.linspace(377.0, 973.0, 12)
+    altitude = np.array([0.2, 0.5, 1.0, 3.0, 10.0, 40.0, 80.0])
+    alone = np.concatenate([dispersion_deg(altitude, band[None], site, air) for band in bands], axis=1)
+    error = 3600 * np.abs(dispersion_deg(altitude, bands, site, air) - alone)
+    assert error.max() < 0.02
+    assert error[2:].max() < 0.001
