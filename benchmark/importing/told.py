@@ -77,7 +77,7 @@ def told_by(camera: celnav.Camera, known: celnav.Attitude) -> ToldCamera:
 
 def camera_object(camera: celnav.Camera) -> dict[str, Any]:
     """A camera as the frame record has it (docs/dataset_format.md)."""
-    return {"p": []} | camera.to_dict()
+    return {"p": []} | {name: value for name, value in camera.to_dict().items() if name != "uncertainty"}
 
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
