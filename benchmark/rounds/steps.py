@@ -286,8 +286,10 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
     if opened.get("format") != OPENED_FORMAT:
         raise RoundError(f"{path}: is not of the format {OPENED_FORMAT}")
     secret, beacon, listed = opened.get("secret"), opened.get("beacon"), opened.get("frames")
-    if not isinstance(secret, str) or not isinstance(beacon, str) or not isinstance(listed, list):
-        raise RoundError(f"{path}: needs secret, beacon and frames")
+    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+        raise RoundError(f"{path}: frames must be a list of objects")
+    if not isinstance(secret, str) or not isinstance(beacon, str):
+        raise RoundError(f"{path}: needs the texts secret and beacon")
     try:
         drawn = draw(folder, bytes.fromhex(secret), beacon)
     except ValueError as error:

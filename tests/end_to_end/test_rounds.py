@@ -141,6 +141,8 @@ def test_anyone_can_verify_an_opened_round(opened) -> None:
         ("opened.json", '"beacon": "c0ffee"', '"beacon": ""', "as it was committed"),
         ("opened.json", '"scenario_sha256": "', '"scenario_sha256": "0', "other frames"),
         ("opened.json", "[", "[0", "is no JSON object"),
+        ("opened.json", "[", "[0,", "must be a list of objects"),
+        ("opened.json", '"secret": "8', '"secret": 8, "more": "', "needs the texts secret and beacon"),
         ("opened.json", '"image_sha256": "', '"image_sha256": "0', "another one when it is rendered again"),
         ("opened.json", '"truth_sha256": "', '"truth_sha256": "0', "another one when it is rendered again"),
     ],
