@@ -18,9 +18,9 @@ from pydantic import Field, ValidationError
 
 from benchmark.errors import RoundError
 from generator.errors import ScenarioError
+from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.strict import Strict
-from generator.scenario.strict_yaml import StrictLoader
 from generator.scenario.variation import Draw, find_variations
 
 FOLDER = Path(__file__).parent

@@ -20,11 +20,11 @@ from pydantic import ValidationError
 from generator import __version__
 from generator.errors import ScenarioError
 from generator.identity.revision import generator_revision
+from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.messages import HEADER_KEYS, message
 from generator.scenario.model import FrameSpec, SceneSpec, height_followers
 from generator.scenario.sequences.sequence import Passage, SequenceSpec, frame_of, passage_of
 from generator.scenario.strict import InputFile
-from generator.scenario.strict_yaml import StrictLoader
 from generator.scenario.variation import Draw, KeyPath, Observer, Sweep, describe, find_variations
 from generator.seeds import random_stream
 
