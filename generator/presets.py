@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from generator.errors import GeneratorError
-from generator.scenario.camera_presets import PRESETS
-from generator.scenario.own_values import labelled
+from generator.scenario.presets.camera_presets import PRESETS
+from generator.scenario.presets.own_values import labelled
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 

@@ -203,9 +203,13 @@ def _uncertainty(answer: Answer) -> list[tuple[str, str]]:
     beside = [f"1 s of time ({length_text(1000 * _EQUATOR_KM_PER_S * math.cos(math.radians(fix.lat_deg)))})"]
     if not tilted:
         beside.append(f"0.01 deg of the vertical ({length_text(10 * _KM_PER_DEG)})")
+    if answer.camera.uncertainty is None:
+        beside.append("errors of the camera")
+    else:
+        of = f"{of}, errors of the camera"
     return [
         ("uncertainty", f"{east} east, {north} north (1 sigma: {of})"),
-        ("uncertainty", f"not in it: {', '.join(beside)}, errors of the camera"),
+        ("uncertainty", f"not in it: {', '.join(beside)}"),
     ]
 
 

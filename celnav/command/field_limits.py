@@ -7,13 +7,14 @@ import math
 import numpy as np
 
 from celnav.camera import Camera
-from celnav.identification.sky_index import PAIR_LIMIT_DEG
 from celnav.sky.catalog import load_catalog
 
 # Of the catalogues of the thesis' solvers the deepest ends here (`celnav.matching.patterns`), and with fewer stars of the
 # field they mostly refuse (docs/celnav.md, "Measured").
 _THESIS_V_MAG = 4.5
 _THESIS_STARS = 15
+# Narrower ones hold fewer stars of the catalogue than an identification takes (docs/solver.md, "Hypotheses").
+_SKYBENCH_DEG = 5.0
 
 
 def field_deg(camera: Camera) -> tuple[float, float]:
@@ -35,11 +36,10 @@ def field_limit(camera: Camera, solver: str) -> str:
     """Return the limit of the solver that the field falls short of, as a sentence; empty where it keeps them all."""
     width, height = field_deg(camera)
     field = f"the field of {width:.3g} x {height:.3g} deg"
-    least = PAIR_LIMIT_DEG[-1]
     if solver == "skybench":
-        if max(width, height) >= least:
+        if max(width, height) >= _SKYBENCH_DEG:
             return ""
-        return f"{field} is narrower than {least:g} deg, the least for which solver skybench has enough pairs of stars"
+        return f"{field} is narrower than {_SKYBENCH_DEG:g} deg, the least that solver skybench is measured with"
     stars = int(np.sum(load_catalog().v_mag <= _THESIS_V_MAG)) * camera.solid_angle_sr / (4 * math.pi)
     if stars >= _THESIS_STARS:
         return ""

@@ -2,8 +2,8 @@
 
 A scratch scatters light into a narrow fan of directions (Bosch et al. 2004, Computer Graphics Forum 23(3), 361), so that a
 few of many shine at a time, and others as the source moves. The law here is skybench's own, after the statistics of two
-photographs of an all-sky camera under the Moon: streaks lie at random angles to the direction of the Moon, none shines in
-both, and their light per area at 26, 34 and 47 deg from the Moon is 0.8, 0.4 and 0.1 of that at 19 deg, here by
+photographs of an all-sky camera under the Moon: streaks lie at random angles to the direction of the Moon, by eye none
+shines in both, and their light per area at 26, 34 and 47 deg from the Moon is 0.8, 0.4 and 0.1 of that at 19 deg, here by
 (1 + (angle / 25 deg)^2)^-2. Their light is added: less than a thousandth of the source's.
 """
 

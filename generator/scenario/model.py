@@ -17,13 +17,13 @@ from generator.light.atmosphere import SEA_LEVEL_C, SEA_LEVEL_HPA, usual_pressur
 from generator.light.bake_grids import DEFAULT_ALBEDO
 from generator.light.lamps import LAMP_MIX, LARGEST_DISTANCE_KM, City, lamp_spectra
 from generator.places.times import Instant
-from generator.scenario.camera_presets import with_preset
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.foreground_spec import ForegroundSpec
 from generator.scenario.ground.landscape_spec import check_place
 from generator.scenario.gyro_log import check_motion
 from generator.scenario.lens.drift_spec import DriftSpec
 from generator.scenario.motion_spec import MotionSpec
+from generator.scenario.presets.camera_presets import with_preset
 from generator.scenario.sensor_spec import SensorSpec
 from generator.scenario.sky.cloud_spec import CloudSpec, GroundAlbedo
 from generator.scenario.strict import Fraction, Strict

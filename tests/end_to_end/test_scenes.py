@@ -13,8 +13,8 @@ import pytest
 
 from generator.frame.plan import plan_frame
 from generator.frame.render import png_bytes, render_frame
-from generator.scenario.camera_presets import PRESETS
 from generator.scenario.file import Scenario, load_scenario
+from generator.scenario.presets.camera_presets import PRESETS
 from generator.scenario.variation import DISTRIBUTION_KEYS
 
 ROOT = Path(__file__).parents[2]

@@ -18,8 +18,8 @@ from generator.frame.scene import ExpectedFrame, frame_layers, render_expected
 from generator.optics.light_cells import cells_outside
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
 from generator.optics.wings import encircled, profile
-from generator.scenario.camera_presets import PRESETS
 from generator.scenario.camera_spec import BloomSpec, CameraSpec
+from generator.scenario.presets.camera_presets import PRESETS
 
 LENS = {"width": 401, "height": 301, "f_px": 400.0, "aperture_mm": 4.0, "bloom": {"share": 0}, "veiling_glare": 0}
 BLOOM = {"share": 0.05, "core_px": 4.0, "slope": 2.4, "reach_px": 120}
@@ -379,8 +379,7 @@ def test_a_ring_without_light_is_refused() -> None:
 def test_the_rings_of_the_allsky_camera_are_those_of_its_photograph() -> None:
     """The clear photograph of the tests, which the ring's figures are not from: where its two rings are, by azimuth.
 
-    Medians of sectors of 12 degrees, of crests (at 514 and 617 px) over the gaps beside them, in every sixth part that is in
-    the frame: the place to 4 px.
+    The brightest radius of three sectors of 12 degrees that are in the frame, around 514 and 617 px: their median to 6 px.
     """
     spec = PRESETS["superstar-allsky"].camera
     stored = Path(__file__).parents[1] / "data/allsky/008.fits.bz2"

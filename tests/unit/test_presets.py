@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from benchmark.cli.app import app
 from generator import presets
 from generator.light.lamps import lamp_spectra
-from generator.scenario.camera_presets import PRESETS
 from generator.scenario.model import NAMED_ATTITUDES, FrameSpec
-from generator.scenario.own_values import OWN_VALUES
+from generator.scenario.presets.camera_presets import PRESETS
+from generator.scenario.presets.own_values import OWN_VALUES
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 

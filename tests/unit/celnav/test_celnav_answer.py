@@ -51,9 +51,9 @@ def test_the_field_reaches_to_the_edges_or_to_the_image_circle() -> None:
 
 
 def test_limits_of_the_field() -> None:
-    wide, narrow = Camera.pinhole(1080, 720, 60.0), Camera.pinhole(1080, 720, 8.9)
+    wide, narrow = Camera.pinhole(1080, 720, 60.0), Camera.pinhole(1080, 720, 4.9)
     assert field_limit(wide, "skybench") == field_limit(wide, "thesis-adaptive") == ""
-    assert "narrower than 9 deg" in field_limit(narrow, "skybench")
+    assert "narrower than 5 deg" in field_limit(narrow, "skybench")
     assert "V <= 4.5" in field_limit(narrow, "thesis-adaptive")
 
 

@@ -15,7 +15,7 @@ class CameraPreset:
     ----------
     title : str
     source : str
-        Of its figures; those without one are listed in `generator.scenario.own_values`.
+        Of its figures; those without one are listed in `generator.scenario.presets.own_values`.
     camera, sensor : mapping of str to object
         Values of the scenario's two sections; those left out have skybench's defaults.
     """
