@@ -97,7 +97,7 @@ class SolverFolder:
     @property
     def reads(self) -> list[Path]:
         """What an isolated program sees beside its folder and its interpreter."""
-        return [(self.folder / Path(name).expanduser()).absolute() for name in self.spec.reads]
+        return [Path(os.path.abspath(self.folder / Path(name).expanduser())) for name in self.spec.reads]
 
     def command_line(self) -> list[str]:
         """Command line that starts it.

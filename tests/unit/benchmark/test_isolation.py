@@ -127,8 +127,8 @@ def test_a_program_reads_what_its_definition_declares(place) -> None:
     plain = spec_of(command=("python", "spy.py"))
     declared = SolverFolder(place / "solver", plain.model_copy(update={"reads": ("../tables", "~/no-such-folder")}))
     assert declared.spec.settings == plain.settings  # where tables lie does not make another solver
-    assert tables.resolve() in [path.resolve() for path in declared.reads]
-    places = visible_places([sys.executable], declared.folder, [path.resolve() for path in declared.reads])
+    assert tables in declared.reads  # by its own name: a place with .. in it cannot be made
+    places = visible_places([sys.executable], declared.folder, declared.reads)
     assert places[str(tables)] == str(tables.resolve())
     assert not any("no-such-folder" in name for name in places)
 
