@@ -90,7 +90,9 @@ def distance_km(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_
     return MEAN_RADIUS_KM * math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
-def honest_place(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:
+def honest_place(
+    terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude, scatter_cov_rad2: F8 | None = None
+) -> Place:
     """Find the position, and doubt an attitude that the stars contradict.
 
     The heading is the one angle of the attitude that stars can check. Where it is off by more than its standard deviation
@@ -98,9 +100,12 @@ def honest_place(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) ->
     be as uncertain as the heading has proved to be: the attitude's variances are raised, all three alike, up to the square of
     what the heading is off.
 
-    Parameters are those of `place_from_rotation`.
+    Parameters are those of `place_from_rotation`; `scatter_cov_rad2` is the covariance by the stars' scatter alone. The
+    position weighs stars and heading by it and by the attitude as it was told: what widens the covariance does not move the
+    position.
     """
-    place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude)
+    weights = attitude, cov_rad2 if scatter_cov_rad2 is None else scatter_cov_rad2
+    place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude, weights)
     if attitude.kind != "rotation" or place.chi2 <= LEAST_CONTRADICTION:
         return place
     more = place.heading_off_deg**2 * (1 - LEAST_CONTRADICTION / place.chi2)
@@ -109,10 +114,12 @@ def honest_place(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) ->
         tilt_deg=math.hypot(attitude.tilt_deg, more**0.5),
         heading_deg=math.hypot(attitude.heading_deg, more**0.5),
     )
-    return place_from_rotation(terrestrial_to_camera, cov_rad2, doubted)
+    return place_from_rotation(terrestrial_to_camera, cov_rad2, doubted, weights)
 
 
-def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Place:
+def place_from_rotation(
+    terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude, weights: tuple[Attitude, F8] | None = None
+) -> Place:
     """Find the position.
 
     Parameters
@@ -123,15 +130,14 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
         Covariance of its error as a small rotation in the camera frame.
     attitude : Attitude
         Knowledge of the camera's orientation to the horizon.
+    weights : tuple of Attitude and ndarray, shape (3, 3), or None
+        Attitude and covariance by which stars and heading are weighed; None: those above, which is best where they hold. The
+        covariance returned is that of the position so found, under those above.
     """
     R_cam = horizontal_frame(attitude)
     local = R_cam.T @ terrestrial_to_camera
-    covariance = R_cam.T @ cov_rad2 @ R_cam
-    covariance[0, 0] += math.radians(attitude.tilt_deg) ** 2
-    covariance[1, 1] += math.radians(attitude.tilt_deg) ** 2
+    covariance = _local_covariance(R_cam, cov_rad2, attitude)
     with_heading = attitude.kind == "rotation"
-    if with_heading:
-        covariance[2, 2] += math.radians(attitude.heading_deg) ** 2
     zenith = local[2]
     lat, lon = math.asin(max(-1.0, min(1.0, float(zenith[2])))), math.atan2(float(zenith[1]), float(zenith[0]))
     if not with_heading:
@@ -140,17 +146,18 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
         (ee, en), (_, nn) = (heading.T @ covariance @ heading)[:2, :2]
         # A turn about east moves the position north, one about north moves it west.
         return Place(math.degrees(lat), math.degrees(lon), _to_km(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0)
-    information = np.linalg.inv(covariance)
+    information = np.linalg.inv(covariance if weights is None else _local_covariance(R_cam, weights[1], weights[0]))
     free_of_heading = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
     heading_off = float(free_of_heading[2])
-    normal = np.eye(2)
+    gain, rest = np.zeros((2, 3)), np.eye(3)
     turn = free_of_heading
     for _ in range(20):
         turn = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
         cos_lat = max(math.cos(lat), 1e-9)
         design = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.sin(lat) / cos_lat, 0.0]])
-        normal = design.T @ information @ design
-        east, north = np.linalg.solve(normal, design.T @ information @ turn)
+        gain = np.linalg.solve(design.T @ information @ design, design.T @ information)
+        rest = np.eye(3) - design @ gain
+        east, north = gain @ turn
         lat += float(np.clip(north, -0.1, 0.1))
         lon += float(east) / cos_lat
         if abs(lat) > math.pi / 2:
@@ -160,10 +167,17 @@ def place_from_rotation(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attit
     return Place(
         math.degrees(lat),
         math.degrees(math.remainder(lon, 2 * math.pi)),
-        _to_km(np.asarray(np.linalg.inv(normal), dtype=np.float64), lat),
+        _to_km(gain @ covariance @ gain.T, lat),
         math.degrees(heading_off),
-        float(turn @ information @ turn),
+        float(turn[2] ** 2 / (rest[2] @ covariance @ rest[2])),
     )
+
+
+def _local_covariance(R_cam: F8, cov_rad2: F8, attitude: Attitude) -> F8:
+    """Covariance of the turn between the horizon by the stars and by the attitude, in the local frame, rad^2."""
+    covariance = np.asarray(R_cam.T @ cov_rad2 @ R_cam)
+    tilt, heading = math.radians(attitude.tilt_deg), math.radians(attitude.heading_deg)
+    return covariance + np.diag([tilt**2, tilt**2, heading**2 if attitude.kind == "rotation" else 0.0])
 
 
 def _to_km(cov_rad2: F8, lat_rad: float) -> F8:

@@ -169,18 +169,22 @@ class SkybenchSolver:
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
         adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
-        shared = None
+        shared, scatter_cov = None, np.zeros((3, 3))
         if adjusted is not None:
             air = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
             seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, air)
-            if (sigmas := measured_sigmas(seen, adjusted)) is not None:
+            widened, shared = with_shared_errors(seen, adjusted, self._priors, problem.attitude)
+            # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
+            if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 again = self._adjust(
                     camera, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment
                 )
                 if again is not None:
                     adjusted, seen = again, replace(seen, relative_sigma=sigmas)
-            adjusted, shared = with_shared_errors(seen, adjusted, self._priors, problem.attitude)
+                    widened, shared = with_shared_errors(seen, again, self._priors, problem.attitude)
+            scatter_cov = adjusted.cov[:3, :3]
+            adjusted = widened
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
         fix = _describe(problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared)
@@ -194,7 +198,7 @@ class SkybenchSolver:
                 message="the stars are identified and give R_icrs_to_camera; a position needs the vertical too: "
                 "give Attitude.up",
             )
-        place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude)
+        place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude, scatter_cov)
         if refusal := self._contradiction(problem, place) or _below_horizon(problem, prepared, adjusted):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
         return replace(

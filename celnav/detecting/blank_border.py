@@ -35,6 +35,8 @@ def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
     if not same.any() or same.all():
         return None
     rows, columns = pixels.shape[0] // _BLOCK_PX, pixels.shape[1] // _BLOCK_PX
+    if not rows or not columns:
+        return None
     blocks = pixels[: rows * _BLOCK_PX, : columns * _BLOCK_PX].reshape(rows, _BLOCK_PX, columns, _BLOCK_PX)
     lowest, highest = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
     labels, _ = ndimage.label(lowest == highest, structure=np.ones((3, 3)))

@@ -228,7 +228,7 @@ def test_a_field_below_the_solver_s_limit_is_named(files, capsys):
     narrow = files / "narrow.json"
     narrow.write_text(json.dumps({"width": 1080, "height": 720, "hfov_deg": 4.0}))
     assert main(arguments(files, "blank.png", camera=narrow)) == 1
-    assert "narrower than 9 deg" in capsys.readouterr().out
+    assert "narrower than 5 deg" in capsys.readouterr().out
     assert main(arguments(files, "blank.png", camera=narrow, solver="ddr-dai")) == 1
     assert "ddr-dai ends" in capsys.readouterr().out
 
