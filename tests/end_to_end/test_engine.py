@@ -63,6 +63,7 @@ def place(tmp_path_factory):
         os.chdir(before)
 
 
+@pytest.mark.journey
 def test_a_folder_and_a_dataset_of_the_same_frames_are_one_set(place):
     for target, solver in (("skies", "./mine"), ("shards", "skybench")):
         run = skybench("bench", "run", target, "--solver", solver, "--out", "results/same")

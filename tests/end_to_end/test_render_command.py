@@ -247,6 +247,7 @@ def test_a_full_disk_is_one_clear_line(folder, tmp_path) -> None:
     assert "Traceback" not in run.stderr
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize(
     ("command", "moment", "number"),
     [

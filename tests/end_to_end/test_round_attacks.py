@@ -40,6 +40,8 @@ from benchmark.submit.pack import pack
 from generator.places.times import Instant
 from generator.seeds import random_stream
 
+pytestmark = pytest.mark.journey
+
 FALSE_ALARM = 1e-4
 FRAMES = 12
 PROGRAMS = Path(__file__).parents[1] / "unit" / "benchmark" / "programs"

@@ -16,6 +16,8 @@ from benchmark.report.site.tree import read_tree
 from benchmark.rounds.steps import verify_round
 from benchmark.solvers.registry import solver_folder
 
+pytestmark = pytest.mark.journey
+
 FRAMES = 4
 
 

@@ -75,7 +75,7 @@ def many_looks(plan, camera):
 @pytest.mark.parametrize(
     ("camera", "attitude", "edge_rms"),
     [
-        (PINHOLE, {"azimuth_deg": 20, "altitude_deg": 25}, 0.055),
+        pytest.param(PINHOLE, {"azimuth_deg": 20, "altitude_deg": 25}, 0.055, marks=pytest.mark.journey),
         (PINHOLE, {"azimuth_deg": 20, "altitude_deg": 25, "roll_deg": 30}, 0.05),
         (WIDE, {"azimuth_deg": 180, "altitude_deg": 90}, 0.05),
     ],

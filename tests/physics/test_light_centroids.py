@@ -54,7 +54,14 @@ def geometric(stars):
     return stars[["centroid_u_px", "centroid_v_px"]].to_numpy()
 
 
-@pytest.mark.parametrize("psf", [COMA, COLOUR, COMA | {"lateral_chromatic_px": 2.0}])
+@pytest.mark.parametrize(
+    "psf",
+    [
+        pytest.param(COMA, marks=pytest.mark.journey),
+        pytest.param(COLOUR, marks=pytest.mark.journey),
+        COMA | {"lateral_chromatic_px": 2.0},
+    ],
+)
 def test_the_light_s_centroid_is_the_image_s_first_moment(psf) -> None:
     """Within 0.02 px at rest, while the geometric centroid is off by 0.2 px and more."""
     stars, moment, _, _ = isolated_stars(psf)

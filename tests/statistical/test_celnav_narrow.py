@@ -16,11 +16,11 @@ SPOILT = {"noise_px": 0.5, "missing": 0.5, "false": 1.0, "tilt_deg": 50.0}
 @pytest.mark.parametrize(
     ("hfov_deg", "v_max", "spoilt", "least"),
     [
-        (20, 8.0, USUAL, 0.99),
-        (12, 8.0, USUAL, 0.99),
-        (8, 8.0, USUAL, 0.97),
+        pytest.param(20, 8.0, USUAL, 0.99, marks=pytest.mark.journey),
+        pytest.param(12, 8.0, USUAL, 0.99, marks=pytest.mark.journey),
+        pytest.param(8, 8.0, USUAL, 0.97, marks=pytest.mark.journey),
         (5, 8.0, USUAL, 0.80),
-        (20, 6.0, SPOILT, 0.70),
+        pytest.param(20, 6.0, SPOILT, 0.70, marks=pytest.mark.journey),
         (12, 8.0, SPOILT, 0.65),
         (8, 8.0, SPOILT, 0.45),
     ],

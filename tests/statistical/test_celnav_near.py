@@ -57,6 +57,7 @@ def test_sparse_frames_are_solved_near_a_known_place():
     assert wrong == 0
 
 
+@pytest.mark.journey
 def test_clutter_is_searched_through_near_a_known_place():
     """Ten false detections a star and a heading within some degrees: the whole sky holds too many hypotheses."""
     sigmas = {"tilt_deg": 0.001, "heading_deg": 3.0}
@@ -84,6 +85,7 @@ def test_stars_that_contradict_the_position_say_where_they_put_it():
     assert len(fix.matches) > 50
 
 
+@pytest.mark.journey
 def test_clutter_near_a_known_place_is_no_star_field():
     """Of 70 inputs without stars none is answered: 70 times the bound of 1e-8; and work keeps to its bound."""
     for number in range(70):

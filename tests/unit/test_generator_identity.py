@@ -52,6 +52,7 @@ def test_words_and_code_that_makes_no_frames_do_not_change_it() -> None:
 
 def test_it_is_kept_and_a_damaged_copy_is_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: tmp_path)
+    monkeypatch.setattr(revision, "revision_of", lambda sources, data_digest: "fedcba9876543210")
     work = revision.generator_revision.__wrapped__
     first = work()
     (kept,) = tmp_path.iterdir()

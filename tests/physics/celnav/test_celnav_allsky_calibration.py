@@ -37,6 +37,7 @@ def test_header_gives_the_middle_of_the_exposure(frames):
     assert frames[0].utc.second_of_day_s == pytest.approx(5 * 3600 + 17 * 60 + 34.752, abs=1e-3)
 
 
+@pytest.mark.journey
 def test_stars_are_predicted_to_a_tenth_of_a_pixel(frames):
     found = fitted(frames, aspect=True, decentring=True, prism=True, tilt=True)
     assert round(found.rms_px, 2) <= 0.12
@@ -45,6 +46,7 @@ def test_stars_are_predicted_to_a_tenth_of_a_pixel(frames):
     assert found.pattern.rms_px < 0.05
 
 
+@pytest.mark.journey
 def test_decentring_is_what_others_found(frames):
     found = fitted(frames, decentring=True)
     assert found.values[found.form.names.index("p1")] == pytest.approx(0.00066, abs=0.00005)

@@ -85,6 +85,7 @@ def test_the_calibrated_photograph_is_none_of_the_tasks() -> None:
         assert found.calibrated_on.partition(",")[0] not in {source.file for source in found.sources}
 
 
+@pytest.mark.journey
 def test_a_real_photograph_is_solved_with_the_camera_of_another_night(tmp_path: Path) -> None:
     task = load_real_task("allsky-real")
     told = read_told(task.camera_file)
@@ -159,6 +160,7 @@ def test_a_packed_file_is_unpacked_no_further_than_the_photograph(small: Path, t
         fetch.fetch_sources(load_real_task("small-real"), tmp_path / "data", small)
 
 
+@pytest.mark.journey
 def test_a_task_of_photographs_is_run_and_reported(small: Path, tmp_path: Path) -> None:
     data, results = tmp_path / "data", tmp_path / "results"
     code, text = run("bench", "run", "small-real", "--solver", "skybench", "--data", data, "--out", results)

@@ -125,7 +125,7 @@ def test_nothing_is_told_to_more_digits_than_the_instrument_has() -> None:
 
 def test_an_unknown_heading_is_turned_over_the_whole_circle() -> None:
     unknown = dataclasses.replace(PRECISION, heading_sigma_deg=180.0)
-    found = [told(observation(), unknown, small_key(), index) for index in range(600)]
+    found = [told(observation(), unknown, small_key(), index) for index in range(200)]
     assert {one.heading_sigma_deg for one in found} == {math.inf}
     azimuths = [celnav.Pointing.of(one.R_cam).azimuth_deg / 360 for one in found]
     assert stats.kstest(azimuths, "uniform").pvalue > FALSE_ALARM

@@ -320,6 +320,7 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     assert FrameSource(tmp_path).picture(result, "../../secret", 640) is None
 
 
+@pytest.mark.journey
 def test_four_boards_of_twelve_solvers_stay_below_a_quarter_of_five_megabytes(boards, tmp_path):
     """A quarter of the leaderboard's sixteen boards."""
     many = []

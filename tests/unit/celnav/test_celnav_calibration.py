@@ -203,6 +203,7 @@ def test_what_stands_still_is_no_star():
         assert kept[10:].sum() >= 199  # one false alarm in a hundred sets
 
 
+@pytest.mark.journey
 def test_two_frames_of_one_fixed_camera_share_an_attitude():
     R_cam = Pointing(180.0, 88.0, 5.0).R_cam
     lens = (330.0, 612.0, 441.0, -0.012, 0.004, 0.0, 0.0)
