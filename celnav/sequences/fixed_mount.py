@@ -29,6 +29,7 @@ GATE = 21.108
 FEWEST_FOR_CORRELATION = 8
 # Fewest frames whose line leaves enough to measure scatter by.
 FEWEST_FOR_LINE = 4
+_MOST_FOR_SLOPE = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,12 @@ class FixedMount:
         if not np.isfinite(self.turn_cov).all():
             return math.nan
         return float(self.turn_rad_s @ np.linalg.solve(self.turn_cov, self.turn_rad_s))
+
+    @property
+    def drift_cov(self) -> F8:
+        """Scatter of the frames by the turn that the line shows, camera frame, rad^2: a uniform spread of turn x span."""
+        drift = self.rotation @ self.turn_rad_s * self.span_s
+        return np.asarray(np.outer(drift, drift) / 12)
 
     @property
     def sky_turn(self) -> F8:
@@ -115,10 +122,10 @@ def _most_central(rotations: F8) -> int:
 def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
     """Rows of the frames that agree, and the scatter about each axis that their covariances do not explain, radians.
 
-    Frames are left out by their distance from the median, in units of their own covariance and of the scatter of the
-    inner half of the frames: a frame that was named wrongly lies degrees away.
+    Frames are left out by their distance from a line by time, in units of their own covariance and of the scatter of the
+    inner half of the frames: a frame that was named wrongly lies degrees away, one of a mount that drifts does not.
     """
-    away = turns - np.median(turns, axis=0)
+    away = turns - _robust_line(turns, times_s)
     robust = 1.4826 * np.median(np.abs(away), axis=0)
     spread = covs + np.diag(robust**2)
     distance = np.einsum("ni,nij,nj->n", away, np.linalg.inv(spread), away)
@@ -141,6 +148,28 @@ def _consistent(turns: F8, covs: F8, times_s: F8) -> tuple[Rows, float]:
     squares = np.einsum("na,nb,nij,njk->aibk", design, design, weights, weights).reshape(size, size)
     share = float(np.einsum("nii->", weights)) - float(np.trace(inverse @ squares))
     return used, math.sqrt((chi2 - freedom) / share)
+
+
+def _robust_line(turns: F8, times_s: F8) -> F8:
+    """Line through the turns by repeated medians (Siegel 1982, Biometrika 69, 242), which half of the frames cannot spoil.
+
+    The median of the turns where there are too few frames for a line. Shape (n, 3).
+    """
+    design = _line(times_s)
+    if design.shape[1] == 1:
+        return np.broadcast_to(np.median(turns, axis=0), turns.shape)
+    since = design[:, 1]
+    # Of more frames, that many spread over all tell the slope.
+    some = np.unique(np.linspace(0, len(turns) - 1, min(len(turns), _MOST_FOR_SLOPE)).astype(int))
+    apart = since[some][:, None] - since[some][None, :]
+    rise = turns[some][:, None, :] - turns[some][None, :, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.where(apart[..., None] == 0, np.nan, rise / apart[..., None])
+    # Frames of one instant with all others have no slope.
+    has = np.isfinite(slopes).any(axis=(1, 2))
+    slope = np.median(np.nanmedian(slopes[has], axis=1), axis=0)
+    level = turns - since[:, None] * slope
+    return np.asarray(turns - level + np.median(level, axis=0))
 
 
 def _line(times_s: F8) -> F8:

@@ -19,11 +19,12 @@ from celnav.checking import finite_number
 from celnav.detection import Detections
 from celnav.errors import ConfigError
 from celnav.fix import Estimate, Fix, Reason
-from celnav.horizon import horizontal_frame, place_from_rotation
+from celnav.horizon import honest_place, horizontal_frame
+from celnav.position import Weather
 from celnav.problem import LastKnown, Solver
 from celnav.sequences.fixed_mount import EARTH_RAD_S, FixedMount, combine
-from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
-from celnav.sky.earth_rotation import earth_orientation
+from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_oriented, terrestrial_orientation
+from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
 from celnav.solver import solve
 
@@ -65,7 +66,8 @@ class NightFix:
     turn_chance : float
         Probability that mount and clock which are right show as much turn; NaN where frames span no time.
     latitude_deg : Estimate or None
-        From that axis and the vertical alone: neither time nor longitude enter. None without a vertical or an axis.
+        From that axis and the vertical alone: neither time nor longitude enter. None without a vertical or an axis. The
+        vertical is taken as it was told; how far a mount that moved puts the axis from where it should be is in the sigma.
     used, left_out : tuple of int
         Numbers of the frames that count, and of those that were identified and disagree.
     told, untold : tuple of str
@@ -108,6 +110,16 @@ class NightFix:
         return Attitude.with_sigma(R_cam, tilt_deg=tilt, heading_deg=math.degrees(math.sqrt(float(local[2, 2]))))
 
 
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """A frame of the night: its time, what was detected, and what it gives."""
+
+    utc: Utc
+    detections: Detections | ArrayLike
+    flux: ArrayLike | None
+    fix: Fix
+
+
 @dataclass
 class Night:
     r"""Frames of one camera that stands still; add them in any order, then ask for the `fix`.
@@ -143,7 +155,7 @@ class Night:
     temperature_c: float = 10.0
     near: LastKnown | None = None
     solver: str | Solver = "skybench"
-    _frames: list[tuple[Utc, Fix]] = field(default_factory=list, repr=False)
+    _frames: list[_Frame] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
         self.attitude = as_attitude(self.attitude)
@@ -152,7 +164,7 @@ class Night:
     @property
     def fixes(self) -> tuple[Fix, ...]:
         """The frames' own fixes and refusals."""
-        return tuple(fix for _, fix in self._frames)
+        return tuple(frame.fix for frame in self._frames)
 
     def add(
         self, detections: Detections | ArrayLike, utc: str | datetime | Utc, *, flux: ArrayLike | None = None
@@ -171,29 +183,33 @@ class Night:
             detections, self.camera, instant, known, self.solver, flux=flux, pressure_hpa=self.pressure_hpa,
             temperature_c=self.temperature_c, near=self.near,
         )  # fmt: skip
-        self._frames.append((instant, fix))
+        self._frames.append(_Frame(instant, detections, flux, fix))
         return fix
 
     def fix(self) -> NightFix:
-        """Combine the frames."""
-        rows = [
-            number
-            for number, (_, fix) in enumerate(self._frames)
-            if fix.R_icrs_to_camera is not None and fix.rotation_cov_rad2 is not None
-            and fix.reason in (Reason.OK, Reason.VERTICAL_REQUIRED)
-        ]  # fmt: skip
+        """Combine the frames.
+
+        A frame that could not be identified alone is searched once more near the orientation of those that could.
+        """
+        found = self._combined()
+        if found.R_terrestrial_to_camera is not None and self._search_again(found):
+            found = self._combined()
+        return found
+
+    def _combined(self) -> NightFix:
+        """Combine the frames that are identified."""
+        rows, rotations, covs = [], [], []
+        for number, frame in enumerate(self._frames):
+            rotation = terrestrial_orientation(frame.fix, frame.utc)
+            if rotation is not None and frame.fix.rotation_cov_rad2 is not None:
+                rows.append(number)
+                rotations.append(rotation)
+                covs.append(frame.fix.rotation_cov_rad2)
         if not rows:
             message = f"none of {len(self._frames)} frames was identified"
             return NightFix(False, Reason.TOO_FEW_DETECTIONS, message)
-        rotations, covs = [], []
-        for number in rows:
-            utc, fix = self._frames[number]
-            assert fix.R_icrs_to_camera is not None
-            assert fix.rotation_cov_rad2 is not None
-            rotations.append(fix.R_icrs_to_camera @ celestial_to_terrestrial(utc, earth_orientation(utc)).T)
-            covs.append(fix.rotation_cov_rad2)
-        first = self._frames[rows[0]][0]
-        times = np.array([_seconds_between(first, self._frames[number][0]) for number in rows])
+        first = self._frames[rows[0]].utc
+        times = np.array([_seconds_between(first, self._frames[number].utc) for number in rows])
         mount = combine(np.stack(rotations), np.stack(covs), times)
         used = tuple(rows[k] for k in mount.used)
         night = NightFix(
@@ -208,6 +224,27 @@ class Night:
         night = _with_turn(night, mount)
         return _in_words(self._placed(night, mount), mount, len(self._frames), self.clock_sigma_s)
 
+    def _search_again(self, found: NightFix) -> bool:
+        """Search the frames that were not identified near the night's orientation; say whether one was found."""
+        assert found.R_terrestrial_to_camera is not None
+        assert found.cov_rad2 is not None
+        assert self.attitude is None or isinstance(self.attitude, Attitude)
+        own = float(np.linalg.eigvalsh(found.cov_rad2)[-1])
+        sigma = math.sqrt(own + math.radians(found.wander_deg) ** 2)
+        known = Orientation(found.R_terrestrial_to_camera, sigma, found.lat_deg, found.lon_deg)
+        weather = Weather(self.pressure_hpa, self.temperature_c)
+        some = False
+        for number, frame in enumerate(self._frames):
+            if frame.fix.reason not in UNFOUND:
+                continue
+            fix = solve_oriented(
+                frame.detections, self.camera, frame.utc, self.attitude, known, self.solver, weather, frame.flux
+            )
+            if terrestrial_orientation(fix, frame.utc) is not None:
+                self._frames[number] = replace(frame, fix=fix)
+                some = True
+        return some
+
     def _placed(self, night: NightFix, mount: FixedMount) -> NightFix:
         """Add position and latitude where the vertical is known."""
         attitude = self.attitude
@@ -217,19 +254,26 @@ class Night:
         assert isinstance(attitude, Attitude)
         pole = mount.rotation[:, 2]
         turned = EARTH_RAD_S * self.clock_sigma_s
-        place = place_from_rotation(mount.rotation, mount.cov + turned**2 * np.outer(pole, pole), attitude)
+        cov = mount.cov + turned**2 * np.outer(pole, pole)
+        if night.turn_chance < LEAST_CHANCE:
+            # What moves within the night has moved since its attitude was told, or the clock has.
+            cov = cov + mount.drift_cov
+        place = honest_place(mount.rotation, cov, attitude)
         latitude = None
         if night.axis_camera is not None:
             up = horizontal_frame(attitude)[:, 2]
             sine = float(np.clip(up @ night.axis_camera, -1, 1))
-            sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg)
+            off = 0.0
+            if night.turn_chance < LEAST_CHANCE:  # the axis seen is that of Earth and mount together
+                off = math.degrees(float(np.linalg.norm(np.cross(pole, night.axis_camera))))
+            sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg, off)
             latitude = Estimate(math.degrees(math.asin(sine)), sigma)
         limit = 1.0 + 5 * attitude.heading_deg
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
             message = f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
             return replace(night, reason=Reason.INCONSISTENT, message=message, latitude_deg=latitude)
         return replace(
-            night, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2 * max(1.0, place.chi2 / 16),
+            night, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2,
             heading_off_deg=place.heading_off_deg, latitude_deg=latitude,
         )  # fmt: skip
 
@@ -259,6 +303,13 @@ def _with_turn(night: NightFix, mount: FixedMount) -> NightFix:
     )
 
 
+def _with_sigma(estimate: Estimate) -> str:
+    """Write a value to two digits of its standard deviation."""
+    digits = 1 - math.floor(math.log10(estimate.sigma)) if estimate.sigma > 0 else 6
+    digits = min(max(digits, 0), 15)
+    return f"{estimate.value:.{digits}f} +- {estimate.sigma:.{digits}f}"
+
+
 def _in_words(night: NightFix, mount: FixedMount, frames: int, clock_sigma_s: float) -> NightFix:
     """Add what is told, and what cannot be."""
     told = [f"{len(night.used)} of {frames} frames give one orientation to the Earth, over {mount.span_s / 3600:.2f} h"]
@@ -268,8 +319,8 @@ def _in_words(night: NightFix, mount: FixedMount, frames: int, clock_sigma_s: fl
         told.append(f"the mount wanders by {night.wander_deg:.4f} deg about each axis beyond the frames' noise")
     if night.rate is not None:
         told.append(
-            f"the sky turns at {night.rate.value:.6f} +- {night.rate.sigma:.6f} of the Earth's rate, about an axis known "
-            f"within {night.axis_sigma_deg:.4f} deg"
+            f"the sky turns at {_with_sigma(night.rate)} of the Earth's rate, about an axis known within "
+            f"{night.axis_sigma_deg:.1g} deg"
         )
         verdict = "the mount moved or the clock runs wrong" if night.turn_chance < LEAST_CHANCE else "nothing moved"
         told.append(f"{verdict} (probability of as much by chance {night.turn_chance:.2g})")

@@ -172,6 +172,54 @@ def test_a_frame_that_is_named_wrongly_is_left_out():
     assert np.linalg.norm(rotation_vector(found.rotation @ R_CAM.T)) < 4e-4
 
 
+def test_a_mount_that_drifts_steadily_keeps_its_frames():
+    """0.3 deg within 20 frames of 0.006 deg of noise each: all count, but for one that is named wrongly."""
+    rng = np.random.default_rng(11)
+    rotations, covs = draws(20, rng, 1e-4, 0.0)
+    rotations = np.stack([turned([0.6, 0, 0.8], 0.3 * k / 19) @ one for k, one in enumerate(rotations)])
+    rotations[7] = turned([0, 1, 0], 3.0) @ rotations[7]
+    found = combine(rotations, covs, 600.0 * np.arange(20))
+    assert set(range(20)) - set(found.used.tolist()) == {7}
+    speed_deg = math.degrees(np.linalg.norm(found.turn_rad_s)) * 600 * 19
+    assert speed_deg == pytest.approx(0.3, abs=0.01)
+    assert math.degrees(math.sqrt(np.trace(found.drift_cov))) == pytest.approx(0.3 / math.sqrt(12), rel=0.05)
+
+
+def test_half_of_the_frames_cannot_spoil_the_line():
+    """Of five frames two are named wrongly."""
+    rng = np.random.default_rng(12)
+    rotations, covs = draws(5, rng, 1e-4, 0.0)
+    rotations[1], rotations[3] = turned([0, 1, 0], 40.0) @ rotations[1], turned([1, 0, 0], 90.0) @ rotations[3]
+    assert combine(rotations, covs, np.arange(5.0)).used.tolist() == [0, 2, 4]
+
+
+def test_a_heading_that_a_night_contradicts_widens_the_vertical():
+    """A mount that was turned by 0.3 deg about an oblique axis since its attitude was told: tilt and heading alike."""
+    told = celnav.Attitude.with_sigma(turned([1, 1, 1], 0.3) @ R_CAM, tilt_deg=0.01, heading_deg=0.01)
+    found = night_of(np.linspace(0, 7200, 5), np.random.default_rng(13), told)
+    error = offset_km(found)
+    assert np.hypot(*error) > 10
+    assert error @ np.linalg.solve(found.cov_km2, error) < 9.2  # two degrees of freedom, one in 100
+
+
+def test_a_frame_of_few_stars_is_found_by_the_others():
+    """Seven stars and 60 false lights, alone refused; the night's orientation finds them, and they count."""
+    rng = np.random.default_rng(14)
+    night = celnav.Night(CAMERA, UP)
+    for second in (0, 1800, 3600, 5400):
+        uv, flux = frame(later(second), rng)
+        night.add(uv, later(second), flux=flux)
+    uv, flux = frame(later(2700), rng)
+    few = rng.choice(len(uv), 7, replace=False)
+    false = np.column_stack((rng.uniform(0, WIDTH - 1, 60), rng.uniform(0, HEIGHT - 1, 60)))
+    uv, flux = np.vstack((uv[few], false)), np.concatenate((flux[few], rng.choice(flux, 60)))
+    assert night.add(uv, later(2700), flux=flux).reason in ("no_hypothesis", "effort_spent")
+    found = night.fix()
+    assert night.fixes[4].ok
+    assert found.used == (0, 1, 2, 3, 4)
+    assert len(night.fixes[4].matches) >= 5
+
+
 def test_the_rate_is_that_of_the_earth_rotation_angle():
     """360 deg of Earth rotation angle take 86164.0989 s of UT1 (IERS Conventions 2010, stellar day)."""
     assert 2 * math.pi / EARTH_RAD_S == pytest.approx(86164.098903691, abs=1e-6)

@@ -1,0 +1,110 @@
+"""A frame whose orientation to the Earth is known from elsewhere: other frames of its night, or another camera beside it.
+
+What is known serves the search alone, which then needs fewer stars. Orientation, position and covariance come from the
+frame's own stars and its own attitude, so that they stay independent of what helped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.attitude import Attitude
+from celnav.camera import Camera
+from celnav.detection import Detections
+from celnav.fix import Fix, Reason
+from celnav.horizon import honest_place
+from celnav.position import Weather
+from celnav.problem import LastKnown, Solver
+from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import Utc
+from celnav.solver import solve
+
+F8 = NDArray[np.float64]
+
+UNFOUND = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
+"""Refusals that more knowledge may mend."""
+# Radius of the place, beyond what the orientation's standard deviation opens.
+_RADIUS_KM = 1.0
+# A frame's orientation is searched no closer than this: mounts give way, and lenses are off by as much.
+_LEAST_SIGMA_RAD = math.radians(0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """An orientation of a camera to the Earth.
+
+    Attributes
+    ----------
+    terrestrial_to_camera : ndarray, shape (3, 3)
+        ITRS to camera.
+    sigma_rad : float
+        Standard deviation about each axis.
+    lat_deg, lon_deg : float
+        Where the camera stands, for refraction; NaN where no vertical is known.
+    """
+
+    terrestrial_to_camera: F8
+    sigma_rad: float
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+
+
+def terrestrial_orientation(fix: Fix, utc: Utc) -> F8 | None:
+    """Return ITRS to camera, shape (3, 3), of a frame whose stars were identified; None of another."""
+    if fix.reason not in (Reason.OK, Reason.VERTICAL_REQUIRED) or fix.rotation_cov_rad2 is None:
+        return None
+    if fix.R_icrs_to_camera is None:
+        return None
+    return np.asarray(fix.R_icrs_to_camera @ celestial_to_terrestrial(utc, earth_orientation(utc)).T)
+
+
+def solve_oriented(
+    detections: Detections | ArrayLike,
+    camera: Camera,
+    utc: Utc,
+    attitude: Attitude | None,
+    known: Orientation,
+    solver: str | Solver,
+    weather: Weather,
+    flux: ArrayLike | None = None,
+) -> Fix:
+    """Solve a frame near a known orientation; the position is by its own stars and the attitude given.
+
+    Parameters
+    ----------
+    detections, camera, utc, attitude, solver, flux
+        As of `celnav.solve`.
+    known : Orientation
+        Where to search.
+    weather : Weather
+        For refraction; not used where no vertical is known.
+    """
+    upright = not math.isnan(known.lat_deg)
+    lat, lon = (known.lat_deg, known.lon_deg) if upright else (0.0, 0.0)
+    sigma_deg = math.degrees(max(known.sigma_rad, _LEAST_SIGMA_RAD))
+    supposed = Attitude.with_sigma(
+        known.terrestrial_to_camera @ enu_rotation(lat, lon).T, tilt_deg=sigma_deg, heading_deg=sigma_deg
+    )
+    fix = solve(
+        detections, camera, utc, supposed, solver, flux=flux, temperature_c=weather.temperature_c,
+        pressure_hpa=weather.pressure_hpa if upright else 0.0, near=LastKnown(lat, lon, _RADIUS_KM),
+    )  # fmt: skip
+    rotation = terrestrial_orientation(fix, utc)
+    if rotation is None:
+        return fix
+    if attitude is None:
+        message = (
+            "the stars are identified and give R_icrs_to_camera; a position needs the vertical too: give Attitude.up"
+        )
+        fix = replace(fix, ok=False, reason=Reason.VERTICAL_REQUIRED, message=message)
+        return replace(fix, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan)
+    assert fix.rotation_cov_rad2 is not None
+    place = honest_place(rotation, fix.rotation_cov_rad2, attitude)
+    return replace(
+        fix, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2, heading_off_deg=place.heading_off_deg
+    )
