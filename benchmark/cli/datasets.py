@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -20,7 +21,7 @@ from generator.errors import GeneratorError
 
 if TYPE_CHECKING:
     from generator.dataset.forecast import Forecast
-    from generator.dataset.run import Runner
+    from generator.dataset.run import Part, Runner, ShardRange
     from generator.scenario.file import Scenario as LoadedScenario
 
 FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
@@ -48,6 +49,7 @@ def plan(
 
     from benchmark.report.formatting import duration, file_size
     from generator.dataset.forecast import forecast
+    from generator.dataset.layout import natural_shard_size
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
@@ -85,6 +87,8 @@ def plan(
         f"{file_size(expected.bytes)} as 16-bit PNG with truth; {file_size(expected.exr_bytes)} more "
         "with the expected electrons (EXR)",
     )
+    size = natural_shard_size(loaded.frame_count)
+    table.add_row("shards", f"{math.ceil(loaded.frame_count / size)} of up to {size} frames")
     table.add_row("scenario hash", loaded.sha256)
     print_tables(table)
     print_warnings(expected.warnings)
@@ -162,7 +166,10 @@ def generate(
     ] = "png",
     workers: Annotated[int, typer.Option("--workers", min=0, help="Processes; default: one per core.")] = os.cpu_count()
     or 1,
-    part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "0/1",
+    part: Annotated[str, typer.Option("--part", metavar="I/N", help="Make the I-th of N parts (job arrays).")] = "",
+    shards: Annotated[
+        str, typer.Option("--shards", metavar="FIRST:STOP", help="Make these shards alone, STOP excluded (job arrays).")
+    ] = "",
     backend: Annotated[
         str, typer.Option("--backend", help="local, or ray.", autocompletion=lambda: ["local", "ray"])
     ] = "local",
@@ -178,7 +185,6 @@ def generate(
 
     from generator.dataset.generate import generate as make
     from generator.dataset.layout import DatasetSpec, natural_shard_size
-    from generator.dataset.run import Part
     from generator.dataset.shard import ShardReport
     from generator.scenario.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
@@ -195,8 +201,8 @@ def generate(
         path = find_scenario(scenario)
         loaded = load_scenario(path)
         print_warnings(contradictions_of(loaded))
-        chosen = _range(frames, loaded.frame_count)
-        index, count = _part(part)
+        chosen = _range("--frames", frames) if frames else (0, loaded.frame_count)
+        share = _share(part, shards)
         spec = DatasetSpec(split, shard_size or natural_shard_size(loaded.frame_count), exr, codec)
         done = failed = 0
         rates = TaskProgressColumn(show_speed=True), TextColumn("{task.fields[rate]}")
@@ -219,7 +225,7 @@ def generate(
                 failures = [asdict(failure) for failure in report.failures]
                 tell({"event": "shard", "shard": report.shard.stem, "state": state, "failures": failures})
 
-            report = make(loaded, path.read_text(encoding="utf-8"), out, spec, chosen, Part(index, count), workers,
+            report = make(loaded, path.read_text(encoding="utf-8"), out, spec, chosen, share, workers,
                           _backend(backend, ray_address), frame_done, shard_done)  # fmt: skip
     except GeneratorError as error:
         fail(error)
@@ -249,20 +255,31 @@ def _backend(name: str, ray_address: str) -> Runner:
     raise GeneratorError(f"--backend {name}: one of local, ray")
 
 
-def _range(text: str, count: int) -> tuple[int, int]:
-    if not text:
-        return 0, count
+def _range(option: str, text: str) -> tuple[int, int]:
     first, colon, stop = text.partition(":")
-    if not colon or not first.isdigit() or not stop.isdigit():
-        raise GeneratorError(f"--frames {text}: expected FIRST:STOP, for example 120:121")
+    if not colon or not _is_number(first) or not _is_number(stop):
+        raise GeneratorError(f"{option} {text}: expected FIRST:STOP, for example 120:121")
     return int(first), int(stop)
 
 
-def _part(text: str) -> tuple[int, int]:
-    index, slash, count = text.partition("/")
-    if not slash or not index.isdigit() or not count.isdigit():
-        raise GeneratorError(f"--part {text}: expected I/N, for example 0/4")
-    return int(index), int(count)
+def _share(part: str, shards: str) -> Part | ShardRange:
+    """Shards of this job, of those that the dataset has."""
+    from generator.dataset.run import Part, ShardRange
+
+    if part and shards:
+        raise GeneratorError(f"--part {part} with --shards {shards}: give one of the two")
+    if shards:
+        return ShardRange(*_range("--shards", shards))
+    if not part:
+        return Part()
+    index, slash, count = part.partition("/")
+    if not slash or not _is_number(index) or not _is_number(count):
+        raise GeneratorError(f"--part {part}: expected I/N, for example 0/4")
+    return Part(int(index), int(count))
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) < 10
 
 
 def verify(

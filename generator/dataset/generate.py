@@ -13,12 +13,13 @@ from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import make_manifest, manifest_of, write_manifest
 from generator.dataset.receipt import damaged_files, finished_files
-from generator.dataset.run import Part, Runner, RunReport, open_dataset_target, run_shards, shards_of_part
+from generator.dataset.run import Part, Runner, RunReport, ShardRange, open_dataset_target, run_shards
 from generator.dataset.shard import ShardReport
 from generator.dataset.target import INCOMING_PREFIX, LocalTarget, Target, open_target
 from generator.errors import GeneratorError
 from generator.imu.table import write_imu_table
 from generator.scenario.file import Scenario
+from generator.sensor.photo import check_photo
 from generator.stored_files import StoredFile, stored_file
 
 UNFINISHED_PREFIX = ".shard-"
@@ -30,7 +31,7 @@ def generate(
     out: str | Path,
     spec: DatasetSpec,
     frames: tuple[int, int] | None = None,
-    part: Part = Part(),
+    part: Part | ShardRange = Part(),
     workers: int = 0,
     run: Runner = run_shards,
     frame_done: Callable[[int], None] = lambda index: None,
@@ -48,7 +49,7 @@ def generate(
     spec : DatasetSpec
     frames : (first, stop), optional
         Frames to make; all by default. A frame's bytes do not depend on the range.
-    part : Part
+    part : Part or ShardRange
         For jobs that share a dataset.
     workers : int
         Processes; 0 renders in this one.
@@ -68,18 +69,20 @@ def generate(
         The folder cannot be used, or workers keep dying.
     """
     first, stop = frames or (0, scenario.frame_count)
+    shards = divide(scenario, spec, first, stop)
+    own = part.of(shards)
     check_codec(spec.codec)
+    check_photo(scenario.frame(first).sensor)
     target = open_target(str(out))
     mended = list(open_dataset_target(target, scenario, text))
     reports = []
-    shards = shards_of_part(scenario, spec, first, stop, part)
-    for report in run(scenario, spec, shards, target, workers, frame_done):
+    for report in run(scenario, spec, own, target, workers, frame_done):
         reports.append(report)
         mended += report.damaged
         shard_done(report)
     stored: list[StoredFile] = []
     missing = []
-    for shard in divide(scenario, spec, first, stop):
+    for shard in shards:
         files = finished_files(target, shard, scenario, spec)
         if files is None:
             missing.append(shard)

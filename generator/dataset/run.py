@@ -6,7 +6,7 @@ import multiprocessing
 import queue
 import signal
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from generator.dataset.inputs import check_name, store_inputs
-from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard, divide
+from generator.dataset.layout import SCENARIO_COPY, DatasetSpec, Shard
 from generator.dataset.manifest import manifest_of
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
@@ -45,6 +45,27 @@ class Part:
             raise GeneratorError(
                 f"part {self.index}/{self.count}: parts run from 0/{self.count} to {self.count - 1}/{self.count}"
             )
+
+    def of(self, shards: Sequence[Shard]) -> list[Shard]:
+        """The shards that this job makes."""
+        return [shard for shard in shards if shard.index % self.count == self.index]
+
+
+@dataclass(frozen=True)
+class ShardRange:
+    """One of several jobs that share a dataset: it makes the shards `first` to `stop` - 1."""
+
+    first: int
+    stop: int
+
+    def of(self, shards: Sequence[Shard]) -> list[Shard]:
+        """The shards that this job makes. Raises GeneratorError where the dataset lacks some of the range."""
+        known = shards[0].index, shards[-1].index + 1
+        if not known[0] <= self.first < self.stop <= known[1]:
+            raise GeneratorError(
+                f"shards {self.first}:{self.stop}: the dataset has shards {known[0]}:{known[1]}, stop excluded"
+            )
+        return [shard for shard in shards if self.first <= shard.index < self.stop]
 
 
 @dataclass(frozen=True)
@@ -243,8 +264,3 @@ def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: A
 
 def _work(shard: Shard) -> ShardReport:
     return render_shard(_worker["scenario"], _worker["spec"], shard, _worker["target"], _worker["done"].put)
-
-
-def shards_of_part(scenario: Scenario, spec: DatasetSpec, first: int, stop: int, part: Part) -> list[Shard]:
-    """Shards of a range of frames that belong to a part."""
-    return [shard for shard in divide(scenario, spec, first, stop) if shard.index % part.count == part.index]

@@ -32,7 +32,7 @@ from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
 from generator.sensor.maker_note import accelerometer
-from generator.sensor.photo import PHOTO_SUFFIXES, Taken, photo_bytes
+from generator.sensor.photo import PHOTO_SUFFIXES, Taken, check_photo, photo_bytes
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
@@ -233,6 +233,7 @@ def render_dataset(
         The folder cannot be used or written; the message names the remedy.
     """
     with_exr = layers or (writes_exr(scenario) if exr is None else exr)
+    check_photo(scenario.frame(0).sensor)
     place = FrameFolder(folder, scenario)
     place.open(overwrite)
     try:

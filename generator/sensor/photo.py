@@ -20,6 +20,7 @@ from PIL.TiffImagePlugin import IFDRational
 from generator.reading.heif_file import heif_library
 from generator.scenario.model import FrameSpec, Pointing
 from generator.scenario.processing.develop_spec import PhotoSpec
+from generator.scenario.sensor_spec import SensorSpec
 from generator.sensor.maker_note import apple_note
 
 PHOTO_SUFFIXES = {"jpeg": "photo.jpg", "heif": "photo.heic"}
@@ -54,6 +55,19 @@ class Taken:
     utc_start: str
     pointing: Pointing
     acceleration_g: tuple[float, float, float] | None = None
+
+
+def check_photo(sensor: SensorSpec) -> None:
+    """Refuse a format of photographs that cannot be written here, before frames are rendered.
+
+    Raises
+    ------
+    GeneratorError
+        HEIF is asked for, but the package pillow-heif is missing.
+    """
+    photo = None if sensor.develop is None else sensor.develop.photo
+    if photo is not None and photo.format == "heif":
+        heif_library()
 
 
 def photo_bytes(picture: NDArray[np.uint8], taken: Taken, spec: PhotoSpec) -> bytes:

@@ -25,9 +25,9 @@ from generator.dataset import generate as generate_module
 from generator.dataset import shard as shard_module
 from generator.dataset.generate import generate
 from generator.dataset.images import decode
-from generator.dataset.layout import DatasetSpec
+from generator.dataset.layout import DatasetSpec, divide
 from generator.dataset.reader import Dataset
-from generator.dataset.run import Part
+from generator.dataset.run import Part, ShardRange
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError, ScenarioError
 from generator.frame.object_table import OBJECT_SCHEMA
@@ -96,6 +96,17 @@ def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     assert not (tmp_path / "parts" / "manifest.json").exists()
     assert not generate(scenario, text, tmp_path / "parts", SPEC, part=Part(1, 2)).missing
     assert fingerprint(tmp_path / "parts") == fingerprint(dataset)
+
+
+def test_ranges_of_shards_make_the_whole(dataset, scenario_path, tmp_path) -> None:
+    scenario, text = load_scenario(scenario_path), scenario_path.read_text()
+    count = len(divide(scenario, SPEC, 0, scenario.frame_count))
+    ranges = ShardRange(0, 1), ShardRange(1, count)
+    first = generate(scenario, text, tmp_path / "ranges", SPEC, part=ranges[0])
+    assert [report.shard.index for report in first.reports] == [0]
+    assert len(first.missing) == count - 1
+    assert not generate(scenario, text, tmp_path / "ranges", SPEC, part=ranges[1]).missing
+    assert fingerprint(tmp_path / "ranges") == fingerprint(dataset)
 
 
 def test_a_folder_of_another_scenario_is_refused(copy, scenario_path, tmp_path) -> None:
@@ -431,7 +442,19 @@ def test_reader_gives_back_images_and_tables(dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--frames", "3:1"], ["--frames", "0:99"], ["--frames", "x"], ["--part", "2/2"], ["--codec", "gif"]]
+    "arguments",
+    [
+        ["--frames", "3:1"],
+        ["--frames", "0:99"],
+        ["--frames", "x"],
+        ["--part", "2/2"],
+        ["--part", "²/3"],
+        ["--shards", "0"],
+        ["--shards", "2:2"],
+        ["--shards", "1:99"],
+        ["--shards", "0:1", "--part", "0/2"],
+        ["--codec", "gif"],
+    ],
 )
 def test_bad_options_exit_2(scenario_path, tmp_path, arguments) -> None:
     run = CliRunner().invoke(app, ["generate", str(scenario_path), "--out", str(tmp_path / "out"), *arguments])

@@ -23,7 +23,7 @@ from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
-from generator.frame.render import render_frame
+from generator.frame.render import render_dataset, render_frame
 from generator.scenario.file import parse_scenario
 
 PHOTO = {"format": "heif", "quality": 95, "subsampling": "4:4:4", "utc_offset": "+01:00", "camera": "Sky 1"}
@@ -120,6 +120,18 @@ def test_a_dataset_holds_and_checks_them(tmp_path) -> None:
     frame = Dataset.open(tmp_path / "set")[0]
     assert frame.photo.shape == (180, 270, 3)
     assert problems(tmp_path / "set") == []
+
+
+def test_a_scenario_of_heif_photographs_is_refused_at_once_without_the_package(monkeypatch, tmp_path) -> None:
+    wanted = scenario()
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    for make in (
+        lambda: generate(wanted, "", tmp_path / "set", DatasetSpec()),
+        lambda: render_dataset(wanted, tmp_path / "frames"),
+    ):
+        with pytest.raises(GeneratorError, match=r"pip install 'skybench\[heif\]'"):
+            make()
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_remedy_is_named_where_the_package_is_missing(tmp_path) -> None:
