@@ -1,9 +1,9 @@
 """Two jobs of one dataset in an object store, against one: python tools/measure_scaling.py --frames 200 --turns 3.
 
-Each turn runs, one after the other, one job that makes the first half of the shards, and two jobs at the same time that make a
-half each (`skybench generate --shards`, one process a job), whole processes with their start. Printed: frames a second, the
-ratio of the two rates turn by turn, and the requests and bytes that the store saw. The store is moto's server on this machine,
-which has its share of the processor time. Needs the extra `cluster` of pyproject.toml and moto.
+Each turn runs one job that makes the first half of the shards, then two jobs at the same time that make a half each
+(`skybench generate --shards`, one process a job), whole processes with their start. Printed: frames a second, the ratio of
+the two rates turn by turn, and the requests and bytes that the store saw. The store is moto's server on this machine, which
+has its share of the processor time. Needs the extra `cluster` of pyproject.toml, and moto.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from generator.scenario.shipped import find_scenario
 REQUEST = re.compile(r'"(GET|PUT|POST|HEAD|DELETE) ([^ "]*)')
 COMMAND = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
 MAKE_BUCKET = "import fsspec; fsspec.filesystem('s3').mkdir('skies')"
-MEASURE = "import fsspec; print(sum(fsspec.filesystem('s3').du(f'skies/{name}') for name in fsspec.filesystem('s3').ls('skies')))"
+MEASURE = "import fsspec; print(fsspec.filesystem('s3').du('skies'))"
 
 
 def scenario_of(frames: int, folder: Path) -> Path:
@@ -61,7 +61,9 @@ def free_port() -> int:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=200, help="of the dataset; a turn makes half of it, and all of it")
+    parser.add_argument(
+        "--frames", type=int, default=200, help="of the dataset; a turn makes half of it, and all of it"
+    )
     parser.add_argument("--turns", type=int, default=3)
     arguments = parser.parse_args()
     half, port = arguments.frames // 2, free_port()
@@ -92,16 +94,23 @@ def main() -> None:
                     parts = f"0:{count // 2}", f"{count // 2}:{count}"
                     two_s = timed([start(scenario, out, part, environment) for part in parts], began)
                     ratios.append(2 * one_s / two_s)
-                    print(f"one job {half / one_s:.2f} frames/s, two jobs {2 * half / two_s:.2f}: {ratios[-1]:.2f}", flush=True)
+                    print(
+                        f"one job {half / one_s:.2f} frames/s, two jobs {2 * half / two_s:.2f}: {ratios[-1]:.2f}",
+                        flush=True,
+                    )
                 size = subprocess.run([sys.executable, "-c", MEASURE], check=True, env=environment, capture_output=True)
             finally:
                 server.kill()
                 server.wait()
         frames = 3 * half * arguments.turns
-        requests = Counter(method for method, path in REQUEST.findall(log.read_text(errors="replace")) if "skies" in path)
+        requests = Counter(
+            method for method, path in REQUEST.findall(log.read_text(errors="replace")) if "skies" in path
+        )
         shards = 3 * (count // 2) * arguments.turns
         print(f"two jobs over one: median {statistics.median(ratios):.2f}")
-        print(f"{int(size.stdout) / frames / 1e6:.2f} MB a frame; requests a shard of {arguments.frames // count} frames:")
+        print(
+            f"{int(size.stdout) / frames / 1e6:.2f} MB a frame; requests a shard of {arguments.frames // count} frames:"
+        )
         for method, number in sorted(requests.items()):
             print(f"  {method} {number / shards:.1f}")
         print("load averages:", *(f"{load:.1f}" for load in os.getloadavg()))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from generator import __version__
 from generator.dataset.archive import read_member
 from generator.dataset.images import decode
 from generator.dataset.layout import CARD, FIGURES, IMU, SCENARIO_COPY, DatasetSpec, Shard
+from generator.dataset.target import Target
 from generator.files import write_bytes
 from generator.frame.pictures import contact_sheet
 from generator.frame.record import VISIBLE_SNR
@@ -36,7 +36,7 @@ _HISTOGRAMS = (
 
 
 def write_card(
-    folder: Path, scenario: Scenario, spec: DatasetSpec, shards: list[Shard], reach: Callable[[str], Path]
+    folder: Path, scenario: Scenario, spec: DatasetSpec, shards: list[Shard], target: Target, scratch: Path
 ) -> list[str]:
     """Write README.md and its figures; return the figures' paths from the dataset's root.
 
@@ -48,17 +48,19 @@ def write_card(
     spec : DatasetSpec
     shards : list of Shard
         All of the dataset's.
-    reach : callable
-        Gives a local file for a path from the dataset's root.
+    target : Target
+        Of the dataset. Of its tables of stars and objects only the footers are read.
+    scratch : Path
+        Folder for archives of an object store from which pictures are taken, FRAMES_ON_SHEET of them at most.
     """
-    frames = pd.concat([pq.read_table(reach(shard.frames)).to_pandas() for shard in shards], ignore_index=True)
+    frames = pd.concat([_frames(target, shard) for shard in shards], ignore_index=True)
     counts = {
-        "stars": sum(pq.ParquetFile(reach(shard.stars)).metadata.num_rows for shard in shards),
-        "objects": sum(pq.ParquetFile(reach(shard.objects)).metadata.num_rows for shard in shards),
+        "stars": sum(_row_count(target, shard.stars) for shard in shards),
+        "objects": sum(_row_count(target, shard.objects) for shard in shards),
     }
     (folder / FIGURES).mkdir(exist_ok=True)
     sheet = io.BytesIO()
-    contact_sheet(_samples(shards, frames, reach)).save(sheet, format="PNG", optimize=True)
+    contact_sheet(_samples(shards, frames, target, scratch)).save(sheet, format="PNG", optimize=True)
     write_bytes(folder / SHEET, sheet.getvalue())
     write_bytes(folder / HISTOGRAMS, histograms(frames).encode())
     text = card_text(scenario, spec, shards[0].first, shards[-1].stop, frames, counts)
@@ -66,14 +68,24 @@ def write_card(
     return [SHEET, HISTOGRAMS]
 
 
-def _samples(shards: list[Shard], frames: pd.DataFrame, reach: Callable[[str], Path]) -> list[NDArray[np.uint16]]:
+def _frames(target: Target, shard: Shard) -> pd.DataFrame:
+    with target.open(shard.frames) as stream:
+        return pq.read_table(stream).to_pandas()
+
+
+def _row_count(target: Target, place: str) -> int:
+    with target.open(place) as stream:
+        return int(pq.ParquetFile(stream).metadata.num_rows)
+
+
+def _samples(shards: list[Shard], frames: pd.DataFrame, target: Target, scratch: Path) -> list[NDArray[np.uint16]]:
     """Images of frames spread evenly over the dataset."""
     rows = np.unique(np.linspace(0, len(frames) - 1, min(FRAMES_ON_SHEET, len(frames))).round().astype(int))
     archives = {shard.stem: shard.tar for shard in shards}
     pictures = []
     for row in rows:
         frame = frames.iloc[row]
-        image = read_member(reach(archives[frame["shard"]]), frame["image"])
+        image = read_member(target.fetch(archives[frame["shard"]], scratch), frame["image"])
         pictures.append(decode(image, Path(frame["image"]).suffix[1:], (frame["height_px"], frame["width_px"])))
     return pictures
 

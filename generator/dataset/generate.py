@@ -10,7 +10,7 @@ from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
 from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
-from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, DatasetSpec, divide, imu_places
+from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import make_manifest, manifest_of, write_manifest
 from generator.dataset.receipt import damaged_files, finished_files
 from generator.dataset.run import Part, Runner, RunReport, ShardRange, open_dataset_target, run_shards
@@ -80,14 +80,15 @@ def generate(
         reports.append(report)
         mended += report.damaged
         shard_done(report)
-    stored: list[StoredFile] = []
-    missing = []
-    for shard in shards:
-        files = finished_files(target, shard, scenario, spec)
-        if files is None:
-            missing.append(shard)
-        else:
-            stored += files
+    # Each of many jobs asks for the list of files, which a store gives a thousand at a time, and the last for receipts too.
+    present: dict[str, int] = {}
+    for kind in ("data", *TABLES, "receipts"):
+        present |= target.sizes(f"{kind}/{spec.split}")
+    missing = [shard for shard in shards if not present.keys() >= {shard.receipt, *shard.files}]
+    if not missing:
+        found = {shard: finished_files(target, shard, scenario, spec, present.get) for shard in shards}
+        missing = [shard for shard, files in found.items() if files is None]
+        stored = [file for files in found.values() for file in files or ()]
     if not missing:
         mended += _finish(scenario, spec, target, first, stop, stored)
     return RunReport(tuple(reports), tuple(missing), tuple(mended))
@@ -111,7 +112,7 @@ def _finish(
             build.mkdir()
             (build / SCENARIO_COPY).write_bytes(target.read(SCENARIO_COPY) or b"")
             shards = divide(scenario, spec, first, stop)
-            figures = write_card(build, scenario, spec, shards, lambda place: target.fetch(place, Path(scratch)))
+            figures = write_card(build, scenario, spec, shards, target, Path(scratch))
             readings = imu_places(scenario, spec.split, first, stop)
             for sequence, place in readings.items():
                 write_imu_table(build / place, scenario, range(sequence, sequence + 1))

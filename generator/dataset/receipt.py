@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -61,11 +62,19 @@ def read_receipt(target: Target, shard: Shard, scenario: Scenario, spec: Dataset
 
 
 def finished_files(
-    target: Target, shard: Shard, scenario: Scenario, spec: DatasetSpec
+    target: Target,
+    shard: Shard,
+    scenario: Scenario,
+    spec: DatasetSpec,
+    size_of: Callable[[str], int | None] | None = None,
 ) -> tuple[StoredFile, ...] | None:
-    """Files of a shard that is complete, of the sizes that its receipt lists; None for another. Raises as `read_receipt`."""
+    """Files of a shard that is complete, of the sizes that its receipt lists; None for another. Raises as `read_receipt`.
+
+    `size_of` gives sizes that are known already, by places; without it the target is asked.
+    """
+    size_of = size_of or target.size
     files = read_receipt(target, shard, scenario, spec)
-    return files if files is not None and all(target.size(file.path) == file.bytes for file in files) else None
+    return files if files is not None and all(size_of(file.path) == file.bytes for file in files) else None
 
 
 def damaged_files(target: Target, files: tuple[StoredFile, ...]) -> tuple[str, ...]:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import errno
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 from generator.errors import GeneratorError
 from generator.files import atomic_path, path_within
 
 INCOMING_PREFIX = ".incoming-"
+BLOCK_BYTES = 1 << 16
+"""Of an object that is read in parts: more than the footer of most tables."""
 
 
 class Target(Protocol):
@@ -37,6 +39,12 @@ class Target(Protocol):
 
     def fetch(self, place: str, scratch: Path) -> Path:
         """A local file with the contents of a stored one, copied into the folder `scratch` if necessary."""
+
+    def open(self, place: str) -> AbstractContextManager[BinaryIO]:
+        """A stored file to read parts of."""
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Sizes in bytes of all files under a folder, by their places; none where it is not there."""
 
     def listing(self) -> list[str]:
         """Names at the dataset's root."""
@@ -77,6 +85,15 @@ class LocalTarget:
     def fetch(self, place: str, scratch: Path) -> Path:
         """The file itself."""
         return path_within(self.folder, place)
+
+    def open(self, place: str) -> BinaryIO:
+        """The file itself."""
+        return path_within(self.folder, place).open("rb")
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Sizes of the files under a folder."""
+        files = (path for path in path_within(self.folder, folder).rglob("*") if path.is_file())
+        return {path.relative_to(self.folder).as_posix(): path.stat().st_size for path in files}
 
     def listing(self) -> list[str]:
         """Names at the root."""
@@ -148,6 +165,24 @@ class RemoteTarget:
             with atomic_path(local) as waiting, self._open(place) as (system, path):
                 system.get_file(path, str(waiting))
         return local
+
+    @contextmanager
+    def open(self, place: str) -> Iterator[BinaryIO]:
+        """An object, of which only the blocks that are read are downloaded."""
+        with self._open(place) as (system, path), system.open(path, "rb", block_size=BLOCK_BYTES) as stream:
+            yield stream
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Sizes of the objects under a folder: a request for every thousand of them."""
+        try:
+            with self._open(folder) as (system, path):
+                system.invalidate_cache()
+                found = system.find(path, detail=True)
+                return {
+                    f"{folder}/{name.removeprefix(f'{path}/')}": int(entry["size"]) for name, entry in found.items()
+                }
+        except FileNotFoundError:
+            return {}
 
     def listing(self) -> list[str]:
         """Names at the root."""

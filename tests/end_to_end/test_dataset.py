@@ -28,6 +28,7 @@ from generator.dataset.images import decode
 from generator.dataset.layout import DatasetSpec, divide
 from generator.dataset.reader import Dataset
 from generator.dataset.run import Part, ShardRange
+from generator.dataset.target import LocalTarget
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError, ScenarioError
 from generator.frame.object_table import OBJECT_SCHEMA
@@ -107,6 +108,28 @@ def test_ranges_of_shards_make_the_whole(dataset, scenario_path, tmp_path) -> No
     assert len(first.missing) == count - 1
     assert not generate(scenario, text, tmp_path / "ranges", SPEC, part=ranges[1]).missing
     assert fingerprint(tmp_path / "ranges") == fingerprint(dataset)
+
+
+def test_a_job_of_many_asks_a_store_for_lists_and_not_for_each_shard(copy, scenario_path, monkeypatch) -> None:
+    """A million frames are ten thousand shards: a thousand jobs that asked for each of them would ask ten million times."""
+    asked = []
+
+    class Watched(LocalTarget):
+        def read(self, place: str) -> bytes | None:
+            asked.append(place)
+            return super().read(place)
+
+        def size(self, place: str) -> int | None:
+            asked.append(place)
+            return super().size(place)
+
+    (copy / "manifest.json").unlink()
+    (copy / "receipts/train/shard-000001.json").unlink()
+    monkeypatch.setattr(generate_module, "open_target", lambda out: Watched(Path(out)))
+    scenario, text = load_scenario(scenario_path), scenario_path.read_text()
+    nothing = generate(scenario, text, copy, SPEC, part=ShardRange(0, 1), run=lambda *arguments: iter(()))
+    assert [shard.index for shard in nothing.missing] == [1]
+    assert not [place for place in asked if "shard" in place]
 
 
 def test_a_folder_of_another_scenario_is_refused(copy, scenario_path, tmp_path) -> None:
