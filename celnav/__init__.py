@@ -23,7 +23,7 @@ from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.history import History
 from celnav.matching import THESIS_ADAPTIVE, THESIS_BASELINE, DdrConfig
 from celnav.position import PositionConfig, Weather, fix_position, usual_weather
-from celnav.problem import LastKnown
+from celnav.problem import LastKnown, ToldSigmas
 from celnav.sequences.track import Track, TrackConfig, TrackPoint
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import SOLVERS, ddr_solver, solve, solvers
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
     from celnav.calibrating.sky_mask import sky_mask
-    from celnav.sequences.cameras import CamerasFix, CameraView, solve_cameras
     from celnav.sequences.night import Night, NightFix
 
 __all__ = [
@@ -47,8 +46,6 @@ __all__ = [
     "Camera",
     "CameraCalibration",
     "CameraFile",
-    "CameraView",
-    "CamerasFix",
     "CelnavError",
     "DdrConfig",
     "DetectionConfig",
@@ -66,6 +63,7 @@ __all__ = [
     "Reason",
     "SkybenchConfig",
     "SkybenchSolver",
+    "ToldSigmas",
     "Track",
     "TrackConfig",
     "TrackPoint",
@@ -79,7 +77,6 @@ __all__ = [
     "read_image",
     "sky_mask",
     "solve",
-    "solve_cameras",
     "solvers",
     "usual_weather",
 ]
@@ -111,8 +108,4 @@ def __getattr__(name: str) -> Any:
         from celnav.sequences import night
 
         return getattr(night, name)
-    if name in ("CameraView", "CamerasFix", "solve_cameras"):
-        from celnav.sequences import cameras
-
-        return getattr(cameras, name)
     raise AttributeError(f"module 'celnav' has no attribute {name!r}")

@@ -284,13 +284,13 @@ def adjust(
 
 
 def without_focal(adjusted: Adjusted) -> Adjusted:
-    """Return what an adjustment with the focal length alone free would be with it held: the conditional Gaussian."""
-    covariance = adjusted.cov
-    gain = covariance[:3, 3] / covariance[3, 3]
-    return replace(
-        adjusted,
-        rotation=rotation_of(-gain * adjusted.camera_values[0]) @ adjusted.rotation,
-        cov=covariance[:3, :3] - np.outer(gain, covariance[3, :3]),
-        camera_values=np.zeros(5),
-        camera_sigmas=np.zeros(5),
-    )
+    """Return what an adjustment with the focal length free would be with it held: the conditional Gaussian."""
+    rest = np.delete(np.arange(len(adjusted.cov)), 3)
+    gain = adjusted.cov[rest, 3] / adjusted.cov[3, 3]
+    cov = adjusted.cov[np.ix_(rest, rest)] - np.outer(gain, adjusted.cov[3, rest])
+    free = np.flatnonzero(adjusted.camera_sigmas > 0)[1:]
+    values, sigmas = np.zeros(5), np.zeros(5)
+    values[free] = adjusted.camera_values[free] - gain[3:] * adjusted.camera_values[0]
+    sigmas[free] = np.sqrt(np.diag(cov)[3:])
+    turned = rotation_of(-gain[:3] * adjusted.camera_values[0]) @ adjusted.rotation
+    return replace(adjusted, rotation=turned, cov=cov, camera_values=values, camera_sigmas=sigmas)

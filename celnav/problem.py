@@ -6,10 +6,14 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from celnav.attitude import Attitude
+from celnav.camera import Camera
 from celnav.checking import bounded, check_fields, finite_number
 from celnav.errors import ConfigError
 from celnav.fix import Fix
@@ -17,9 +21,15 @@ from celnav.history import History
 from celnav.matching.protocol import Observation
 from celnav.position import Weather
 from celnav.sky.utc import Utc
+from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
 
 # Within so many standard deviations lies a position of two coordinates but for one case in a thousand.
 _SURE_SIGMAS = math.sqrt(-2 * math.log(1e-3))
+EARTH_RATE_RAD_S = 7.292115e-5
+"""Of the Earth to the stars (IERS Conventions 2010, table 1.2)."""
+# A search at the camera's focal length, and at each factor on it, finds what is off by 6 % to both sides.
+_REACH = 0.06
+_COVERED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,61 @@ class LastKnown:
         return cls(lat_deg, lon_deg, _SURE_SIGMAS * sigma_km)
 
 
+@dataclass(frozen=True)
+class ToldSigmas:
+    """Standard deviations of what a solver is told; 0: exact, or not known.
+
+    Attributes
+    ----------
+    utc_s : float
+        Of the time, seconds. It turns the Earth: an error of longitude that no star shows.
+    focal : float
+        Of the focal length, relative; both axes together.
+    centre_px : float
+        Of each of the principal point's coordinates.
+    pressure_hpa, temperature_c : float
+        Of the air's.
+    """
+
+    utc_s: float = bounded(0.0, 0, 86400)
+    focal: float = bounded(0.0, 0, 0.5)
+    centre_px: float = bounded(0.0, 0, 1e4)
+    pressure_hpa: float = bounded(0.0, 0, 500)
+    temperature_c: float = bounded(0.0, 0, 100)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def focal_factors(self, usual: tuple[float, ...]) -> tuple[float, ...]:
+        """Return factors on the focal length to search at, nearest first, so that three standard deviations are covered."""
+        if _COVERED_SIGMAS * self.focal <= _REACH:
+            return usual
+        steps = math.ceil(round((_COVERED_SIGMAS * self.focal - _REACH) / (2 * _REACH), 6))
+        return tuple(math.exp(sign * 2 * _REACH * step) for step in range(1, steps + 1) for sign in (-1, 1))
+
+    def loosened(self, attitude: Attitude, camera: Camera) -> Attitude:
+        """Return the attitude as a search may take it: a shifted principal point and a wrong time look like a turn."""
+        shift_deg, turn_deg = math.degrees(self.centre_px / camera.f_px), math.degrees(EARTH_RATE_RAD_S * self.utc_s)
+        if not (shift_deg or turn_deg):
+            return attitude
+        return replace(
+            attitude,
+            tilt_deg=math.hypot(attitude.tilt_deg, shift_deg, turn_deg),
+            heading_deg=math.hypot(attitude.heading_deg, shift_deg),
+        )
+
+    def refraction(self, pressure_hpa: float, temperature_c: float) -> float:
+        """Return the relative standard deviation of the refraction, which goes with the pressure over the temperature."""
+        of_pressure = self.pressure_hpa / pressure_hpa if pressure_hpa > 0 else 0.0
+        return math.hypot(of_pressure, self.temperature_c / (temperature_c + 273.15))
+
+    def with_time(self, cov_km2: NDArray[np.float64], lat_deg: float) -> NDArray[np.float64]:
+        """Add the time's error to the covariance of a position, east-north, km^2, shape (2, 2)."""
+        lat = math.radians(lat_deg)
+        radius_km = SEMI_MAJOR_AXIS_KM / math.sqrt(1 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2) * math.cos(lat)
+        return np.asarray(cov_km2 + np.diag([(EARTH_RATE_RAD_S * self.utc_s * radius_km) ** 2, 0.0]))
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """One frame's question, validated.
@@ -64,6 +129,8 @@ class Problem:
         Where the answer lies.
     time_limit_s : float or None
         Time by the clock after which the caller would rather have a refusal, from the start of the solver's `Stopwatch`.
+    sigmas : ToldSigmas
+        Standard deviations of time, lens and air as they are told.
     """
 
     observation: Observation
@@ -73,6 +140,7 @@ class Problem:
     dut1_s: float | None
     near: LastKnown | None = None
     time_limit_s: float | None = None
+    sigmas: ToldSigmas = field(default_factory=ToldSigmas)
 
 
 def check_time_limit(time_limit_s: float) -> None:

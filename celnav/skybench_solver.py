@@ -39,6 +39,8 @@ F8 = NDArray[np.float64]
 # Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
 LOWEST_ALTITUDE_DEG = -5.0
 _BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
+# Part of the effort that other focal lengths may take together.
+MOST_FOCAL_EFFORT = 0.9
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class SkybenchConfig:
         check_fields(self)
         if self.max_detections < self.min_stars:
             raise ConfigError(f"max_detections = {self.max_detections} must be at least min_stars = {self.min_stars}")
-        if not 0 <= self.focal_effort * len(self.focal_factors) <= 0.9:
+        if not 0 <= self.focal_effort * len(self.focal_factors) <= MOST_FOCAL_EFFORT:
             raise ConfigError(
                 f"focal_effort = {self.focal_effort} for each of {len(self.focal_factors)} focal_factors leaves nothing "
                 "for the camera as it is given"
@@ -129,6 +131,7 @@ class SkybenchSolver:
             )
         with clock.stage("identify"):
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
+            factors = problem.sigmas.focal_factors(factors)
             effort = Effort(self.config.max_work, clock.started_s + self._time_limit_s(problem))
             found = identify_at_focal_lengths(
                 prepared.question,
@@ -136,7 +139,7 @@ class SkybenchSolver:
                 self.config.search,
                 factors,
                 effort,
-                self.config.focal_effort,
+                min(self.config.focal_effort, MOST_FOCAL_EFFORT / max(len(factors), 1)),
             )
         alignment = found.alignment
         if alignment is None:
@@ -168,21 +171,31 @@ class SkybenchSolver:
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
-        adjusted = self._adjust(camera, prepared, dirs, pairs, rotation, alignment)
+        priors = self._priors(problem)
+        adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment)
         shared, scatter_cov = None, np.zeros((3, 3))
         if adjusted is not None:
             air = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
-            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, air)
-            widened, shared = with_shared_errors(seen, adjusted, self._priors, problem.attitude)
+            seen = FieldOfStars(
+                camera,
+                prepared.uv,
+                prepared.rays,
+                prepared.relative_sigma,
+                dirs,
+                up,
+                air,
+                problem.sigmas.refraction(*air),
+            )
+            widened, shared = with_shared_errors(seen, adjusted, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 again = self._adjust(
-                    camera, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment
+                    problem, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment
                 )
                 if again is not None:
                     adjusted, seen = again, replace(seen, relative_sigma=sigmas)
-                    widened, shared = with_shared_errors(seen, again, self._priors, problem.attitude)
+                    widened, shared = with_shared_errors(seen, again, priors, problem.attitude)
             scatter_cov = adjusted.cov[:3, :3]
             adjusted = widened
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
@@ -199,7 +212,8 @@ class SkybenchSolver:
                 "give Attitude.up",
             )
         place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude, scatter_cov)
-        if refusal := self._contradiction(problem, place) or _below_horizon(problem, prepared, adjusted):
+        place = replace(place, cov_km2=problem.sigmas.with_time(place.cov_km2, place.lat_deg))
+        if refusal := self._contradiction(problem, place) or _below_horizon(problem, adjusted, dirs):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
         return replace(
             fix, ok=True, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2,
@@ -208,7 +222,7 @@ class SkybenchSolver:
 
     def _adjust(
         self,
-        camera: Camera,
+        problem: Problem,
         prepared: Prepared,
         dirs: F8,
         pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
@@ -219,7 +233,7 @@ class SkybenchSolver:
         mode = self.config.calibrate
         if mode != "none":
             start[0] = alignment.log_f
-        priors = self._priors
+        camera, priors = problem.observation.camera, self._priors(problem)
         radius = pairing_radius(alignment.sigma_px)
         sigma, turned = max(alignment.sigma_px, 0.1), rotation
         adjusted = None
@@ -243,21 +257,21 @@ class SkybenchSolver:
             radius = pairing_radius(sigma)
             detection, star, _ = candidate_pairs(prepared.uv, np.nan_to_num(after, nan=-1e6), radius)
             pairs = detection, star
-        if mode != "auto" or adjusted is None:
+        if mode != "auto" or problem.sigmas.focal > 0 or adjusted is None:
             return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
 
-    @property
-    def _priors(self) -> CameraPriors:
-        return {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}[
-            self.config.calibrate
-        ]
+    def _priors(self, problem: Problem) -> CameraPriors:
+        usual = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}
+        held, told = usual[self.config.calibrate], problem.sigmas
+        return replace(held, focal=told.focal or held.focal, centre_px=told.centre_px or held.centre_px)
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
         """Describe the contradiction between the position and the caller's knowledge; empty without one."""
         assert problem.attitude is not None
-        limit = self.config.max_heading_off_deg + 5 * problem.attitude.heading_deg
+        loose = problem.sigmas.loosened(problem.attitude, problem.observation.camera)
+        limit = self.config.max_heading_off_deg + 5 * loose.heading_deg
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:
@@ -271,13 +285,13 @@ class SkybenchSolver:
         return ""
 
 
-def _below_horizon(problem: Problem, prepared: Prepared, adjusted: Adjusted) -> str:
+def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:
     """Say that named stars lie below the horizon of the vertical given, where too many do to be wrong names."""
     if problem.weather.pressure_hpa == 0:  # outside the atmosphere the horizon may lie anywhere
         return ""
     assert problem.attitude is not None
-    named = np.unique(adjusted.detection[adjusted.weight > 0.5])
-    sine = prepared.rays[named] @ horizontal_frame(problem.attitude)[:, 2]
+    named = np.unique(adjusted.star[adjusted.weight > 0.5])
+    sine = dirs[named] @ adjusted.rotation.T @ horizontal_frame(problem.attitude)[:, 2]
     lowest_deg = max(LOWEST_ALTITUDE_DEG - 3 * problem.attitude.tilt_deg, -90.0)
     below = int(np.sum(sine < math.sin(math.radians(lowest_deg))))
     if below <= max(3, 0.05 * len(named)):
@@ -311,6 +325,7 @@ def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Pr
     if attitude is not None:
         frame = horizontal_frame(attitude)
         up = frame[:, 2]
+        attitude = problem.sigmas.loosened(attitude, camera)
         known = (
             attitude.kind == "rotation" and max(attitude.tilt_deg, attitude.heading_deg) <= config.single_star_sigma_deg
         )

@@ -30,7 +30,7 @@ from celnav.matching import (
     Observation,
 )
 from celnav.position import PositionConfig, Weather, fix_position
-from celnav.problem import LastKnown, Problem, Solver, Stopwatch, check_time_limit
+from celnav.problem import LastKnown, Problem, Solver, Stopwatch, ToldSigmas, check_time_limit
 from celnav.sky.utc import Utc, parse_utc
 from celnav.skybench_solver import SkybenchSolver
 
@@ -92,7 +92,8 @@ class MatchThenFix:
             return replace(refusal, details=found.details)
         # The fix numbers the positions it was given; the caller numbers detections.
         matches = np.column_stack((found.matches[fix.matches[:, 0], 0], fix.matches[:, 1]))
-        return replace(fix, matches=matches, confidence=found.confidence, details=found.details)
+        cov = None if fix.cov_km2 is None else problem.sigmas.with_time(fix.cov_km2, fix.lat_deg)
+        return replace(fix, matches=matches, confidence=found.confidence, details=found.details, cov_km2=cov)
 
 
 def ddr_solver(config: DdrConfig, position: PositionConfig | None = None) -> MatchThenFix:
@@ -133,6 +134,7 @@ def solve(
     dut1_s: float | None = None,
     near: LastKnown | None = None,
     time_limit_s: float | None = None,
+    sigmas: ToldSigmas | None = None,
 ) -> Fix:
     """Find where a frame was taken.
 
@@ -163,6 +165,9 @@ def solve(
         Seconds by the clock after which the search for an identification is given up (`Reason.EFFORT_SPENT`); only
         `skybench` takes it. An answer under a time limit may differ from machine to machine; the bound that does not is
         `SkybenchConfig.max_work`.
+    sigmas : ToldSigmas, optional
+        Standard deviations of time, lens and air. The time's enters every covariance; of the others `skybench` takes
+        account: lens in the adjustment, which finds it within them, air in the covariance, both in how far it searches.
 
     Returns
     -------
@@ -185,6 +190,8 @@ def solve(
             check_time_limit(time_limit_s)
         if near is not None and not isinstance(near, LastKnown):
             raise ConfigError(f"near = {shown(near)} must be a celnav.LastKnown")
+        if sigmas is not None and not isinstance(sigmas, ToldSigmas):
+            raise ConfigError(f"sigmas = {shown(sigmas)} must be a celnav.ToldSigmas")
         if history is not None and not isinstance(history, History):
             raise ConfigError(f"history = {shown(history)} must be a celnav.History")
         problem = Problem(
@@ -195,6 +202,7 @@ def solve(
             dut1_s,
             near,
             time_limit_s,
+            ToldSigmas() if sigmas is None else sigmas,
         )
     fix = chosen(problem, history, clock)
     clock.time_ms["total"] = sum(clock.time_ms.values())

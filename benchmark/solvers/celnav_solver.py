@@ -54,6 +54,13 @@ class CelnavSolver:
             history=None,
             pressure_hpa=observation.pressure_hpa,
             temperature_c=observation.temperature_c,
+            sigmas=celnav.ToldSigmas(
+                observation.utc_sigma_s,
+                observation.focal_sigma,
+                observation.principal_point_sigma_px,
+                observation.pressure_sigma_hpa,
+                observation.temperature_sigma_c,
+            ),
         )
         return answer_of(fix)
 

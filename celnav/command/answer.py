@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from celnav.command.field_limits import field_deg
 from celnav.command.pointing import Pointing
 from celnav.detection import Detections
 from celnav.fix import Fix
+from celnav.problem import ToldSigmas
 from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
 from celnav.sky.catalog import load_catalog
 from celnav.sky.earth_rotation import earth_orientation
@@ -57,6 +58,8 @@ class Answer:
         What makes the answer doubtful, or is in its way.
     time_ms : mapping of str to float
         Time of each stage, and ``total`` of the whole command, milliseconds.
+    sigmas : ToldSigmas
+        Standard deviations of time, lens and air as given.
     """
 
     fix: Fix
@@ -69,6 +72,7 @@ class Answer:
     assumed: tuple[str, ...]
     warnings: tuple[str, ...]
     time_ms: Mapping[str, float]
+    sigmas: ToldSigmas = field(default_factory=ToldSigmas)
 
     @property
     def pointing(self) -> Pointing | None:
@@ -200,17 +204,20 @@ def _uncertainty(answer: Answer) -> list[tuple[str, str]]:
         return []
     east, north = (length_text(1000 * sigma) for sigma in np.sqrt(np.diag(fix.cov_km2)))
     of = "scatter of the stars and the attitude's sigma" if stated else "scatter of the stars"
-    beside = [f"1 s of time ({length_text(1000 * _EQUATOR_KM_PER_S * math.cos(math.radians(fix.lat_deg)))})"]
+    told = answer.sigmas
+    beside = []
+    if told.utc_s > 0:
+        of = f"{of}, {told.utc_s:g} s of time"
+    else:
+        beside.append(f"1 s of time ({length_text(1000 * _EQUATOR_KM_PER_S * math.cos(math.radians(fix.lat_deg)))})")
     if not tilted:
         beside.append(f"0.01 deg of the vertical ({length_text(10 * _KM_PER_DEG)})")
-    if answer.camera.uncertainty is None:
+    if answer.camera.uncertainty is None and not (told.focal and told.centre_px and fix.solver == "skybench"):
         beside.append("errors of the camera")
     else:
         of = f"{of}, errors of the camera"
-    return [
-        ("uncertainty", f"{east} east, {north} north (1 sigma: {of})"),
-        ("uncertainty", f"not in it: {', '.join(beside)}"),
-    ]
+    lines = [("uncertainty", f"{east} east, {north} north (1 sigma: {of})")]
+    return [*lines, ("uncertainty", f"not in it: {', '.join(beside)}")] if beside else lines
 
 
 def _pointing_text(pointing: Pointing) -> str:

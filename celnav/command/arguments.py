@@ -88,6 +88,12 @@ def parser() -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="give the search for an identification up after so long; default: no limit but that of its work",
     )
+    group.add_argument(
+        "--sigma",
+        metavar="NAME=VALUE,...",
+        help="standard deviations: time= (s), focal= (relative), centre= (principal point, px), pressure= (hPa), "
+        "temperature= (K). They enter the uncertainty; solver skybench finds focal length and principal point within them",
+    )
     group = command.add_argument_group("output")
     group.add_argument("--json", action="store_true", help="print JSON")
     group.add_argument("--matches", action="store_true", help="also print every identified star")

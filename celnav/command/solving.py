@@ -20,6 +20,7 @@ from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
+from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image
 from celnav.detection import detect
 from celnav.errors import CameraError, ConfigError
@@ -85,6 +86,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         tags = read_tags(arguments.image)
         attitude = read_attitude(arguments.attitude, tags.up)
         near = _near(arguments.near)
+        sigmas = read_sigmas(arguments.sigma)
         lens = _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         mask = None
@@ -106,6 +108,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             dut1_s=arguments.dut1_s,
             near=near,
             time_limit_s=arguments.time_limit_s,
+            sigmas=sigmas,
         )
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
@@ -123,6 +126,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         assumed=(*lens.assumed, *moment.assumed, *_of_attitude(arguments.attitude, attitude, tags)),
         warnings=(*lens.warnings, *((limit,) if limit else ())),
         time_ms=clock.time_ms,
+        sigmas=sigmas,
     )
     if arguments.plot is not None:
         from celnav.command.plot import draw

@@ -44,6 +44,8 @@ class FieldOfStars:
         Zenith in the camera frame; None where it is unknown or there is no air.
     air : tuple of float
         Pressure (hPa) and temperature (deg C).
+    air_sigma : float
+        Relative standard deviation of the refraction by those of pressure and temperature.
     """
 
     camera: Camera
@@ -53,6 +55,7 @@ class FieldOfStars:
     dirs: F8
     up: F8 | None
     air: tuple[float, float]
+    air_sigma: float = 0.0
 
     @cached_property
     def mass(self) -> F8 | None:
@@ -119,7 +122,7 @@ def with_shared_errors(
     if field.up is not None:
         by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
         turn = turn_by_lens(design, by_air, precision, held)
-        cov[:3, :3] += RELATIVE_SIGMA**2 * turn @ turn.T
+        cov[:3, :3] += (RELATIVE_SIGMA**2 + field.air_sigma**2) * turn @ turn.T
     uncertainty = field.camera.uncertainty
     if uncertainty is not None:
         by_lens = lens_derivatives(field.camera, turned, uncertainty.names)

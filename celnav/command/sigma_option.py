@@ -1,0 +1,37 @@
+"""The option ``--sigma``: how well time, lens and air are known."""
+
+from __future__ import annotations
+
+from celnav.checking import shown
+from celnav.errors import ConfigError
+from celnav.problem import ToldSigmas
+
+_FIELDS = {
+    "time": "utc_s",
+    "focal": "focal",
+    "centre": "centre_px",
+    "pressure": "pressure_hpa",
+    "temperature": "temperature_c",
+}
+
+
+def read_sigmas(text: str | None) -> ToldSigmas:
+    """Read the option's value, such as ``time=0.5,focal=0.001,centre=1,pressure=2,temperature=2``.
+
+    Seconds, a part of the focal length, pixels, hPa and K; what is not named is 0, and None names nothing.
+
+    Raises
+    ------
+    ConfigError
+        When a name is unknown or twice there, or a value is no number or out of range.
+    """
+    values: dict[str, float] = {}
+    for part in text.split(",") if text is not None else ():
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if name not in _FIELDS or _FIELDS[name] in values:
+            raise ConfigError(f"--sigma {shown(text)}: {name!r} must be one of {', '.join(_FIELDS)}, each at most once")
+        try:
+            values[_FIELDS[name]] = float(value)
+        except ValueError:
+            raise ConfigError(f"--sigma {shown(text)}: {name} = {value!r} must be a number") from None
+    return ToldSigmas(**values)
