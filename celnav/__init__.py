@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
     from celnav.calibrating.sky_mask import sky_mask
+    from celnav.sequences.cameras import CamerasFix, CameraView, solve_cameras
     from celnav.sequences.night import Night, NightFix
 
 __all__ = [
@@ -46,6 +47,8 @@ __all__ = [
     "Camera",
     "CameraCalibration",
     "CameraFile",
+    "CameraView",
+    "CamerasFix",
     "CelnavError",
     "DdrConfig",
     "DetectionConfig",
@@ -77,6 +80,7 @@ __all__ = [
     "read_image",
     "sky_mask",
     "solve",
+    "solve_cameras",
     "solvers",
     "usual_weather",
 ]
@@ -108,4 +112,8 @@ def __getattr__(name: str) -> Any:
         from celnav.sequences import night
 
         return getattr(night, name)
+    if name in ("CameraView", "CamerasFix", "solve_cameras"):
+        from celnav.sequences import cameras
+
+        return getattr(cameras, name)
     raise AttributeError(f"module 'celnav' has no attribute {name!r}")

@@ -106,15 +106,24 @@ def honest_place(
     """
     weights = attitude, cov_rad2 if scatter_cov_rad2 is None else scatter_cov_rad2
     place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude, weights)
+    raised = _raised(attitude, place)
+    return place if raised is attitude else place_from_rotation(terrestrial_to_camera, cov_rad2, raised, weights)
+
+
+def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Attitude:
+    """Return the attitude with variances raised as `honest_place` raises them; itself where nothing contradicts."""
+    return _raised(attitude, place_from_rotation(terrestrial_to_camera, cov_rad2, attitude))
+
+
+def _raised(attitude: Attitude, place: Place) -> Attitude:
     if attitude.kind != "rotation" or place.chi2 <= LEAST_CONTRADICTION:
-        return place
+        return attitude
     more = place.heading_off_deg**2 * (1 - LEAST_CONTRADICTION / place.chi2)
-    doubted = replace(
+    return replace(
         attitude,
         tilt_deg=math.hypot(attitude.tilt_deg, more**0.5),
         heading_deg=math.hypot(attitude.heading_deg, more**0.5),
     )
-    return place_from_rotation(terrestrial_to_camera, cov_rad2, doubted, weights)
 
 
 def place_from_rotation(
@@ -145,7 +154,9 @@ def place_from_rotation(
         heading = local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T
         (ee, en), (_, nn) = (heading.T @ covariance @ heading)[:2, :2]
         # A turn about east moves the position north, one about north moves it west.
-        return Place(math.degrees(lat), math.degrees(lon), _to_km(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0)
+        return Place(
+            math.degrees(lat), math.degrees(lon), kilometres(np.array([[nn, -en], [-en, ee]]), lat), math.nan, 0.0
+        )
     information = np.linalg.inv(covariance if weights is None else _local_covariance(R_cam, weights[1], weights[0]))
     free_of_heading = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
     heading_off = float(free_of_heading[2])
@@ -167,7 +178,7 @@ def place_from_rotation(
     return Place(
         math.degrees(lat),
         math.degrees(math.remainder(lon, 2 * math.pi)),
-        _to_km(gain @ covariance @ gain.T, lat),
+        kilometres(gain @ covariance @ gain.T, lat),
         math.degrees(heading_off),
         float(turn[2] ** 2 / (rest[2] @ covariance @ rest[2])),
     )
@@ -180,6 +191,7 @@ def _local_covariance(R_cam: F8, cov_rad2: F8, attitude: Attitude) -> F8:
     return covariance + np.diag([tilt**2, tilt**2, heading**2 if attitude.kind == "rotation" else 0.0])
 
 
-def _to_km(cov_rad2: F8, lat_rad: float) -> F8:
+def kilometres(cov_rad2: F8, lat_rad: float) -> F8:
+    """Return a covariance of angles to east and north, rad^2, in km^2 on the ellipsoid."""
     scale = np.array(radii_km(lat_rad))
     return np.asarray(cov_rad2 * scale[:, None] * scale)

@@ -1,0 +1,263 @@
+"""Cameras that look at the sky at one instant: one place from the stars of all, and from what is known of each attitude.
+
+Cameras on one body share its turn, within what is known of their mountings; each may bring an inclinometer of its own. A
+camera that shows too few stars is searched where the others say that it looks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.attitude import ROTATION_TOLERANCE, Attitude, as_attitude
+from celnav.camera import Camera
+from celnav.checking import finite_number, real_array
+from celnav.detection import Detections
+from celnav.errors import AttitudeError, ConfigError
+from celnav.fix import Fix, Reason
+from celnav.position import Weather
+from celnav.problem import LastKnown, Solver
+from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_oriented, terrestrial_orientation
+from celnav.sequences.shared_body import Body, Seen, adjust_body
+from celnav.sky.utc import Utc, parse_utc
+from celnav.solver import solve
+
+F8 = NDArray[np.float64]
+
+# A camera that the others contradict by more, beyond five standard deviations, is named wrongly or mounted otherwise.
+_LARGEST_CONTRADICTION_DEG = 1.0
+# Disagreement that chance gives less often widens the covariance.
+_LEAST_CHANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """What one of the cameras sees.
+
+    Attributes
+    ----------
+    detections : Detections or array_like, shape (n, 2)
+        From `celnav.detect`, or bare pixel positions.
+    camera : Camera
+        The camera.
+    attitude : Attitude, 3x3 array_like or None
+        What this camera's own sensor knows of its orientation to the horizon; its errors are its own. None knows nothing.
+    mounting : array_like, shape (3, 3), or None
+        Rotation that takes directions of the body to those of the camera; None where it is not known.
+    mounting_sigma_deg : float
+        Its standard deviation about each axis.
+    flux : array_like, shape (n,), optional
+        Brightness of bare positions.
+    """
+
+    detections: Detections | ArrayLike
+    camera: Camera
+    attitude: Attitude | ArrayLike | None = None
+    mounting: ArrayLike | None = None
+    mounting_sigma_deg: float = 0.0
+    flux: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "attitude", as_attitude(self.attitude))
+        if self.mounting is not None:
+            object.__setattr__(self, "mounting", _rotation(self.mounting))
+        sigma = finite_number(self.mounting_sigma_deg, "mounting_sigma_deg", ConfigError, 0.0, 180.0)
+        object.__setattr__(self, "mounting_sigma_deg", sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class CamerasFix:
+    """What the cameras say together.
+
+    Attributes
+    ----------
+    ok : bool
+        Whether there is a position.
+    reason : Reason
+        ``ok``; ``too_few_detections`` where no camera was identified; ``vertical_required`` where no attitude tells the
+        vertical; ``inconsistent`` where the cameras contradict each other, or a heading.
+    message : str
+        The reason in words; empty for a position.
+    lat_deg, lon_deg, cov_km2
+        As of `Fix`.
+    fixes : tuple of Fix
+        The cameras' own fixes and refusals.
+    helped : tuple of int
+        Cameras that were identified only near where the others say that they look.
+    apart_deg : float
+        Largest angle by which a camera's stars contradict the others and its mounting; NaN where nothing can.
+    chance : float
+        Probability that errors within the standard deviations contradict each other as much; NaN where nothing can.
+    R_terrestrial_to_body : ndarray, shape (3, 3), or None
+        Orientation of the body to the Earth (ITRS), where a mounting is known.
+    """
+
+    ok: bool
+    reason: Reason
+    message: str = ""
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+    cov_km2: F8 | None = None
+    fixes: tuple[Fix, ...] = ()
+    helped: tuple[int, ...] = ()
+    apart_deg: float = math.nan
+    chance: float = math.nan
+    R_terrestrial_to_body: F8 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What holds for all cameras."""
+
+    views: tuple[CameraView, ...]
+    utc: Utc
+    weather: Weather
+    near: LastKnown | None
+    solver: str | Solver
+    attitude: Attitude | None
+    seen: dict[int, F8] = field(default_factory=dict)
+
+
+def solve_cameras(
+    views: Sequence[CameraView],
+    utc: str | datetime | Utc,
+    attitude: Attitude | ArrayLike | None = None,
+    *,
+    pressure_hpa: float = 1010.0,
+    temperature_c: float = 10.0,
+    near: LastKnown | None = None,
+    solver: str | Solver = "skybench",
+) -> CamerasFix:
+    """Find where cameras stand that look at the sky at one instant.
+
+    Each camera is solved alone. One that could not be identified is searched once more within four standard deviations of the
+    orientation that the others and the mountings give it; its own stars still prove it. Then stars, mountings and attitudes
+    are weighed together.
+
+    Parameters
+    ----------
+    views : sequence of CameraView
+        One for each camera; the same body carries those with a mounting.
+    utc : str, datetime or Utc
+        Middle of the exposures; the same for all.
+    attitude : Attitude, 3x3 array_like or None
+        What is known of the body's orientation to the horizon, from a sensor that the cameras share; needs a mounting.
+    pressure_hpa, temperature_c, near, solver
+        As of `celnav.solve`; the solver gives `Fix.R_icrs_to_camera` with `Fix.rotation_cov_rad2`.
+
+    Raises
+    ------
+    CelnavError
+        For malformed input.
+    """
+    views = tuple(views)
+    if not views or not all(isinstance(view, CameraView) for view in views):
+        raise ConfigError("views must be one CameraView or more")
+    shared = as_attitude(attitude)
+    if shared is not None and all(view.mounting is None for view in views):
+        raise ConfigError("attitude is the body's: give the mounting of a camera, or the attitude in its CameraView")
+    question = _Question(views, parse_utc(utc), Weather(pressure_hpa, temperature_c), near, solver, shared)
+    fixes = [_alone(question, view) for view in views]
+    found = _together(question, fixes)
+    helped = []
+    if found is not None:
+        for number, view in enumerate(views):
+            known = _expected(view, found)
+            if fixes[number].reason not in UNFOUND or known is None:
+                continue
+            fix = solve_oriented(
+                view.detections, view.camera, question.utc, _own(view), known, solver, question.weather, view.flux
+            )
+            if terrestrial_orientation(fix, question.utc) is not None:
+                fixes[number] = fix
+                helped.append(number)
+        if helped:
+            found = _together(question, fixes)
+    return replace(_answer(question, fixes, found), fixes=tuple(fixes), helped=tuple(helped))
+
+
+def _alone(question: _Question, view: CameraView) -> Fix:
+    attitude = _own(view)
+    if attitude is None and question.attitude is not None and view.mounting is not None:
+        attitude = _of_camera(question.attitude, view)
+    return solve(
+        view.detections, view.camera, question.utc, attitude, question.solver, flux=view.flux,
+        pressure_hpa=question.weather.pressure_hpa, temperature_c=question.weather.temperature_c, near=question.near,
+    )  # fmt: skip
+
+
+def _own(view: CameraView) -> Attitude | None:
+    assert view.attitude is None or isinstance(view.attitude, Attitude)
+    return view.attitude
+
+
+def _of_camera(body: Attitude, view: CameraView) -> Attitude:
+    """The body's attitude as that of a camera, the mounting's uncertainty included."""
+    mounting = np.asarray(view.mounting)
+    tilt = math.hypot(body.tilt_deg, view.mounting_sigma_deg)
+    if body.kind == "up":
+        return Attitude.up(mounting @ np.array(body.rows[0]), tilt)
+    heading = math.hypot(body.heading_deg, view.mounting_sigma_deg)
+    return Attitude.with_sigma(mounting @ body.R_cam, tilt_deg=tilt, heading_deg=heading)
+
+
+def _together(question: _Question, fixes: Sequence[Fix]) -> Body | None:
+    """Weigh what all cameras say; None where none is identified."""
+    seen = []
+    for view, fix in zip(question.views, fixes, strict=True):
+        rotation = terrestrial_orientation(fix, question.utc)
+        mounting = None if view.mounting is None else np.asarray(view.mounting)
+        if rotation is None and mounting is None:
+            continue
+        sigma = math.radians(view.mounting_sigma_deg)
+        seen.append(Seen(rotation, fix.rotation_cov_rad2, mounting, sigma, _own(view)))
+    return adjust_body(seen, question.attitude)
+
+
+def _expected(view: CameraView, found: Body) -> Orientation | None:
+    """Where a camera looks by the others; None where its mounting or theirs is not known."""
+    if view.mounting is None or found.rotation is None or found.cov_rad2 is None:
+        return None
+    own = float(np.linalg.eigvalsh(found.cov_rad2)[-1])
+    sigma = math.sqrt(own + math.radians(view.mounting_sigma_deg) ** 2)
+    return Orientation(np.asarray(view.mounting) @ found.rotation, sigma, found.lat_deg, found.lon_deg)
+
+
+def _answer(question: _Question, fixes: Sequence[Fix], found: Body | None) -> CamerasFix:
+    if found is None:
+        message = f"none of {len(fixes)} cameras was identified: {'; '.join(fix.message for fix in fixes)}"
+        return CamerasFix(False, Reason.TOO_FEW_DETECTIONS, message)
+    apart = math.degrees(found.apart_rad)
+    answer = CamerasFix(
+        False, Reason.OK, apart_deg=apart, chance=found.chance, R_terrestrial_to_body=found.rotation
+    )  # fmt: skip
+    if found.chance < _LEAST_CHANCE and apart > _LARGEST_CONTRADICTION_DEG:
+        message = f"cameras contradict each other by {apart:.2f} deg: check their mountings, attitudes and clocks"
+        return replace(answer, reason=Reason.INCONSISTENT, message=message)
+    for number, fix in enumerate(fixes):
+        if fix.reason is Reason.INCONSISTENT:
+            return replace(answer, reason=Reason.INCONSISTENT, message=f"camera {number}: {fix.message}")
+    if found.cov_km2 is None:
+        message = (
+            "the stars give orientations; a position needs the vertical of the body or of a camera: give Attitude.up"
+        )
+        return replace(answer, reason=Reason.VERTICAL_REQUIRED, message=message)
+    # Birge 1932, Phys. Rev. 40, 207: what disagrees is less certain than it says.
+    widened = max(1.0, found.chi2 / found.freedom) if found.chance < _LEAST_CHANCE else 1.0
+    return replace(
+        answer, ok=True, lat_deg=found.lat_deg, lon_deg=found.lon_deg, cov_km2=found.cov_km2 * widened
+    )  # fmt: skip
+
+
+def _rotation(matrix: ArrayLike) -> F8:
+    rotation = real_array(matrix, "mounting", AttitudeError)
+    if rotation.shape != (3, 3) or not np.isfinite(rotation).all():
+        raise AttitudeError("mounting must be 3x3 finite numbers (body to camera)")
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise AttitudeError("mounting must be a rotation (body to camera): orthonormal rows, determinant 1")
+    return rotation
