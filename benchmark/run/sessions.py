@@ -6,6 +6,7 @@ over a pipe (`PipeSession`).
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 import shutil
 import tempfile
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,6 +27,7 @@ from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
+from benchmark.run.focal_retry import at_other_focal_lengths
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.memory import peak_mib, reset_peak
@@ -50,6 +53,14 @@ class Session(Protocol):
 def isolation_of(solver: SolverFolder) -> str:
     """How a solver's program is kept from files and network: adapters, which come with skybench, are not."""
     return ISOLATED if solver.spec.command and not isolation_obstacle() else NOT_ISOLATED
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Detections that a program has found before."""
+
+    uv: NDArray[np.float64]
+    flux: NDArray[np.float64] | None
 
 
 class PipeSession:
@@ -81,7 +92,30 @@ class PipeSession:
         return version
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the program; whatever goes wrong is a refusal of this frame."""
+        """Ask the program; whatever goes wrong is a refusal of this frame.
+
+        One that does not search the focal length by itself is asked again where it refuses (`benchmark.run.focal_retry`),
+        with the detections that it has found; the times add up.
+        """
+        first = self._asked_once(frame, shared)
+        if first.status != REFUSED or not self._solver.spec.focal_retries:
+            return first
+        found = shared if shared is not None or not len(first.uv) else _Found(first.uv, first.flux)
+        responses = [first]
+        for other in at_other_focal_lengths(frame):
+            responses.append(self._asked_once(other, found))
+            if responses[-1].status == FIX:
+                break
+        # The reason of a refusal is that of the told focal length.
+        chosen = responses[-1] if responses[-1].status == FIX else first
+        memory = [one.peak_memory_mib for one in responses if one.peak_memory_mib is not None]
+        solve_ms = sum(one.detect_ms + one.solve_ms for one in responses) - first.detect_ms
+        return dataclasses.replace(
+            chosen, detect_ms=first.detect_ms, solve_ms=solve_ms, peak_memory_mib=max(memory, default=None)
+        )
+
+    def _asked_once(self, frame: Frame, shared: Detections | None) -> Response:
+        """Ask the program about a frame as it is told."""
         try:
             request = request_of(frame, shared, self._shown(frame.image_path))
         except OSError as error:

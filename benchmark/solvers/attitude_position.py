@@ -1,26 +1,44 @@
 """From an attitude among the stars to a position: the last step for solvers that answer with an attitude alone."""
 
+import dataclasses
 import math
 
-import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
-from celnav.sky.astrometry import AU_PER_DAY_IN_C, aberrate, celestial_to_terrestrial
+import celnav
+from benchmark.protocol import CameraRecord, Observation
+from celnav.sky.astrometry import aberrate, celestial_to_terrestrial, earth_at, enu_rotation
 from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.refraction import unrefract_rays
 from celnav.sky.utc import parse_utc
 
 ROTATION_TOLERANCE = 1e-4
+EARTH_RADIUS_KM = 6371.0
+EARTH_RATE_RAD_S = 7.292115e-5
+_LEAST_RAYS = 3
+"""Fewer directions leave a turn open."""
+_GRID = 7
+_LOWEST_SINE = 0.05
+"""Of the altitude below which a direction of the grid over the frame holds no stars worth counting."""
 
 
-def position_of_attitude(R_icrs_to_camera: ArrayLike, up_camera: ArrayLike, utc: str) -> tuple[float, float]:
+def position_of_attitude(
+    R_icrs_to_camera: ArrayLike,
+    up_camera: ArrayLike,
+    utc: str,
+    seen: NDArray[np.float64],
+    pressure_hpa: float,
+    temperature_c: float,
+) -> tuple[float, float]:
     """Find the place whose vertical points where the frame's does.
 
-    An attitude that was fitted to catalogue directions has taken in the annual aberration of its field (at most 20.5 arcsec
-    or 0.63 km): to second order in the field's radius it is the turn that carries the boresight to its apparent direction.
-    That turn is taken back, and the vertical, turned into the Earth's frame, is the normal of the ellipsoid at the place.
-    Parallax, diurnal aberration (0.3 arcsec, 10 m) and refraction's pull on a field off the zenith are left out.
+    An attitude that was fitted to catalogue directions has taken in what the Earth's motion and the air do to the stars that
+    it was fitted to: annual aberration (at most 20.5 arcsec or 0.63 km) and refraction (60 arcsec or 1.8 km at an altitude
+    of 45 deg). Both are taken off those stars: what was seen is freed of refraction about the frame's vertical, the
+    catalogue directions that the attitude gives it are aberrated, and the rotation that fits the one to the other in the
+    least squares takes the vertical to the sky. There, in the Earth's frame, it is the normal of the ellipsoid at the place.
+    Parallax and diurnal aberration (0.3 arcsec, 10 m) are left out.
 
     Parameters
     ----------
@@ -31,6 +49,11 @@ def position_of_attitude(R_icrs_to_camera: ArrayLike, up_camera: ArrayLike, utc:
         The zenith in the camera frame; any length.
     utc : str
         Mid-exposure.
+    seen : ndarray, shape (n, 3)
+        Directions of the stars that the attitude was fitted to, unit vectors in the camera frame, 3 or more
+        (`rays_of_fit`).
+    pressure_hpa, temperature_c : float
+        Air at the observer; pressure 0: no refraction.
 
     Returns
     -------
@@ -40,12 +63,13 @@ def position_of_attitude(R_icrs_to_camera: ArrayLike, up_camera: ArrayLike, utc:
     Raises
     ------
     ValueError
-        The matrix is no rotation, or the vertical has no length.
+        The matrix is no rotation, the vertical has no length, or there are too few directions.
 
     References
     ----------
     S. E. Urban, P. K. Seidelmann (eds.), Explanatory Supplement to the Astronomical Almanac, 3rd ed., 2013, sections 7.2
-    and 7.5 (aberration, CIO-based reduction).
+    and 7.5 (aberration, CIO-based reduction); F. L. Markley, J. Astronaut. Sci. 36, 245, 1988 (the rotation by singular
+    values).
     """
     rotation = np.asarray(R_icrs_to_camera, dtype=np.float64)
     up = np.asarray(up_camera, dtype=np.float64)
@@ -55,13 +79,75 @@ def position_of_attitude(R_icrs_to_camera: ArrayLike, up_camera: ArrayLike, utc:
         raise ValueError("R_icrs_to_camera is a reflection: check the handedness of the camera frame")
     if up.shape != (3,) or not np.linalg.norm(up) > 0.0:
         raise ValueError("up_camera is not a direction")
+    if seen.ndim != 2 or seen.shape[1] != 3 or len(seen) < _LEAST_RAYS:
+        raise ValueError(f"seen has shape {seen.shape}: 3 directions or more are needed")
+    up = up / np.linalg.norm(up)
     instant = parse_utc(utc)
-    _, earth = erfa.epv00(*instant.tt)
-    boresight = rotation[2]
-    seen = aberrate(boresight[None], np.asarray(earth["v"]) * AU_PER_DAY_IN_C)[0]
-    turn = Rotation.from_rotvec(np.cross(boresight, seen))  # of 0.1 mrad at most, where an angle is its sine
-    inertial: NDArray[np.float64] = turn.apply(rotation.T @ up / np.linalg.norm(up))
-    zenith = celestial_to_terrestrial(instant, earth_orientation(instant)) @ inertial
+    above = unrefract_rays(seen, up, pressure_hpa, temperature_c)
+    apparent = aberrate(seen @ rotation, earth_at(instant).beta)
+    zenith = celestial_to_terrestrial(instant, earth_orientation(instant)) @ (best_rotation(apparent, above).T @ up)
     return math.degrees(math.asin(max(-1.0, min(1.0, float(zenith[2]))))), math.degrees(
         math.atan2(zenith[1], zenith[0])
     )
+
+
+def covariance_of_attitude(
+    cov_rad2: NDArray[np.float64], R_icrs_to_camera: NDArray[np.float64], place: tuple[float, float], told: Observation
+) -> NDArray[np.float64]:
+    """East-north covariance of a position, shape (2, 2), km^2, of an attitude's and of what is told of the frame.
+
+    Parameters
+    ----------
+    cov_rad2 : ndarray, shape (3, 3)
+        Of small turns of the camera about its own axes.
+    R_icrs_to_camera : ndarray, shape (3, 3)
+    place : (float, float)
+        What `position_of_attitude` makes of it.
+    told : Observation
+        Its vertical and its time have standard deviations.
+    """
+    instant = parse_utc(told.utc)
+    to_enu = enu_rotation(*place) @ celestial_to_terrestrial(instant, earth_orientation(instant)) @ R_icrs_to_camera.T
+    about = to_enu @ cov_rad2 @ to_enu.T
+    # A turn about north takes the zenith to the east, one about east takes it to the south.
+    turned = np.array([[about[1, 1], -about[0, 1]], [-about[0, 1], about[0, 0]]])
+    along_equator = math.cos(math.radians(place[0])) * EARTH_RATE_RAD_S * told.utc_sigma_s
+    vertical = math.radians(told.tilt_sigma_deg)
+    return np.asarray(EARTH_RADIUS_KM**2 * (turned + np.diag([vertical**2 + along_equator**2, vertical**2])))
+
+
+def best_rotation(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation, shape (3, 3), that takes unit vectors `before` nearest to `after`, both (n, 3): Wahba's problem."""
+    u, _, vt = np.linalg.svd(after.T @ before)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def rays_of_fit(camera: CameraRecord, uv: NDArray[np.float64], up_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Directions of the stars that an attitude was fitted to: those that it names, else a grid over the frame.
+
+    Parameters
+    ----------
+    camera : CameraRecord
+    uv : ndarray, shape (n, 2)
+        Pixels of the detections that the solver has matched; may be empty.
+    up_camera : ndarray, shape (3,)
+        The zenith in the camera frame; the grid keeps to the sky.
+
+    Returns
+    -------
+    ndarray, shape (m, 3)
+        Unit vectors in the camera frame.
+    """
+    lens = celnav.Camera.from_dict(dataclasses.asdict(camera))
+    named = _finite(lens.to_rays(uv)) if len(uv) else np.empty((0, 3))
+    if len(named) >= _LEAST_RAYS:
+        return named
+    grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID)), -1)
+    rays = _finite(lens.to_rays(grid.reshape(-1, 2)))
+    sky = rays[rays @ up_camera > _LOWEST_SINE]
+    return sky if len(sky) >= _LEAST_RAYS else rays
+
+
+def _finite(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels outside a fisheye's image circle have no direction."""
+    return rays[np.isfinite(rays).all(axis=1)]

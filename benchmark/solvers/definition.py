@@ -52,6 +52,8 @@ class SolverSpec(Strict):
         tuple[Annotated[str, Field(min_length=1, max_length=500)], ...], Field(max_length=20), BeforeValidator(listed)
     ] = ()
     """Files and folders beside its own that an isolated command needs; ``~`` is the user's home."""
+    focal_retries: bool = False
+    """Whether it is asked again with other focal lengths where it refuses (`benchmark.run.focal_retry`)."""
     time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
     """Per frame."""
     memory_limit_mib: Annotated[int, Field(ge=64, le=1_000_000)] = 4096
@@ -74,7 +76,8 @@ class SolverSpec(Strict):
     @property
     def settings(self) -> dict[str, object]:
         """What bears on how it runs."""
-        return self.model_dump(mode="json", exclude={"title", "licence", "install", "reads"})
+        left_out = {"title", "licence", "install", "reads"} | ({"focal_retries"} if not self.focal_retries else set())
+        return self.model_dump(mode="json", exclude=left_out)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from benchmark.frames.dataset import Frame
 from benchmark.judge.answers import LONGEST_REASON, plain_words
 from benchmark.protocol import SIGMAS, Answer, Detections, Observation
-from benchmark.solvers.attitude_position import position_of_attitude
+from benchmark.solvers.attitude_position import position_of_attitude, rays_of_fit
+from benchmark.solvers.star_naming import named_matches
+from celnav.sky.catalog import unit_vectors
 
 PROTOCOL = "skybench-solver/1"
 LARGEST_NUMBER_OF_DETECTIONS = 100_000
@@ -92,6 +94,7 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
         raise ValueError(f"expected the answer to {frame_id}, found type {message.get('type')!r}")
     uv, flux = _points(message.get("detections")) if shared is None else _given(shared)
     status = message.get("status")
+    matches = _claimed(message, len(uv))
     lat = lon = None
     if status == "error":
         raise ValueError(plain_words(str(message.get("reason", "no reason given")), LONGEST_REASON))
@@ -101,7 +104,10 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
         rotation = _array(message.get("R_icrs_to_camera"), (3, 3), "R_icrs_to_camera")
         if np.abs(rotation).max() > 2.0:
             raise ValueError("R_icrs_to_camera is not a rotation")
-        lat, lon = position_of_attitude(rotation, observation.R_cam[:, 2], observation.utc)
+        up = observation.R_cam[:, 2]
+        seen = rays_of_fit(observation.camera, uv[matches[:, 0]], up)
+        air = observation.pressure_hpa, observation.temperature_c
+        lat, lon = position_of_attitude(rotation, up, observation.utc, seen, *air)
     elif status != "refused":
         raise ValueError(f"status is {status!r}, expected fix, attitude, refused or error")
     ok = status != "refused"
@@ -115,7 +121,7 @@ def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation
         raise ValueError("time_ms must be an object of at most 50 numbers")
     time_ms = {plain_words(stage, 50): _number(stages, stage) for stage in stages}
     reason = "" if ok else plain_words(str(message.get("reason", "")), LONGEST_REASON)
-    answer = Answer(ok, reason, lat, lon, cov, confidence, _matches(message.get("matches")), time_ms)
+    answer = Answer(ok, reason, lat, lon, cov, confidence, matches, time_ms)
     return Reply(answer, uv, flux, max(time_ms.get("detect", 0.0), 0.0))
 
 
@@ -165,6 +171,26 @@ def _given(shared: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]
     uv = np.array(shared.uv, dtype=np.float64)
     flux = np.full(len(uv), np.nan) if shared.flux is None else np.array(shared.flux, dtype=np.float64)
     return uv, flux
+
+
+def _claimed(message: Mapping[str, Any], n_detections: int) -> NDArray[np.int64]:
+    """What the answer matches: stars by their ids, or by their places in the program's own catalogue."""
+    places = message.get("match_directions")
+    if not places:
+        matches = _matches(message.get("matches"))
+    elif message.get("matches"):
+        raise ValueError("give either matches or match_directions")
+    else:
+        if not isinstance(places, list) or len(places) > LARGEST_NUMBER_OF_DETECTIONS:
+            raise ValueError("match_directions must be a list of [detection, ra_deg, dec_deg]")
+        table = _array(places, (len(places), 3), "match_directions")
+        if (table[:, 0] != np.floor(table[:, 0])).any() or not (np.abs(table) < 2**31).all():
+            raise ValueError("match_directions must begin with a detection's number")
+        ra, dec = np.radians(table[:, 1]), np.radians(table[:, 2])
+        matches = named_matches(table[:, 0].astype(np.int64), unit_vectors(ra, dec))
+    if len(matches) and (matches[:, 0].min() < 0 or matches[:, 0].max() >= n_detections):
+        raise ValueError("a match points to no detection")
+    return matches
 
 
 def _matches(found: Any) -> NDArray[np.int64]:

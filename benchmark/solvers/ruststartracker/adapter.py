@@ -1,7 +1,13 @@
 """Adapter for ruststartracker: triangles of angles; the vertical makes a position of its attitude."""
 
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -9,28 +15,53 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmark.protocol import Answer, Detections, Observation
-from benchmark.solvers.attitude_position import position_of_attitude
-from benchmark.solvers.pinhole import undistorted
-from benchmark.solvers.sep_detector import SEP_DETECTOR, detect_with_sep
+from benchmark.solvers.attitude_position import position_of_attitude, rays_of_fit
+from benchmark.solvers.detected_points import Points
+from benchmark.solvers.pinhole import pinhole_view
+from benchmark.solvers.star_naming import EPOCH_JYEAR, named_matches
 
-BRIGHTEST = 30
 TOLERANCE_PX = 1.5
-MIN_MATCHES = 10
 TIMEOUT_S = 1.0
-MAX_MAGNITUDE = 6.0
-# Triangles of brighter stars only: with all, half of the solvable frames of wide fields run out of time.
-LOOKUP_MAGNITUDE = 4.5
-EPOCH_YEAR = 2020.0
+STARS_TO_LOOK_UP = 40.0
+"""Expected in the field among those that triangles are looked up of."""
+LOOKUP_MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0)
+"""To choose from. Triangles of bright stars only: with all, half of the solvable frames of wide fields run out of time."""
+FAINTER_BY = 1.5
+"""Than the stars that are looked up are the faintest that verify."""
+FAINTEST = 7.0
+"""Its Hipparcos catalogue ends there."""
+EXTRACTION: Mapping[str, Any] = MappingProxyType({})
+STARS_TO_MAGNITUDE_0 = 4.8
+"""Of the whole sky, to V 0; 10 to the power of half a magnitude as many to a fainter one: 4,800 to V 6."""
 
 
+@dataclass(frozen=True)
 class RustStarTracker:
-    """ruststartracker on the 30 brightest detections, with its own Hipparcos catalogue to magnitude 6.
+    """ruststartracker on the brightest detections, with its own Hipparcos catalogue to a magnitude that fits the field.
 
     Its other catalogue, Gaia's, lacks the brightest stars, which are those that are detected first.
+
+    Attributes
+    ----------
+    candidates : int
+        How many of the brightest detections it gets.
+    min_matches : int
+        Below it refuses.
+    brightest_quantile : float
+        Of the image's pixels: what 255 of the 8 bits stands for that its detector reads; 0 stands for the median.
+    threshold_quantile : float
+        Of those bytes, above which its detector sees light.
+    extraction : mapping
+        Settings of its detector beside its defaults.
     """
 
+    candidates: int = 30
+    min_matches: int = 10
+    brightest_quantile: float = 0.9999
+    threshold_quantile: float = 0.99
+    extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
     name = "ruststartracker"
-    detector = SEP_DETECTOR
+    detector = "ruststartracker.StarTracker.get_centroids"
 
     @property
     def version(self) -> str:
@@ -38,41 +69,80 @@ class RustStarTracker:
         return version("ruststartracker")
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Detect with sep."""
-        return detect_with_sep(image)
+        """Detect with its own detector, in 8 bits from the sky's level up."""
+        from ruststartracker.libruststartracker import get_threshold_from_histogram
+        from ruststartracker.star import StarTrackerError
+
+        sky, top = np.quantile(image, (0.5, self.brightest_quantile))
+        bytes_ = np.clip(255.0 * (image - sky) / max(top - sky, 1.0), 0.0, 255.0).astype(np.uint8)
+        height, width = image.shape
+        try:
+            # It sorts by brightness and does not tell it. Any focal length does: it only checks the image's size. Its own
+            # threshold is given, since what works it out first does not run with OpenCV 5.
+            threshold = get_threshold_from_histogram(bytes_, fraction=self.threshold_quantile)
+            uv = tracker(float(width), width, height, self.min_matches).get_centroids(
+                bytes_, n_candidates=self.candidates, threshold=threshold, **self.extraction
+            )
+        except StarTrackerError:  # fewer than three
+            uv = np.empty((0, 2))
+        return Points(np.asarray(uv, dtype=np.float64).reshape(-1, 2), None)
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
         """Identify, and turn the attitude into a position."""
         from ruststartracker.star import StarTrackerError
 
-        camera = observation.camera
-        _, xy = undistorted(np.asarray(detections.uv)[:BRIGHTEST], camera)
-        if len(xy) < 3:
+        uv = np.asarray(detections.uv)[: self.candidates]
+        view = pinhole_view(uv, observation.camera)
+        if len(view.rows) < 3:
             return Answer(ok=False, reason="fewer than 3 detections")
-        rays = np.column_stack((xy / camera.f_px, np.ones(len(xy))))
         try:
-            found = _tracker(camera.f_px, camera.width, camera.height).process_observation_vectors(
-                rays / np.linalg.norm(rays, axis=1, keepdims=True)
-            )
+            found = tracker(view.f_px, view.width, view.height, self.min_matches).process_observation_vectors(view.rays)
         except StarTrackerError as error:
             return Answer(ok=False, reason=str(error))
         # Its quaternion takes the camera frame to the sky.
         rotation = Rotation.from_quat(np.asarray(found.quat, dtype=np.float64)).as_matrix().T
-        lat, lon = position_of_attitude(rotation, observation.R_cam[:, 2], observation.utc)
-        return Answer(ok=True, lat_deg=lat, lon_deg=lon)
+        matched = view.rows[np.asarray(found.obs_indices, dtype=np.intp)]
+        up = observation.R_cam[:, 2]
+        seen = rays_of_fit(observation.camera, uv[matched], up)
+        lat, lon = position_of_attitude(
+            rotation, up, observation.utc, seen, observation.pressure_hpa, observation.temperature_c
+        )
+        places = _stars(magnitudes_for(view.f_px, view.width, view.height)[1])[0][
+            np.asarray(found.match_ids, dtype=np.intp)
+        ]
+        return Answer(ok=True, lat_deg=lat, lon_deg=lon, matches=named_matches(matched, places.astype(np.float64)))
+
+
+def magnitudes_for(f_px: float, width: int, height: int) -> tuple[float, float]:
+    """How faint the stars of a field are that are looked up, and those that verify."""
+    x, y = width / 2.0 / f_px, height / 2.0 / f_px
+    share = math.atan(x * y / math.sqrt(1.0 + x * x + y * y)) / math.pi
+    expected = [share * STARS_TO_MAGNITUDE_0 * 10.0 ** (0.5 * limit) for limit in LOOKUP_MAGNITUDES]
+    enough = [limit for limit, stars in zip(LOOKUP_MAGNITUDES, expected, strict=True) if stars >= STARS_TO_LOOK_UP]
+    lookup = enough[0] if enough else LOOKUP_MAGNITUDES[-1]
+    return lookup, min(lookup + FAINTER_BY, FAINTEST)
 
 
 @lru_cache(maxsize=32)
-def _tracker(f_px: float, width: int, height: int) -> Any:
-    from ruststartracker.catalog import StarCatalog
+def tracker(f_px: float, width: int, height: int, min_matches: int) -> Any:
+    """A tracker for a pinhole; its table of angles is made for the field."""
     from ruststartracker.star import CameraParameters, StarTracker
 
-    catalogue = StarCatalog.from_hipparcos(max_magnitude=MAX_MAGNITUDE)
+    lookup, faintest = magnitudes_for(f_px, width, height)
+    places, magnitudes = _stars(faintest)
     middle = (width - 1) / 2.0, (height - 1) / 2.0
     matrix = np.array([[f_px, 0.0, middle[0]], [0.0, f_px, middle[1]], [0.0, 0.0, 1.0]], dtype=np.float32)
     return StarTracker(
-        catalogue.normalized_positions(epoch=EPOCH_YEAR), catalogue.magnitude,
-        CameraParameters(matrix, (width, height), None),
-        max_lookup_magnitude=LOOKUP_MAGNITUDE,
-        inter_star_angle_tolerance=TOLERANCE_PX / f_px, n_minimum_matches=MIN_MATCHES, timeout_secs=TIMEOUT_S,
+        places, magnitudes, CameraParameters(matrix, (width, height), None),
+        max_lookup_magnitude=lookup, inter_star_angle_tolerance=TOLERANCE_PX / f_px,
+        n_minimum_matches=min_matches, timeout_secs=TIMEOUT_S,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _stars(faintest: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Places and magnitudes of its catalogue."""
+    from ruststartracker.catalog import StarCatalog
+
+    catalogue = StarCatalog.from_hipparcos(max_magnitude=faintest)
+    return catalogue.normalized_positions(epoch=EPOCH_JYEAR), catalogue.magnitude

@@ -1,28 +1,45 @@
 """Adapter for tetra3rs: lost in space by hashed patterns of four stars; the vertical makes a position of its attitude."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.protocol import Answer, Detections, Observation
-from benchmark.solvers.attitude_position import position_of_attitude
-from benchmark.solvers.pinhole import undistorted
-from benchmark.solvers.sep_detector import SEP_DETECTOR, detect_with_sep
+from benchmark.solvers.attitude_position import covariance_of_attitude, position_of_attitude, rays_of_fit
+from benchmark.solvers.detected_points import Points
+from benchmark.solvers.pinhole import pinhole_view
+from benchmark.solvers.star_naming import EPOCH_JYEAR, named_matches
+from celnav.sky.catalog import unit_vectors
 
 FOV_MAX_ERROR_DEG = 5.0
 """How far the field of view may be from the camera's: the value that its users are advised for wide fields."""
 DATABASE_STEP_DEG = 10.0
+EXTRACTION: Mapping[str, Any] = MappingProxyType({})
+"""Settings of its detector beside its defaults; README.md has the tries."""
 
 
+@dataclass(frozen=True)
 class Tetra3rs:
-    """tetra3rs with a database generated for the camera's field of view."""
+    """tetra3rs with a database generated for the camera's field of view.
 
+    Attributes
+    ----------
+    extraction : mapping
+        What `tetra3rs.extract_centroids` is given beside the image.
+    """
+
+    extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
     name = "tetra3rs"
-    detector = SEP_DETECTOR
+    detector = "tetra3rs.extract_centroids"
 
     @property
     def version(self) -> str:
@@ -30,32 +47,79 @@ class Tetra3rs:
         return version("tetra3rs")
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Detect with sep."""
-        return detect_with_sep(image)
+        """Detect with its own detector, which counts from the image's middle."""
+        import tetra3rs
+
+        found = tetra3rs.extract_centroids(np.ascontiguousarray(image), threads=1, **self.extraction).centroids
+        height, width = image.shape
+        middle = np.array([(width - 1) / 2.0, (height - 1) / 2.0])
+        uv = middle + np.array([[each.x, each.y] for each in found]).reshape(-1, 2)
+        return Points(uv, np.array([each.brightness for each in found]))
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
         """Identify, and turn the attitude into a position."""
-        import tetra3rs
-
-        camera = observation.camera
-        _, xy = undistorted(np.asarray(detections.uv), camera)
-        fov_deg = float(np.degrees(2.0 * np.arctan(camera.width / 2.0 / camera.f_px)))
-        reach_deg = DATABASE_STEP_DEG * math.ceil((fov_deg + FOV_MAX_ERROR_DEG) / DATABASE_STEP_DEG)
-        found = _database(reach_deg).solve_from_centroids(
-            xy, fov_estimate_deg=fov_deg, fov_max_error_deg=FOV_MAX_ERROR_DEG,
-            image_width=camera.width, image_height=camera.height,
-            camera_model=tetra3rs.CameraModel(camera.f_px, camera.width, camera.height),
-        )  # fmt: skip
+        found, rows, stars = solve_frame(detections, observation)
         if not found:
-            return Answer(ok=False, reason=str(getattr(found, "status", "no_match")))
-        lat, lon = position_of_attitude(
-            np.asarray(found.rotation_matrix_icrs_to_camera), observation.R_cam[:, 2], observation.utc
-        )
-        return Answer(ok=True, lat_deg=lat, lon_deg=lon)
+            return Answer(ok=False, reason=str(found.status))
+        return answer_of(found, rows, stars, detections, observation)
 
 
-@lru_cache(maxsize=4)
-def _database(max_fov_deg: float) -> Any:
+def solve_frame(detections: Detections, observation: Observation) -> tuple[Any, NDArray[np.intp], Any]:
+    """Its result, which detections it was given, and its database."""
     import tetra3rs
 
-    return tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=max_fov_deg)
+    view = pinhole_view(np.asarray(detections.uv), observation.camera)
+    reach_deg = DATABASE_STEP_DEG * math.ceil((view.fov_deg + FOV_MAX_ERROR_DEG) / DATABASE_STEP_DEG)
+    stars = database(reach_deg)
+    found = stars.solve_from_centroids(
+        view.xy, fov_estimate_deg=view.fov_deg, fov_max_error_deg=FOV_MAX_ERROR_DEG,
+        image_width=view.width, image_height=view.height,
+        camera_model=tetra3rs.CameraModel(view.f_px, view.width, view.height),
+    )  # fmt: skip
+    return found, view.rows, stars
+
+
+def answer_of(
+    found: Any, rows: NDArray[np.intp], stars: Any, detections: Detections, observation: Observation
+) -> Answer:
+    """Put a result of tetra3rs into the benchmark's terms.
+
+    Its probability is that of a false match; its covariance is of roll, and of the boresight's way east and north.
+    """
+    rotation = np.asarray(found.rotation_matrix_icrs_to_camera, dtype=np.float64)
+    matched = rows[np.asarray(found.matched_centroids, dtype=np.intp)]
+    up = observation.R_cam[:, 2]
+    seen = rays_of_fit(observation.camera, np.asarray(detections.uv)[matched], up)
+    place = position_of_attitude(
+        rotation, up, observation.utc, seen, observation.pressure_hpa, observation.temperature_c
+    )
+    named = [stars.get_star_by_id(int(each)) for each in found.matched_catalog_ids]
+    directions = unit_vectors(*np.radians([[star.ra_deg, star.dec_deg] for star in named]).reshape(-1, 2).T)
+    return Answer(
+        True, "", *place, _position_covariance(found, rotation, place, observation),
+        confidence=min(max(1.0 - float(found.probability), 0.0), 1.0),
+        matches=named_matches(matched, directions),
+    )  # fmt: skip
+
+
+def _position_covariance(
+    found: Any, rotation: NDArray[np.float64], place: tuple[float, float], observation: Observation
+) -> NDArray[np.float64] | None:
+    """Of the attitude that it states; None where it says that the fit is not constrained."""
+    stated = np.asarray(found.attitude_cov_rad2, dtype=np.float64)
+    if not np.isfinite(stated).all():
+        return None
+    boresight = rotation[2]
+    east = np.cross([0.0, 0.0, 1.0], boresight)
+    east /= np.linalg.norm(east)
+    # A boresight that goes east turns the camera about north, one that goes north turns it about west.
+    axes = rotation @ np.column_stack((boresight, np.cross(boresight, east), -east))
+    return covariance_of_attitude(axes @ stated @ axes.T, rotation, place, observation)
+
+
+@lru_cache(maxsize=6)
+def database(max_fov_deg: float) -> Any:
+    """Database of patterns for fields of view up to this, made from the catalogue that it comes with."""
+    import tetra3rs
+
+    return tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=max_fov_deg, epoch_proper_motion_year=EPOCH_JYEAR)

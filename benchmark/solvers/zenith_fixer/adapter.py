@@ -1,5 +1,9 @@
 """Adapter for zenith-fixer: it answers with a position and an ellipse by itself."""
 
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
 from importlib.metadata import version
@@ -8,18 +12,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.protocol import Answer, Detections, Observation
-from benchmark.solvers.pinhole import undistorted
-from benchmark.solvers.sep_detector import SEP_DETECTOR, detect_with_sep
+import celnav
+from benchmark.protocol import Answer, CameraRecord, Detections, Observation
+from benchmark.solvers.detected_points import Points
+from benchmark.solvers.pinhole import PERSPECTIVE, pinhole_view
 
 EARTH_RADIUS_KM = 6371.0
+FISHEYE_K1 = 0.1
+"""Of the law on which fisheyes are laid; without a coefficient it takes the focal length from the size of the image."""
 
 
+@dataclass(frozen=True)
 class ZenithFixer:
-    """zenith-fixer with its bundled catalogue."""
+    """zenith-fixer with its bundled catalogue and its detector for point spreads of 1 to 2 px.
 
+    Attributes
+    ----------
+    most : int
+        Detections.
+    psf_sigma_px : float
+        Width of the matched filter.
+    """
+
+    most: int = 60
+    psf_sigma_px: float = 1.0
     name = "zenith-fixer"
-    detector = SEP_DETECTOR
+    detector = "zenith.detect_centroids_matched"
 
     @property
     def version(self) -> str:
@@ -27,28 +45,50 @@ class ZenithFixer:
         return version("zenith-fixer")
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Detect with sep."""
-        return detect_with_sep(image)
+        """Detect with its own detector."""
+        import zenith
+
+        found = np.array(zenith.detect_centroids_matched(np.ascontiguousarray(image), self.most, self.psf_sigma_px))
+        found = found.reshape(-1, 3)
+        return Points(found[:, :2], found[:, 2])
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
         """Resolve the position."""
         import zenith
 
         camera = observation.camera
-        rows, xy = undistorted(np.asarray(detections.uv), camera)
         brightness = np.ones(len(detections.uv)) if detections.flux is None else np.asarray(detections.flux)
-        flux = brightness[rows]
-        centroids = [(float(x), float(y), float(f)) for (x, y), f in zip(xy, flux, strict=True)]
+        rows, xy, lens = _as_its_lens(np.asarray(detections.uv), camera)
+        centroids = [(float(x), float(y), float(f)) for (x, y), f in zip(xy, brightness[rows], strict=True)]
         up = tuple(float(part) for part in observation.R_cam[:, 2])
         utc = datetime.fromisoformat(observation.utc.replace("Z", "+00:00"))
         try:
-            fix = zenith.resolve_from_centroids(centroids, camera.f_px, 0.0, 0.0, up, utc, _catalogue())
+            fix = zenith.resolve_from_centroids(centroids, camera.f_px, 0.0, 0.0, up, utc, _catalogue(), **lens)
         except zenith.ZenithError as error:
             return Answer(ok=False, reason=str(error))
-        # Its covariance is north before east, in radians squared.
+        # Its covariance is north before east, in radians squared. It names stars, but not which detections they are.
         (north, both), (_, east) = np.asarray(fix.covariance, dtype=np.float64)
         cov_km2 = EARTH_RADIUS_KM**2 * np.array([[east, both], [both, north]])
         return Answer(True, "", float(fix.latitude_deg), float(fix.longitude_deg), cov_km2)
+
+
+def _as_its_lens(
+    uv: NDArray[np.float64], camera: CameraRecord
+) -> tuple[NDArray[np.intp], NDArray[np.float64], dict[str, float]]:
+    """Detections that it is given, their places under a lens that it knows, and what it is told of this lens.
+
+    It knows pinholes, and fisheyes whose radius is a polynomial of the angle: every fisheye is laid on one of these.
+    """
+    if camera.model in PERSPECTIVE:
+        view = pinhole_view(uv, camera)
+        return view.rows, view.xy, {}
+    rays = celnav.Camera.from_dict(dataclasses.asdict(camera)).to_rays(uv)
+    rows = np.flatnonzero(np.isfinite(rays).all(axis=1))
+    across = np.hypot(rays[rows, 0], rays[rows, 1])
+    angle = np.arctan2(across, rays[rows, 2])
+    radius = camera.f_px * (angle + FISHEYE_K1 * angle**3)
+    xy = rays[rows, :2] * (radius / np.maximum(across, 1e-12))[:, None]
+    return rows, xy, {"fisheye_fov_deg": 180.0, "k1": FISHEYE_K1}
 
 
 @lru_cache(maxsize=1)

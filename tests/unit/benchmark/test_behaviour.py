@@ -93,7 +93,7 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
         ("celnav.sequences.track", set()),
         ("celnav.cli", set()),
         ("benchmark.solvers.tetra3rs.adapter", {"tetra3rs"}),
-        ("benchmark.solvers.sep_detector", PEERS),
+        ("benchmark.solvers.pinhole", PEERS),
         ("benchmark.solvers.celnav_solver", CELNAV),
         ("benchmark.report.formatting", set()),
     ],

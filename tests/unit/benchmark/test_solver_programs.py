@@ -302,7 +302,7 @@ def test_a_missing_environment_says_how_to_make_it(monkeypatch, tmp_path):
 
 
 def test_a_missing_package_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("benchmark.solvers.registry._installed_version", {"sep": "1.4.1", "tetra3rs": "0.1.0"}.get)
+    monkeypatch.setattr("benchmark.solvers.registry._installed_version", {"tetra3rs": "0.1.0"}.get)
     with pytest.raises(SolverError, match=r"needs tetra3rs==0\.14\.0; install with: pip install 'skybench\[peers\]'"):
         make_solver("tetra3rs")
 

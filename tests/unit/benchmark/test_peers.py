@@ -1,0 +1,179 @@
+"""Peers' adapters against their libraries' own examples and conventions; skipped where a library is not installed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import celnav
+from benchmark.judge.geodesy import geodesic_km
+from benchmark.protocol import CameraRecord, Observation
+from benchmark.solvers.detected_points import Points
+from benchmark.solvers.pinhole import WIDEST_DEG, pinhole_view
+from benchmark.solvers.star_naming import named_matches, star_ids_at
+from celnav.sky.astrometry import apparent_enu
+from celnav.sky.catalog import load_catalog, propagate
+
+UTC = "2021-03-20T22:15:07.25Z"
+PLACE = (52.0, 4.36)
+PINHOLE = CameraRecord("pinhole", 640, 480, 554.26, 554.26, 319.5, 239.5)
+FISHEYE = CameraRecord("equisolid", 900, 900, 300.0, 300.0, 449.5, 449.5)
+PEERS = {
+    "tetra3rs": ("tetra3rs", "Tetra3rs"),
+    "ruststartracker": ("ruststartracker", "RustStarTracker"),
+    "zenith": ("zenith_fixer", "ZenithFixer"),
+}
+
+
+def peer(library):
+    """The adapter of a library that is installed."""
+    pytest.importorskip(library, reason=f"{library} is not installed: pip install 'skybench[peers]'")
+    folder, name = PEERS[library]
+    module = __import__(f"benchmark.solvers.{folder}.adapter", fromlist=[name])
+    return getattr(module, name)()
+
+
+def told(camera, altitude_deg=75.0):
+    azimuth, altitude = np.radians([70.0, altitude_deg])
+    boresight = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
+    right = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
+    R_cam = np.array([right, np.cross(boresight, right), boresight])
+    return Observation(camera, UTC, R_cam)
+
+
+def stars_in(observation, faintest=5.5):
+    """Star ids, exact pixels and fluxes of the frame, brightest first."""
+    stars = load_catalog()
+    stars = stars.take(stars.v_mag < faintest)
+    enu = apparent_enu(
+        stars, UTC, *PLACE, pressure_hpa=observation.pressure_hpa, temperature_c=observation.temperature_c
+    )
+    lens = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
+    uv = lens.project(enu @ observation.R_cam.T)
+    seen = np.isfinite(uv[:, 0]) & lens.in_frame(np.nan_to_num(uv, nan=-1e6)) & (enu[:, 2] > 0.1)
+    return stars.star_id[seen], uv[seen], 10.0 ** (-0.4 * stars.v_mag[seen])
+
+
+def image_of(observation, sigma_px=1.2):
+    """Their light through a Gaussian point spread, in 16 bits on a noisy sky."""
+    _, uv, flux = stars_in(observation, 6.0)
+    height, width = observation.camera.height, observation.camera.width
+    light = np.random.default_rng(3).normal(400.0, 8.0, (height, width))
+    v, u = np.mgrid[-6:7, -6:7]
+    for (x, y), brightness in zip(uv, flux, strict=True):
+        column, row = round(x), round(y)
+        if 6 <= column < width - 6 and 6 <= row < height - 6:
+            spread = np.exp(-((u + column - x) ** 2 + (v + row - y) ** 2) / (2.0 * sigma_px**2))
+            light[row - 6 : row + 7, column - 6 : column + 7] += 4e5 * brightness * spread
+    return np.clip(np.round(light), 0, 65535).astype(np.uint16)
+
+
+@pytest.mark.parametrize(("library", "limit_km"), [("tetra3rs", 0.15), ("ruststartracker", 0.05), ("zenith", 0.35)])
+@pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+def test_exact_positions_of_stars_give_the_place_and_their_names(library, limit_km, camera):
+    solver, observation = peer(library), told(camera)
+    ids, uv, flux = stars_in(observation)
+    answer = solver.solve(Points(uv, flux), observation)
+    assert answer.ok, answer.reason
+    # A fisheye's pixel is twice as large, and a pinhole that shows it stretches its edges.
+    assert geodesic_km(*PLACE, answer.lat_deg, answer.lon_deg) < limit_km * (1.0 if camera is PINHOLE else 4.0)
+    if library != "zenith":  # which names no detections
+        assert len(answer.matches) >= 10
+        assert (ids[answer.matches[:, 0]] == answer.matches[:, 1]).mean() > 0.95
+
+
+@pytest.mark.parametrize("library", list(PEERS))
+def test_detectors_count_from_the_middle_of_the_first_pixel(library):
+    solver, observation = peer(library), told(PINHOLE)
+    found = solver.detect(image_of(observation))
+    _, uv, _ = stars_in(observation, 4.5)
+    offsets = np.array([(found.uv - star)[np.argmin(np.hypot(*(found.uv - star).T))] for star in uv])
+    near = offsets[np.hypot(*offsets.T) < 1.5]
+    assert len(near) >= 10
+    np.testing.assert_allclose(np.median(near, axis=0), 0.0, atol=0.1)
+
+
+def test_tetra3rs_as_its_guide_solves_an_image():
+    """`extract_centroids` of an image, its centroids to `solve_from_centroids` with the field of view: the same attitude."""
+    solver, observation = peer("tetra3rs"), told(PINHOLE)
+    import tetra3rs
+
+    image = image_of(observation)
+    database = tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=70.0, epoch_proper_motion_year=2020.0)
+    guide = database.solve_from_centroids(
+        tetra3rs.extract_centroids(image).centroids, fov_estimate_deg=60.0, fov_max_error_deg=5.0,
+        image_shape=image.shape,
+    )  # fmt: skip
+    assert guide
+    from benchmark.solvers.tetra3rs.adapter import Tetra3rs, solve_frame
+
+    found, _, _ = solve_frame(Tetra3rs({}).detect(image), observation)
+    turn = np.asarray(guide.rotation_matrix_icrs_to_camera) @ np.asarray(found.rotation_matrix_icrs_to_camera).T
+    np.testing.assert_allclose(turn, np.eye(3), atol=1e-6)
+    assert solver.solve(solver.detect(image), observation).ok
+
+
+def test_ruststartracker_as_its_readme_processes_an_image():
+    """`process_image` of an 8-bit image: the quaternion of the adapter's detections and rays is the same."""
+    solver, observation = peer("ruststartracker"), told(PINHOLE)
+    from ruststartracker.libruststartracker import get_threshold_from_histogram
+
+    from benchmark.solvers.ruststartracker.adapter import tracker
+
+    image = np.clip((image_of(observation).astype(float) - 400.0) / 40.0, 0.0, 255.0).astype(np.uint8)
+    own = tracker(PINHOLE.f_px, PINHOLE.width, PINHOLE.height, solver.min_matches)
+    threshold = get_threshold_from_histogram(image, fraction=0.99)
+    readme = own.process_image(image, threshold=threshold)
+    uv = own.get_centroids(image, threshold=threshold)
+    ours = own.process_observation_vectors(pinhole_view(uv.astype(float), PINHOLE).rays)
+    assert readme.n_matches >= solver.min_matches
+    np.testing.assert_allclose(np.abs(readme.quat @ ours.quat), 1.0, atol=1e-6)
+
+
+def test_zenith_fixer_as_its_quickstart_fixes_a_scene_of_its_own():
+    """`synthesize_scene` and `resolve_fix` of its quickstart: the adapter gives the same place from the scene's pixels."""
+    solver = peer("zenith")
+    import zenith
+
+    catalogue = zenith.bundled_catalog()
+    utc = (2026, 7, 14, 21, 0, 0.0)
+    scene = zenith.synthesize_scene(
+        catalogue, 51.5, -0.1, zenith.julian_date(*utc), 10.0, 1280, 960, 1400.0, 5.5, 0.0, 0.0, 40.0, 7
+    )
+    own = zenith.resolve_fix(scene.pixels, 1400.0, 640.0, 480.0, scene.up_cam, utc, catalogue)
+    assert zenith.great_circle_nm(own.latitude_deg, own.longitude_deg, 51.5, -0.1) < 1.0
+    up = np.array(scene.up_cam)
+    across = np.linalg.svd(up[None])[2][1:]
+    R_cam = np.column_stack((*across, up))
+    camera = CameraRecord("pinhole", 1280, 960, 1400.0, 1400.0, 640.0, 480.0)
+    observation = Observation(camera, "2026-07-14T21:00:00Z", R_cam, heading_sigma_deg=np.inf)
+    found = zenith.detect_centroids(scene.pixels, 60)
+    answer = solver.solve(
+        Points(np.array([one[:2] for one in found]), np.array([one[2] for one in found])), observation
+    )
+    assert geodesic_km(own.latitude_deg, own.longitude_deg, answer.lat_deg, answer.lon_deg) < 0.02
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+def test_a_pinhole_view_shows_the_rays_of_any_lens(camera):
+    lens = celnav.Camera.from_dict(dataclasses.asdict(camera))
+    uv = np.array([[10.0, 20.0], [400.0, 240.0], [camera.width / 2, camera.height / 2]])
+    view = pinhole_view(uv, camera)
+    np.testing.assert_allclose(view.rays, lens.to_rays(uv[view.rows]), atol=1e-12)
+    assert view.fov_deg == pytest.approx(60.0 if camera is PINHOLE else WIDEST_DEG, abs=0.1)
+
+
+def test_names_are_those_of_the_catalogue_and_no_star_has_none():
+    stars = load_catalog()
+    rows = np.flatnonzero((stars.v_mag < 4.0) & (stars.hip > 0))[:50]
+    places = propagate(stars.vectors[rows], stars.motion[rows], 2020.0 - stars.epoch_jyear[rows])
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    expected = stars.star_id[rows].copy()
+    expected[expected == 71681] = 71683  # of alpha Centauri the brighter one is meant
+    np.testing.assert_array_equal(star_ids_at(places), expected)
+    pole = np.array([[0.001, 0.001, 1.0]]) / np.linalg.norm([0.001, 0.001, 1.0])
+    assert star_ids_at(pole).tolist() == [0]
+    twice = named_matches(np.array([4, 2, 4, 7]), np.vstack((places[:3], pole)))
+    assert twice.tolist() == [[4, stars.star_id[rows[0]]], [2, stars.star_id[rows[1]]]]
