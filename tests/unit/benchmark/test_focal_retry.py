@@ -24,7 +24,8 @@ for line in sys.stdin:
         answer = {"type": "hello", "protocol": "skybench-solver/1", "name": "focal", "version": "1"}
     else:
         given = asked["detections"]
-        answer = {"type": "fix", "frame_id": asked["frame_id"], "status": "refused", "reason": f"{asked['camera']['f_px']:.1f}"}
+        answer = {"type": "fix", "frame_id": asked["frame_id"], "status": "refused"}
+        answer["reason"] = f"{asked['camera']['f_px']:.1f}"
         if given is None:
             answer["detections"] = {"uv": [[1.0, 2.0], [3.0, 4.0]], "flux": [2.0, 1.0]}
         elif SOLVES(asked["camera"]):
