@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from typing import Any
 
@@ -16,10 +17,11 @@ from celnav.attitude import Attitude
 from celnav.calibrating.lens_form import LensForm
 from celnav.calibrating.model_choice import Judged
 from celnav.calibrating.mount import Mount
+from celnav.calibrating.mount_times import AttitudeInTime, attitude_at
 from celnav.calibrating.noise import Noise
 from celnav.calibrating.residual_pattern import Pattern
 from celnav.camera import Camera
-from celnav.sky.utc import Utc
+from celnav.sky.utc import Utc, parse_utc
 
 F8 = NDArray[np.float64]
 
@@ -135,6 +137,20 @@ class CameraCalibration:
         """The mount's attitude for another night, with its standard deviations, as `celnav.solve` takes it."""
         mount = self.mount
         return Attitude.with_sigma(mount.R_cam, tilt_deg=mount.tilt_sigma_deg, heading_deg=mount.heading_sigma_deg)
+
+    def attitude_at(self, utc: str | datetime | Utc) -> Attitude:
+        """The mount's attitude at a time: beside the calibration's frames better known than for another night."""
+        times: dict[int, list[FrameAttitude]] = {}
+        for one in self.attitudes:
+            group = next(g for g, rotation in enumerate(self.R_by_group) if np.array_equal(rotation, one.R_cam))
+            times.setdefault(group, []).append(one)
+        measured = [
+            AttitudeInTime(
+                group[0].R_cam, group[0].tilt_sigma_deg, group[0].heading_sigma_deg, tuple(one.utc.mjd for one in group)
+            )
+            for group in times.values()
+        ]
+        return attitude_at(measured, parse_utc(utc), self.attitude)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the calibration as JSON can hold it; `celnav solve` reads its camera and its attitude."""

@@ -19,7 +19,7 @@ LEAST_CHANCE = 1e-3
 USUAL_WANDER_DEG = 0.012
 """Of a mount that is fixed out of doors, about each axis, from night to night: measured on an all-sky camera
 (docs/camera_calibration.md)."""
-_USUAL_WEIGHT = 2.0  # nights that the usual value counts as
+USUAL_WEIGHT = 2.0  # nights that the usual value counts as
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def mount_of(rotations: F8, cov: F8, night: Rows) -> Mount:
     scatter = np.maximum((turns**2).sum(axis=0) - freedom * own_by_night.mean(axis=0), 0.0)
     tilt, heading = scatter[:2].sum() / 2, scatter[2]
     usual = USUAL_WANDER_DEG**2
-    between = [(_USUAL_WEIGHT * usual + part) / (_USUAL_WEIGHT + freedom) for part in (tilt, heading)]
+    between = [(USUAL_WEIGHT * usual + part) / (USUAL_WEIGHT + freedom) for part in (tilt, heading)]
     noise = [float(own_by_night[:, :2].mean()), float(own_by_night[:, 2].mean())]
     inside = [float(within[:2].mean()), float(within[2])]
     known = [

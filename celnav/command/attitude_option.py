@@ -7,6 +7,7 @@ import re
 from celnav.attitude import Attitude
 from celnav.command.pointing import Pointing
 from celnav.errors import AttitudeError
+from celnav.sky.utc import parse_utc
 
 # Rms of an axis of the accelerometers that wrote eight published photographs is 10 thousandths of g.
 GRAVITY_SIGMA_DEG = 0.6
@@ -15,7 +16,7 @@ _KEYS = ("azimuth", "altitude", "roll", "tilt_sigma", "heading_sigma")
 _ANGLES = re.compile(r"\s*(" + "|".join(_KEYS) + r")\s*=")
 
 
-def read_attitude(text: str, up: tuple[float, float, float] | None = None) -> Attitude | None:
+def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: str | None = None) -> Attitude | None:
     """Read the option's value.
 
     Parameters
@@ -27,6 +28,8 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None) -> At
         azimuth the heading is unknown.
     up : tuple of float, optional
         The zenith's direction in the camera frame by the image's tags.
+    utc : str, optional
+        Middle of the exposure: a calibration's attitude is taken for that time.
 
     Returns
     -------
@@ -55,7 +58,11 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None) -> At
             up, GRAVITY_SIGMA_DEG if gravity["sigma"] is None else _degrees(text, "tilt_sigma", gravity["sigma"])
         )
     if _ANGLES.match(text) is None:
-        return Attitude.from_json(text)
+        if utc is None:
+            return Attitude.from_json(text)
+        from celnav.calibrating.mount_times import read_attitude_at
+
+        return read_attitude_at(text, parse_utc(utc))
     angles = _angles(text)
     if "altitude" not in angles:
         raise AttitudeError(f"--attitude {text}: the altitude of the boresight is missing, such as altitude=45")

@@ -84,11 +84,11 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     with clock.stage("reading"):
         image = read_image(arguments.image)
         tags = read_tags(arguments.image)
-        attitude = read_attitude(arguments.attitude, tags.up)
         near = _near(arguments.near)
         sigmas = read_sigmas(arguments.sigma)
         lens = _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
+        attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
         mask = None
         if arguments.mask is not None:
             values = read_image(arguments.mask)
