@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import Stars, measure
+from benchmark.twin.focus import fit_focus, focused_psf
 from benchmark.twin.ground import widened
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
@@ -20,6 +21,7 @@ from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.twin import Twin
 from benchmark.twin.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.weather import (
+    CLOUDED,
     CLOUDLESS,
     LEAST_PX,
     Fit,
@@ -33,7 +35,9 @@ from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame
 from generator.frame.scene import ExpectedFrame, render_expected
+from generator.optics.wings import profile
 from generator.scenario.file import Scenario
+from generator.scenario.lens.stray_light_spec import BloomSpec
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,8 +50,8 @@ REST = ("zodiacal", "milky_way", "starlight", "moonlight", "twilight")
 """Components of the sky that the weather changes by the air and the cloud alone."""
 FIT_MAG, SEEN_SNR = 5.0, 3.0
 """Faintest star of the fit, and the SNR below which it is not seen."""
-LOWEST_DEG = 8.0
-"""Altitude from which stars are used."""
+LOWEST_DEG, FOCUS_ABOVE_DEG = 8.0, 20.0
+"""Altitudes from which stars are used, and from which they tell the focus."""
 
 
 def make_twin(
@@ -97,26 +101,46 @@ def make_twin(
     skies = _Skies(scene, photograph, alignment.R_cam, rows["star_id"], view, sky)
 
     def fit(names: tuple[str, ...]) -> Fit:
-        start = first_guess(names)
+        start = first_guess(names).cloudless
         expected = render_expected(plan_frame(scenario_of(alignment.R_cam, start), 0), False, False)
         dn = black_dn + np.asarray(expected.electrons, dtype=np.float32) / np.float32(sensor.gain_e_per_dn)
         cells = sky_cells(dn - dark_plane(dn, camera, circle_px, black_dn), view, sky)
         stars = star_light(dn, np.where(np.isfinite(real.stars)[:, None], uv, np.nan)).flux
         reference = skies.seen(start)
+        # The dimming of stars by cloud is compared whichever they are.
+        unit = np.where(stars > 0, stars, np.nan) if "cloud_cover" in names else np.ones_like(stars)
 
         def shown(weather: Weather) -> Seen:
             now = skies.seen(weather)
-            return Seen(cells * now.cells / reference.cells, np.maximum(stars * now.stars / reference.stars, least))
+            light = np.maximum(stars * now.stars / reference.stars, least)
+            return Seen(cells * now.cells / reference.cells, light / unit)
 
-        return fit_weather(real, names, shown)
+        known = np.where(np.isfinite(cells * reference.cells), real.cells, np.nan)
+        return fit_weather(Seen(known, real.stars / unit), names, shown)
 
     names = numbers_of(scene)
     fitted = fit(tuple(name for name in names if name in CLOUDLESS))
     if fitted.clouded:
-        fitted = min(fitted, fit(names), key=lambda each: each.misfit)
+        fitted = min(fitted, fit(tuple(name for name in names if name in CLOUDED)), key=lambda each: each.misfit)
     weather = fitted.weather
+    if weather.cloud_tau is None:
+        say("fitting the focus")
+
+        def in_focus(factor: float) -> NDArray[np.float32]:
+            change = {"camera": scene.tree["camera"] | focused_psf(scene.spec.camera, factor), "foreground": {}}
+            stars_alone = change | {"sky": {"components": []}}
+            plan = plan_frame(scenario_of(alignment.R_cam, weather, stars_alone), 0)
+            return np.asarray(render_expected(plan, False, False).electrons, dtype=np.float32)
+
+        named = chosen & on_mask(uv, view.altitude_deg > FOCUS_ABOVE_DEG)
+        factor = (
+            fit_focus(photograph.pixels, uv[named], highest, in_focus) if focused_psf(scene.spec.camera, 1.0) else None
+        )
+        weather = dataclasses.replace(weather, focus_factor=factor)
     say("rendering")
     tree = twin_tree(scene, photograph, alignment.R_cam, weather)
+    if weather.focus_factor is not None:
+        tree["camera"] = tree["camera"] | focused_psf(scene.spec.camera, weather.focus_factor)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
     stars = stars_to_compare(frame.stars)
@@ -164,7 +188,7 @@ class _Skies:
 
     def seen(self, weather: Weather) -> Seen:
         """What the small twin shows; electrons of a pixel, and of stars."""
-        (airglow, rest), electrons = self._parts(weather.aerosol_tau_550, weather.cloud_tau)
+        (airglow, rest), electrons = self._parts(weather.aerosol_tau_550, weather.cloud_tau, weather.cloud_cover)
         light = rest + (weather.airglow_factor or 1.0) * airglow
         if self._scene.cities:
             light = light + (weather.city_factor or 1.0) * self._cities()
@@ -182,10 +206,10 @@ class _Skies:
         return np.asarray(expected.sky_electrons, dtype=np.float32)
 
     def _render_parts(
-        self, aerosol_tau_550: float | None, cloud_tau: float | None
+        self, aerosol_tau_550: float | None, cloud_tau: float | None, cloud_cover: float | None
     ) -> tuple[list[NDArray[np.float32]], Floats]:
         """Light of airglow and of the rest of a sky without cities, and the stars' electrons."""
-        air = Weather(aerosol_tau_550=aerosol_tau_550, cloud_tau=cloud_tau)
+        air = Weather(aerosol_tau_550=aerosol_tau_550, cloud_tau=cloud_tau, cloud_cover=cloud_cover)
         _, glowing = self._render(air, ("airglow",))
         plan, others = self._render(air, REST)
         table = star_table(plan, others)
@@ -208,19 +232,26 @@ def small_camera(scene: Scene) -> dict[str, object]:
         "cx_px": (projection.cx_px - 1) / SMALLER,
         "cy_px": (projection.cy_px - 1) / SMALLER,
         "psf": {"gaussian_sigma_px": 0.7},
-        "bloom": {
-            "share": spec.bloom.share,
-            "core_px": max(spec.bloom.core_px / SMALLER, 0.5),
-            "slope": spec.bloom.slope,
-            "reach_px": max(spec.bloom.reach_px // SMALLER, 2),
-        },
+        "bloom": small_wings(spec.bloom),
         "image_circle_px": None if spec.image_circle_px is None else spec.image_circle_px / SMALLER,
     }
 
 
+def small_wings(bloom: BloomSpec) -> dict[str, float]:
+    """Wings on the larger pixels, as bright far from their source also where the core is smaller than a scenario allows."""
+    small = {
+        "core_px": max(bloom.core_px / SMALLER, 0.5),
+        "slope": bloom.slope,
+        "reach_px": max(bloom.reach_px // SMALLER, 2),
+    }
+    middle = np.array([bloom.reach_px / 4])
+    bright = bloom.share * SMALLER**2 * profile(bloom, middle)[0]
+    return small | {"share": float(bright / profile(BloomSpec.model_validate(small), middle / SMALLER)[0])}
+
+
 def numbers_of(scene: Scene) -> tuple[str, ...]:
     """Names of the weather's numbers that a scene leaves open: those of cities only where it has some."""
-    names = tuple(field.name for field in dataclasses.fields(Weather))
+    names = tuple(field.name for field in dataclasses.fields(Weather) if field.name != "focus_factor")
     return names if scene.cities else tuple(name for name in names if name != "city_factor")
 
 

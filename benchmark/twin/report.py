@@ -27,7 +27,9 @@ WEATHER = {
     "airglow_factor": "airglow",
     "aerosol_tau_550": "aerosol",
     "cloud_tau": "cloud",
+    "cloud_cover": "cover",
     "city_factor": "cities",
+    "focus_factor": "focus",
     "zenith_mag_arcsec2": "zenith, mag",
     "gain_factor": "gain",
 }

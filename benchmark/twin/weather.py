@@ -1,4 +1,8 @@
-"""The weather of a twin: at most four numbers, fitted to the sky's light and to the stars of the photograph."""
+"""The weather of a twin: at most four numbers, fitted to the sky's light and to the stars of the photograph.
+
+Where the gaps of a cloud lie is chance. A sky with cloud is compared with its twin by the light of the cells at each altitude
+and by the dimming of stars, both in the order of their size.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +29,25 @@ MOST_EVALUATIONS = 15
 STEP, OFFSET = 0.05, 10.0
 """Of the derivatives, in the logarithm of a number; and of the logarithms, as SciPy's steps are relative."""
 LIMITS = {
-    "airglow_factor": (0.3, 3.0),
+    "airglow_factor": (0.2, 3.0),
     "aerosol_tau_550": (0.01, 1.5),
-    "cloud_tau": (0.005, 8.0),
+    "cloud_tau": (0.005, 20.0),
+    "cloud_cover": (0.3, 0.999),
     "city_factor": (0.3, 3.0),
 }
-START = {"airglow_factor": 0.8, "aerosol_tau_550": 0.06, "cloud_tau": 1.5, "city_factor": 1.0}
+START = {
+    "airglow_factor": 0.8,
+    "aerosol_tau_550": 0.06,
+    "cloud_tau": 1.5,
+    "cloud_cover": 0.8,
+    "city_factor": 1.0,
+}
 CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
+CLOUDED = ("airglow_factor", "cloud_tau", "cloud_cover", "city_factor")
+"""Numbers of a sky with cloud, under which the air is the scene's."""
+CLOUD = {"altitude_km": 9.0, "outer_scale_km": 50.0, "spectral_slope": -3.3, "wind_m_s": 25.0}
+"""A veil of high cloud, wide and smooth, chosen on one photograph of docs/realism.md, 001: with bands of the kind cirrus its
+neighbours were correlated by 0.76, where the photograph has 0.20."""
 MOST_HAZE = 0.4
 """Aerosol depth above which a sky with cloud is tried: dust storms and smoke aside, more is cloud."""
 CLOUDY_MISFIT = 0.15
@@ -48,21 +64,25 @@ class Weather:
         Airglow over its mean.
     aerosol_tau_550 : float or None
         Optical depth of aerosol.
-    cloud_tau : float or None
-        Mean optical depth of a layer of cirrus over the whole sky.
+    cloud_tau, cloud_cover : float or None
+        Of a layer of cirrus: mean optical depth over the whole sky, and the part of the sky that it covers.
     city_factor : float or None
         Light of the scene's cities over what the scene says.
+    focus_factor : float or None
+        Width of stars over that of the scene's camera (:mod:`benchmark.twin.focus`).
     """
 
     airglow_factor: float | None = None
     aerosol_tau_550: float | None = None
     cloud_tau: float | None = None
+    cloud_cover: float | None = None
     city_factor: float | None = None
+    focus_factor: float | None = None
 
     @property
-    def fitted(self) -> tuple[str, ...]:
-        """Names of the numbers that are given."""
-        return tuple(name for name, value in dataclasses.asdict(self).items() if value is not None)
+    def cloudless(self) -> Weather:
+        """The same without cloud."""
+        return dataclasses.replace(self, cloud_tau=None, cloud_cover=None)
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
         """A scenario's tree with this weather."""
@@ -72,7 +92,9 @@ class Weather:
         if self.aerosol_tau_550 is not None:
             air["aerosol_tau_550"] = round(self.aerosol_tau_550, 4)
         if self.cloud_tau is not None:
-            sky["clouds"] = {"altitude_km": 9.0, "coverage": 1.0, "mean_optical_depth": round(self.cloud_tau, 4)}
+            sky["clouds"] = CLOUD | {"mean_optical_depth": round(self.cloud_tau, 4)}
+            if self.cloud_cover is not None:
+                sky["clouds"]["coverage"] = round(self.cloud_cover, 4)
         if self.city_factor is not None and sky.get("cities"):
             sky["cities"] = [
                 city | {"upward_mlm": round(city.get("upward_mlm", 100.0) * self.city_factor, 4)}
@@ -83,10 +105,17 @@ class Weather:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a frame shows to the fit: medians of the sky in cells, and fluxes of stars; NaN where unknown."""
+    """What a frame shows to the fit: medians of the sky in cells, and light of stars; NaN where unknown."""
 
     cells: Floats
     stars: Floats
+
+    def in_order(self, known: Seen) -> Seen:
+        """Cells of each altitude and stars by their size, of those that are known in another."""
+        return Seen(
+            np.sort(np.where(np.isfinite(known.cells), self.cells, np.nan), axis=1),
+            np.sort(np.where(np.isfinite(known.stars), self.stars, np.nan)),
+        )
 
 
 def sky_cells(light: NDArray[np.floating], view: View, sky: NDArray[np.bool_], least_px: int = LEAST_PX) -> Floats:
@@ -146,13 +175,20 @@ def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Se
     Parameters
     ----------
     real : Seen
-        Of the photograph.
+        Of the photograph; of a fit with cloud, stars over those of a sky without.
     names : tuple of str
         Fields of `Weather` to fit, at most four.
     twin : function
         Of a weather: what its twin shows, in the same cells and of the same stars.
     """
     start = np.array([START[name] for name in names])
+    if "cloud_cover" in names:
+        known, shown = real, twin
+        real = real.in_order(known)
+
+        def twin(weather: Weather) -> Seen:
+            return shown(weather).in_order(known)
+
     low, high = (np.log([LIMITS[name][side] for name in names] / start) + OFFSET for side in (0, 1))
 
     def weather_at(point: Floats) -> Weather:

@@ -55,7 +55,7 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
     shining : sequence of Shining
         The points, also those around the frame.
     """
-    from generator.frame.surround import WALL_AZIMUTHS, hemisphere_light, sky_beside, unhidden
+    from generator.frame.surround import WALL_AZIMUTHS, hemisphere_light, relative_light, sky_beside, unhidden
     from generator.plugins.filter_array import chosen
     from generator.plugins.integrator import interleaved
 
@@ -87,6 +87,11 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
         if lit:
             streaks = scratch_light(spec.camera.scratches, lit, spec.camera, random)
             planes = [light + type(light)(streak.ravel()) for light, streak in zip(planes, streaks, strict=True)]
+    if spec.camera.haze:
+        even = spec.camera.haze * relative_light(camera)
+        planes = [
+            light + type(light)(even * float(mean)) for light, mean in zip(planes, surround.hemisphere, strict=True)
+        ]
     height, width, count = image.shape
     if pattern is not None and count == 1:
         planes = [chosen(pattern, planes, width, height)]

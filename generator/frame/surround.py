@@ -109,6 +109,17 @@ def hemisphere_light(
     return mean, lit
 
 
+def relative_light(camera: NightSkyCamera) -> NDArray[np.float32]:
+    """Electrons of each pixel of an even field over those of a pixel on the axis, (height x width,) array."""
+    index = dr.arange(mi.UInt32, camera.width * camera.height)
+    column, row = index % camera.width, index // camera.width
+    position = mi.Point2f((mi.Float(column) + 0.5) / camera.width, (mi.Float(row) + 0.5) / camera.height)
+    _, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), position)
+    projection = camera.projection
+    on_axis = camera.collected / (projection.f_px * projection.fy_px)
+    return np.array(dr.select(dr.isfinite(etendue), etendue / on_axis, 0))
+
+
 def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:
     """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
     if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):

@@ -1,9 +1,12 @@
-"""Light that a lens sends astray: wings around everything that shines, veiling glare, and ghosts.
+"""Light that a lens sends astray: wings around everything that shines, veiling glare, haze, and ghosts.
 
 - Wings: :mod:`generator.optics.wings`.
 - Veiling glare: what has lost its direction in the lens and its barrel falls evenly on the sensor. Its measure is that of
   ISO 9358 (Veiling glare of image-forming systems): of an evenly lit hemisphere, the share that reaches the image of a black
   spot. Here that share is of the hemisphere's mean radiance, weighted as the entrance pupil sees it.
+- Haze: what a scratched dome or window scatters widely reaches the lens from everywhere, as an even field would. Its measure
+  is the field's radiance over the hemisphere's mean. It falls within the image circle, with the lens' vignetting
+  (:mod:`generator.frame.scattered_light`).
 - Ghosts: :mod:`generator.optics.ghosts`.
 
 Each takes its share from the image of a point and gives it to all pixels, in the frame or not: light is moved, not made. An

@@ -118,9 +118,11 @@ class CameraSpec(Strict):
     """Dew on the dome or on the front of the lens."""
     dust: DustSpec | None = None
     """Dust there."""
-    # Left out of the scenario's hash unless given, as if the key did not exist.
+    # Left out of the scenario's hash unless given, as if the keys did not exist.
     scratches: ScratchSpec | None = Field(default=None, exclude_if=lambda scratches: scratches is None)
     """Scratches of the dome, which shine around bright sources."""
+    haze: Annotated[float, Field(ge=0, le=0.2)] = Field(default=0.0, exclude_if=lambda haze: not haze)
+    """Part of the light that a dome or a window before the lens scatters evenly over all that the lens sees."""
     barrel_ring: Rings | None = None
     """Rings of light around the image circle; one, or a list."""
 
@@ -148,7 +150,7 @@ class CameraSpec(Strict):
             raise ValueError("psf.diffraction needs pixel_pitch_um")
         if self.direct_share < LEAST_DIRECT_SHARE:
             raise ValueError(
-                f"bloom, veiling glare and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
+                f"bloom, veiling glare, haze and ghosts take {1 - self.direct_share:.2g} of the light, expected at most "
                 f"{1 - LEAST_DIRECT_SHARE:.2g} together"
             )
         try:
@@ -171,9 +173,9 @@ class CameraSpec(Strict):
 
     @property
     def direct_share(self) -> float:
-        """Part of the light that goes into its image: not into wings, veiling glare or ghosts."""
+        """Part of the light that goes into its image: not into wings, veiling glare, haze or ghosts."""
         wings = sum(part.share for part in self.wings)
-        return 1 - wings - self.veiling_glare - sum(ghost.share for ghost in self.all_ghosts)
+        return 1 - wings - self.veiling_glare - self.haze - sum(ghost.share for ghost in self.all_ghosts)
 
     @property
     def wings(self) -> tuple[BloomSpec, ...]:

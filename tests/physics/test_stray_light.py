@@ -207,6 +207,49 @@ def test_veiling_glare_is_of_the_mean_light_before_the_lens(pupil) -> None:
     assert added.mean() / middle == pytest.approx(0.03 * mean, rel=0.01)
 
 
+def test_haze_looks_like_an_even_field_of_a_share_of_the_mean_light() -> None:
+    """Within the image circle and with the lens' vignetting, the pixels' solid angles by the law of the projection; no light
+    outside the circle. Its level is that of the veiling glare of the same share, whose mean is checked by quadrature."""
+    values = {
+        "attitude": {"azimuth_deg": 0, "altitude_deg": 90},
+        "camera__model": "equidistant",
+        "camera__hfov_deg": 150,
+        "camera__image_circle_px": 110.0,
+        "camera__vignetting": [-0.5],
+        "sky": {"components": ["airglow"]},
+        "stars": {"limiting_magnitude": -2.0, "planets": False},
+    }
+    clean, haze, glare = (
+        rendered(**values, **more) for more in ({}, {"camera__haze": 0.1}, {"camera__veiling_glare": 0.1})
+    )
+    added = np.squeeze(haze.electrons - 0.9 * clean.electrons)
+    even = float(np.mean(glare.electrons - 0.9 * clean.electrons))
+    camera = plan_frame(small_scenario(**values), 0).spec.camera
+    middle = camera.projection
+    radius = np.hypot(np.arange(camera.width) - middle.cx_px, (np.arange(camera.height) - middle.cy_px)[:, None])
+    angle = np.maximum(radius / middle.f_px, 1e-9)
+    field = np.sin(angle) / angle * (1 - 0.5 * (radius / camera.corner_px) ** 2)
+    inside = radius < 109
+    np.testing.assert_allclose(added[inside], even * field[inside], rtol=2e-3)
+    assert np.abs(added[radius > 111]).max() < 1e-6 * even
+    # Light is moved: what goes into the haze is taken from images.
+    assert camera.direct_share - small_scenario(**values, camera__haze=0.1).frame(
+        0
+    ).camera.direct_share == pytest.approx(0.1)
+
+
+def test_haze_is_of_the_moons_light_too() -> None:
+    """A Moon outside the frame: as much haze on the axis as veiling glare of the same share."""
+    even, glare, haze = (
+        rendered(**MOON, **more) for more in ({}, {"camera__veiling_glare": 0.02}, {"camera__haze": 0.02})
+    )
+    middle = np.s_[88:92, 133:137]
+    assert float(haze.electrons[middle].mean()) > 0
+    assert float((haze.electrons - 0.98 * even.electrons)[middle].mean()) == pytest.approx(
+        float((glare.electrons - 0.98 * even.electrons)[middle].mean()), rel=1e-3
+    )
+
+
 @pytest.mark.parametrize("magnification", [-1.0, -0.4, 0.7])
 def test_a_ghost_lies_where_the_law_puts_it(magnification) -> None:
     """Centroid, share and second moment (an even disk's is diameter^2 / 16 per axis), about an off-centre principal point."""

@@ -19,6 +19,7 @@ from benchmark.errors import PhotographError
 from benchmark.importing.known_sky import Place
 from benchmark.importing.told import ToldCamera
 from benchmark.importing.write import Import, import_photographs
+from benchmark.studies.realism.likeness import Likeness, likenesses
 from benchmark.twin.photograph import Photograph, read_photograph
 from benchmark.twin.render_twin import make_twin
 from benchmark.twin.report import numbers_of_twin
@@ -42,6 +43,8 @@ class Pairs:
         Folders of the datasets.
     measures : list of dict
         What was measured on each pair (`benchmark.twin.report.numbers_of_twin`), the frame of the calibration last.
+    likenesses : list of Likeness
+        Of the same pairs.
     told : dict of str to ToldCamera
         What solvers are told of each dataset.
     """
@@ -50,6 +53,7 @@ class Pairs:
     real: Path
     twins: Path
     measures: list[dict[str, Any]]
+    likenesses: list[Likeness]
     told: dict[str, ToldCamera]
 
 
@@ -98,7 +102,17 @@ def make_pairs(
         folders[name] = work / name
         import_photographs(Import(f"realism-{name}", files[:-1], place, told[name]), folders[name], True)
     names = tuple(read_photograph(path).name for path in photographs)
-    return Pairs(names, folders[REAL], folders[TWINS], measures, told)
+    alike = _likenesses(scene, [*photographs, calibrated_on], twins)
+    return Pairs(names, folders[REAL], folders[TWINS], measures, alike, told)
+
+
+def _likenesses(scene: Scene, photographs: Sequence[Path], twins: Sequence[Path]) -> list[Likeness]:
+    """Compare the pictures within the image circle of the scene's camera, or the largest circle in the frame."""
+    camera = scene.spec.camera
+    middle = camera.projection
+    circle_px = camera.image_circle_px or min(camera.width, camera.height) / 2
+    real, made = [read_photograph(path).pixels for path in photographs], [_read_fits(path) for path in twins]
+    return likenesses(real, made, scene.spec.sensor.black_level_dn, (middle.cx_px, middle.cy_px), circle_px)
 
 
 def _calibrated(path: Path, place: Place) -> ToldCamera:
@@ -132,3 +146,10 @@ def _write_fits(path: Path, photograph: Photograph, pixels: np.ndarray[Any, np.d
     unit.header["EXPTIME"] = photograph.exposure_s
     with atomic_path(path) as temporary:
         unit.writeto(temporary, overwrite=True)
+
+
+def _read_fits(path: Path) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Pixels of a twin."""
+    from astropy.io import fits
+
+    return np.asarray(fits.getdata(path), dtype=np.float32)

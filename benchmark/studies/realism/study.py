@@ -28,6 +28,7 @@ from benchmark.studies.common.page_model import Table, plain
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.common.records import write_table
 from benchmark.studies.realism.agreement import Agreement, Outcomes, agreement_of, successes
+from benchmark.studies.realism.likeness import Likeness
 from benchmark.studies.realism.pairs import Pairs, make_pairs
 from benchmark.twin.scene import Scene
 from generator.files import write_bytes
@@ -110,7 +111,12 @@ def run_study(
         calibrated_on=calibrated_on.name,
         outcomes=outcomes,
         agreement=agreement_of(outcomes),
-        tables=(solver_table(outcomes), frame_table(pairs.names, outcomes), *measure_tables(pairs.measures)),
+        tables=(
+            solver_table(outcomes),
+            frame_table(pairs.names, outcomes),
+            *measure_tables(pairs.measures),
+            likeness_table([one["photograph"] for one in pairs.measures], pairs.likenesses),
+        ),
         measures=pairs.measures,
         command=command,
         minutes=(time.monotonic() - start) / 60,
@@ -232,6 +238,29 @@ def measure_tables(measures: Sequence[dict[str, Any]]) -> tuple[Table, ...]:
             tuple(skies),
         ),
     )  # fmt: skip
+
+
+def likeness_table(names: Sequence[str], alike: Sequence[Likeness]) -> Table:
+    """How alike the pictures look."""
+    return Table(
+        "Pictures",
+        "Structure: structural similarity (1: equal) of the light's logarithm in blocks of 8 px within the image circle, "
+        "with the own twin and, median, with the twins of other photographs. Shift: what brings the twin's stars on the "
+        "photograph's. Patches: connected regions larger than stars and 1.25 times as bright as what surrounds them; "
+        "photograph, twin.",
+        ("photograph", "structure, own twin", "other twins", "shift along u, v, px", "patches", "of the image circle"),
+        tuple(
+            (
+                name,
+                f"{one.structure:.2f}",
+                _ratio(one.structure_of_others if math.isfinite(one.structure_of_others) else None),
+                f"{one.shift_px[0]:.2f}, {one.shift_px[1]:.2f}",
+                f"{one.patches_real}, {one.patches_twin}",
+                f"{one.patch_share_real:.1%}, {one.patch_share_twin:.1%}",
+            )
+            for name, one in zip(names, alike, strict=True)
+        ),
+    )
 
 
 def _ratio(value: float | None) -> str:

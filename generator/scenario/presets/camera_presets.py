@@ -144,7 +144,7 @@ PRESETS: dict[str, CameraPreset] = {
             "p": [0.00065626, -7.22e-06],
             "image_circle_px": 500.0,
             "aperture_mm": 0.78,
-            "transmission": 0.465,
+            "transmission": 0.455,
             "vignetting": [-1.6, 1.2],
             "psf": {
                 "field_gaussian": {
@@ -153,7 +153,7 @@ PRESETS: dict[str, CameraPreset] = {
                 },
                 "support_px": 8,
             },
-            "bloom": {"share": 0.57, "core_px": 1.2, "slope": 2.4, "reach_px": 1000},
+            "bloom": {"share": 0.56, "core_px": 1.2, "slope": 2.5, "reach_px": 1000},
             "veiling_glare": 0.001,
             "ghosts": [
                 {"share": 3.6e-4, "magnification": -0.667, "diameter_px": 140.0},

@@ -9,11 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import Stars, measure
+from benchmark.twin.focus import FACTORS, fit_focus, focused_psf
 from benchmark.twin.ground import PICTURE_PX, ground_mask, landscape_picture
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.view import dark_plane, view_of
-from benchmark.twin.weather import Fit, Seen, Weather, fit_weather, sky_cells
+from benchmark.twin.weather import CLOUD, Fit, Seen, Weather, fit_weather, sky_cells
 from celnav.camera import Camera
+from generator.scenario.camera_spec import CameraSpec
 
 CAMERA = Camera("equidistant", 400, 400, f_px=120.0)
 UP = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -155,6 +157,57 @@ def test_thick_haze_and_misses_are_cloud() -> None:
     assert dataclasses.replace(clear, weather=Weather(aerosol_tau_550=0.8)).clouded
     assert dataclasses.replace(clear, typical_miss=0.2).clouded
     assert dataclasses.replace(clear, star_miss=0.4).clouded
+
+
+def test_a_cloud_is_found_wherever_its_gaps_lie() -> None:
+    """Cover and depth of a cloud, from a sky with the same cloud's gaps at other places; limits by ten draws of the gaps."""
+    rng = np.random.default_rng(12)
+    cells_at, stars_at = rng.uniform(size=(2, 8, 12)), rng.uniform(size=(2, 300))
+
+    def sky(weather: Weather, draw: int) -> Seen:
+        """Depth even between 0 and twice its mean in the part that is cloud, which shines."""
+        assert weather.cloud_tau is not None
+        cover, tau = weather.cloud_cover, weather.cloud_tau
+        cells, stars = (np.clip(1 - at[draw] / cover, 0, None) * 2 * tau / cover for at in (cells_at, stars_at))
+        return Seen(500 * (weather.airglow_factor + 0.4 * cells), np.maximum(np.exp(-stars), 0.02))
+
+    true = Weather(airglow_factor=0.9, cloud_tau=1.1, cloud_cover=0.6)
+    found = fit_weather(sky(true, 0), ("airglow_factor", "cloud_tau", "cloud_cover"), lambda weather: sky(weather, 1))
+    assert found.weather.cloud_cover == pytest.approx(0.6, rel=0.15)
+    assert found.weather.cloud_tau == pytest.approx(1.1, rel=0.15)
+    assert found.weather.airglow_factor == pytest.approx(0.9, rel=0.15)
+    assert found.weather.cloudless == Weather(airglow_factor=found.weather.airglow_factor)
+
+
+def test_a_cloud_of_a_weather_is_a_veil_with_its_cover() -> None:
+    clouds = Weather(cloud_tau=1.2, cloud_cover=0.7).over({})["sky"]["clouds"]
+    assert clouds == CLOUD | {"mean_optical_depth": 1.2, "coverage": 0.7}
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.15])
+def test_the_focus_of_stars_is_found(factor: float) -> None:
+    """Stars of another width, with noise, by stars at the same places without."""
+    rng = np.random.default_rng(13)
+    uv = np.stack(np.meshgrid(np.arange(20, 380, 40.0), np.arange(20, 380, 40.0)), -1).reshape(-1, 2)
+    uv = uv + rng.uniform(-0.5, 0.5, uv.shape)
+    flux = np.full(len(uv), 2e4)
+    photograph = rng.normal(1000 + draw(uv, flux, 0.9 * factor), 15)
+    found = fit_focus(photograph, uv, 60000.0, lambda given: draw(uv, flux, 0.9 * given))
+    assert found == pytest.approx(factor, abs=0.06)
+    assert fit_focus(photograph, uv[:5], 60000.0, lambda given: draw(uv, flux, 0.9 * given)) is None
+    assert min(FACTORS) < factor < max(FACTORS)
+
+
+def test_a_focus_widens_gaussian_stars_and_no_others() -> None:
+    plain = {"width": 64, "height": 64, "f_px": 60.0, "aperture_mm": 2.0, "psf_sigma_px": 0.8}
+    field = {"radial_sigma_px": [[0, 0.5], [60, 0.6]], "tangential_sigma_px": [[0, 0.5], [60, 1.0]]}
+    assert focused_psf(CameraSpec.model_validate(plain), 0.5) == {"psf_sigma_px": 0.4}
+    wide = CameraSpec.model_validate(plain | {"psf": {"field_gaussian": field, "support_px": 8}})
+    given = focused_psf(wide, 2.0)
+    assert given["psf"]["field_gaussian"]["tangential_sigma_px"] == [[0, 1.0], [60, 2.0]]
+    assert CameraSpec.model_validate(plain | given).psf is not None
+    moffat = CameraSpec.model_validate(plain | {"psf": {"moffat": {"fwhm_px": 2.0, "beta": 3.0}}})
+    assert focused_psf(moffat, 2.0) == {}
 
 
 def test_a_weather_changes_its_keys_of_the_scenario_and_no_others() -> None:
