@@ -163,7 +163,7 @@ def report(
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
-    from benchmark.report.site.terminal import boards_document, result_tables
+    from benchmark.report.site.terminal import boards_document, overall_document, result_tables
     from generator.files import write_bytes
 
     try:
@@ -181,6 +181,6 @@ def report(
     except BenchmarkError as error:
         fail(error)
     if as_json:
-        print_json({"page": path, "boards": boards_document(boards)})
+        print_json({"page": path, "overall": overall_document(boards), "boards": boards_document(boards)})
     else:
         typer.echo(path)

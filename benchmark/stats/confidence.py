@@ -59,6 +59,8 @@ class RiskCoverage:
         Share of the accepted frames that are wrong. Refused frames are accepted last and count as wrong.
     n_fixes : int
         Frames with a fix, the part of the curve that the solver itself would answer.
+    n_confidences : int
+        Different confidences among them; with fewer than two, they tell no frame from another.
     area : Estimate
         Area under the curve, the mean risk over all coverages; 0 is perfect.
     """
@@ -66,6 +68,7 @@ class RiskCoverage:
     coverage: F8
     risk: F8
     n_fixes: int
+    n_confidences: int
     area: Estimate
 
 
@@ -189,7 +192,7 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
     wrong, order, block = _ranked(frames)
     n = len(frames)
     if n == 0:
-        return RiskCoverage(np.empty(0), np.empty(0), 0, UNDEFINED)
+        return RiskCoverage(np.empty(0), np.empty(0), 0, 0, UNDEFINED)
     resamples = resamples_of(frames)
 
     wrong = wrong[order]
@@ -200,7 +203,14 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
     risk, area = _curve(np.ones((1, n), dtype=np.uint8), wrong, block)
     low, high = percentile_interval(resamples.frame_weights(order, areas), resamples.n_clusters, (0.0, 1.0))
     coverage = np.arange(1, n + 1) / n
-    return RiskCoverage(coverage, risk[0], int(fixed(frames).sum()), Estimate(float(area[0]), low, high, n))
+    confidence, known = _confident(frames)
+    return RiskCoverage(
+        coverage,
+        risk[0],
+        int(fixed(frames).sum()),
+        len(np.unique(confidence[known])),
+        Estimate(float(area[0]), low, high, n),
+    )
 
 
 def _ranked(frames: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:

@@ -6,44 +6,20 @@ All take a table of frames.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.stats.clustered import Resamples, proportion_estimate
-from benchmark.stats.frame_metrics import Metric, column, fixed, succeeded
+from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate
+from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, succeeded
 from benchmark.stats.intervals import Estimate
 
 F8 = NDArray[np.float64]
 
 ELLIPSE_LEVELS = (0.50, 0.95, 0.99)
 NEES_DIMENSIONS = 2
-
-
-@dataclass(frozen=True)
-class Nees:
-    """Normalised estimation error squared of the fixes that come with a covariance.
-
-    Attributes
-    ----------
-    n : int
-        Fixes.
-    mean : float
-        2 where the covariance is right; more where it is too small, less where it is too large.
-    low, high : float
-        Where the mean lies with 95 % probability if all errors are Gaussian with the covariance claimed.
-    median : float
-        1.386 where it is right; robust against a few gross errors.
-    """
-
-    n: int
-    mean: float
-    low: float
-    high: float
-    median: float
 
 
 def nees_values(frames: pd.DataFrame) -> F8:
@@ -60,29 +36,22 @@ def nees_values(frames: pd.DataFrame) -> F8:
     return np.where(proper, square, np.where(known, math.inf, math.nan))
 
 
-def nees(frames: pd.DataFrame, right_only: bool = False, confidence: float = 0.95) -> Nees:
-    """Normalised estimation error squared with the bounds that a correct covariance keeps.
+def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Mean of `nees_values` over the fixes within the limit of success; undefined where none comes with a covariance.
 
-    Parameters
-    ----------
-    frames : DataFrame
-    right_only : bool
-        Over the fixes within the limit of success only: the covariance by itself, once the stars are identified correctly.
-    confidence : float
+    An honest covariance gives 2, one that is too small more. The interval resamples sites and supposes no distribution.
 
     References
     ----------
-    Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001,
-    section 5.4.2: n times the mean of n values of dimension d is chi-squared with n d degrees of freedom.
+    Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.2.
     """
-    values = nees_values(frames)
-    values = values[~np.isnan(values) & (succeeded(frames) if right_only else True)]
-    n = len(values)
+    values = np.where(succeeded(frames), nees_values(frames), math.nan)
+    n = int(np.count_nonzero(~np.isnan(values)))
     if n == 0:
-        return Nees(0, math.nan, math.nan, math.nan, math.nan)
-    tail = (1.0 - confidence) / 2.0
-    low, high = (float(stats.chi2.ppf(level, NEES_DIMENSIONS * n)) / n for level in (tail, 1.0 - tail))
-    return Nees(n, float(values.mean()), low, high, float(np.median(values)))
+        return UNDEFINED
+    if np.isinf(values).any():
+        return Estimate(math.inf, math.nan, math.nan, n)
+    return mean_estimate(values, resamples, (0.0, math.inf))
 
 
 def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:
@@ -99,4 +68,7 @@ def _ellipse_at(level: float) -> Metric:
     )  # fmt: skip
 
 
-COVARIANCE_METRICS: tuple[Metric, ...] = tuple(_ellipse_at(level) for level in ELLIPSE_LEVELS)
+COVARIANCE_METRICS: tuple[Metric, ...] = (
+    Metric("nees", "NEES of right fixes", "", 0, nees_of_right_fixes),
+    *(_ellipse_at(level) for level in ELLIPSE_LEVELS),
+)

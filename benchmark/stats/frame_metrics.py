@@ -165,6 +165,11 @@ def bound_ratio(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
     return quantile_estimate(bound_ratios(frames), 0.5, resamples)
 
 
+def bound_ratio_of_right_fixes(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+    """Median of `bound_ratios` over the fixes within the limit of success: how exact a solver is where it is right."""
+    return quantile_estimate(np.where(succeeded(frames), bound_ratios(frames), math.nan), 0.5, resamples)
+
+
 def time_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Estimate:
     """Quantile of the time per frame, refused frames included."""
     return quantile_estimate(column(frames, "time_ms"), q, resamples)
@@ -196,6 +201,7 @@ METRICS: tuple[Metric, ...] = (
     Metric("star_recall", "star-ID recall", "", 1, star_recall),
     Metric("kelvins_score", "Kelvins score", "", 1, kelvins),
     Metric("bound_ratio", "error / Cramér-Rao bound", "", -1, bound_ratio),
+    Metric("right_bound_ratio", "error / Cramér-Rao bound of right fixes", "", -1, bound_ratio_of_right_fixes),
     Metric("median_time_ms", "median time", "ms", -1, lambda f, r: time_quantile(f, r, 0.5)),
     Metric("p95_time_ms", "95 % time", "ms", -1, lambda f, r: time_quantile(f, r, 0.95)),
     Metric("peak_memory_mib", "peak memory", "MiB", -1, peak_memory),

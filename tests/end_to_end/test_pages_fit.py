@@ -80,7 +80,7 @@ def test_a_page_fits_screen_and_telephone(driver, name):
 )
 def test_the_columns_that_matter_are_in_sight_on_a_telephone(driver, name, table):
     open_page(driver, PAGES[name], PHONE_PX)
-    wanted = ["solver", "what happened"] if name == "failures" else ["success", "median error"]
+    wanted = ["solver", "what happened"] if name == "failures" else ["success", "error / bound"]
     cells = driver.execute_script(
         "const table = document.getElementById(arguments[0]);"
         "const row = table.tBodies[0].rows[0];"

@@ -23,8 +23,8 @@ from benchmark.run.identities import identities_in
 from benchmark.stats.break_point import Discrimination, break_point, discrimination
 from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
 from benchmark.stats.confidence import CONFIDENCE_METRICS, ReliabilityBin, RiskCoverage, reliability, risk_coverage
-from benchmark.stats.covariance import COVARIANCE_METRICS, Nees, nees
-from benchmark.stats.frame_metrics import METRICS, column, errors_km, fixed, groups_of, measure, succeeded
+from benchmark.stats.covariance import COVARIANCE_METRICS
+from benchmark.stats.frame_metrics import METRICS, UNDEFINED, column, errors_km, fixed, groups_of, measure, succeeded
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
 
@@ -96,7 +96,8 @@ class Entry:
     stored : StoredResult
         Where it comes from.
     metrics : mapping of str to Estimate
-        All of `METRICS`, `CONFIDENCE_METRICS` and `COVARIANCE_METRICS` by key.
+        All of `METRICS`, `CONFIDENCE_METRICS` and `COVARIANCE_METRICS` by key. The area under the risk-coverage curve is
+        undefined where no fix has a confidence.
     success : Estimate
         By the limit of the task's own metric.
     rank : Rank
@@ -104,8 +105,8 @@ class Entry:
         In the condition's unit.
     levels : tuple of Level
         In ascending order of the condition.
-    bins, curve, nees
-        Calibration of confidence and covariance; `nees` over the right fixes only.
+    bins, curve
+        Calibration of the confidence.
     by_circumstance : tuple of tuple of Estimate
         Success in each group of each of the board's circumstances.
     statuses, reasons : mapping of str to int
@@ -122,7 +123,6 @@ class Entry:
     levels: tuple[Level, ...]
     bins: tuple[ReliabilityBin, ...]
     curve: RiskCoverage
-    nees: Nees
     by_circumstance: tuple[tuple[Estimate, ...], ...]
     statuses: Mapping[str, int]
     reasons: Mapping[str, int]
@@ -259,7 +259,8 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
     frames, task = result.frames, result.task
     curve = risk_coverage(frames)
     others = [metric for metric in (*CONFIDENCE_METRICS, *COVARIANCE_METRICS) if metric.key != "risk_coverage_area"]
-    metrics = measure(frames, (*METRICS, *others)) | {"risk_coverage_area": curve.area}
+    metrics = measure(frames, (*METRICS, *others))
+    metrics["risk_coverage_area"] = curve.area if curve.n_confidences else UNDEFINED
     statuses = Counter(frames["status"])
     return Entry(
         stored=result,
@@ -270,7 +271,6 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
         levels=_levels(frames, task),
         bins=reliability(frames),
         curve=curve,
-        nees=nees(frames, right_only=True),
         by_circumstance=tuple(_successes(frames, task, one) for one in circumstances),
         statuses={status: statuses[status] for status in (FIX, REFUSED, ERROR)},
         reasons=dict(Counter(reason for reason in frames["reason"] if reason).most_common()),

@@ -223,15 +223,26 @@ def reliabilities(
 
 
 @house_style()
-def risk_coverages(solvers: Sequence[tuple[str, Style, Sequence[Point]]], identity: str) -> tuple[Markup, list[Markup]]:
-    """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`."""
-    x, y = share_scale("frames accepted", 0.5), share_scale("", 0.5)
+def risk_coverages(
+    solvers: Sequence[tuple[str, Style, Sequence[Point], float]], identity: str
+) -> tuple[Markup, list[Markup]]:
+    """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`.
+
+    Parameters
+    ----------
+    solvers : sequence of (name, style, points, answered)
+        `answered` is the share of frames with a fix; the curve beyond it is dotted.
+    identity : str
+    """
+    x, y = share_scale("frames answered", 0.5), share_scale("", 0.5)
     behind, panel = Panel(x, y, *_SQUARE_PX), Panel(x, y, *_SQUARE_PX, bare=True)
     panels = []
-    for name, style, points in solvers:
+    for name, style, points, answered in solvers:
         behind.ghost(points)
-        panel.line(points, colour_of(style.colour))
-        label = f"Share of wrong answers of {name} against frames accepted; its area is in the table above"
+        colour = colour_of(style.colour)
+        panel.line([point for point in points if point[0] <= answered], colour)
+        panel.line([point for point in points if point[0] >= answered], colour, dashes=DOTTED)
+        label = f"Share of wrong answers of {name} against frames answered; its area is in the table above"
         panels.append(panel.svg(label, identity))
     return behind.backdrop(identity), panels
 

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from benchmark.report.formatting import graded, interval, number, percent
 from benchmark.report.site.boards import Entry
 from benchmark.stats.intervals import Estimate
+
+
+class Measured(Protocol):
+    """What has numbers for columns: an entry of a board, or a solver over several."""
+
+    @property
+    def metrics(self) -> Mapping[str, Estimate]:
+        """By key."""
+
+    @property
+    def success(self) -> Estimate:
+        """By the limits of the tasks."""
 
 
 @dataclass(frozen=True)
@@ -17,21 +30,21 @@ class Column:
 
     heading: str
     hint: str
-    estimate: Callable[[Entry], Estimate]
+    estimate: Callable[[Measured], Estimate]
     form: Callable[[float], str]
     first: str
     is_share: bool = False
 
-    def value(self, entry: Entry) -> str:
+    def value(self, entry: Measured) -> str:
         """Print the number."""
         return self.form(self.estimate(entry).value)
 
-    def interval(self, entry: Entry) -> str:
+    def interval(self, entry: Measured) -> str:
         """Print its interval; empty where it has none."""
         found = self.estimate(entry)
         return "" if math.isnan(found.low) or found.low == math.inf else interval(found, self.form)
 
-    def sort_key(self, entry: Entry) -> str:
+    def sort_key(self, entry: Measured) -> str:
         """Return the number as a script reads it; empty where undefined."""
         return script_number(self.estimate(entry).value)
 
@@ -74,7 +87,7 @@ def break_interval(entry: Entry) -> str:
     return f"{low} – {high}"
 
 
-def _metric(key: str) -> Callable[[Entry], Estimate]:
+def _metric(key: str) -> Callable[[Measured], Estimate]:
     return lambda entry: entry.metrics[key]
 
 
@@ -82,39 +95,39 @@ SUCCESS = Column("success", "of all frames", lambda entry: entry.success, percen
 MEDIAN = Column("median error, km", "refused = ∞", _metric("median_error_km"), number, "ascending")
 WRONG = Column("wrong and confident", "a fix ≥ 10 km off", _metric("wrong_and_confident"), percent, "ascending", True)
 TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number, "ascending")
-BOUND = Column("error / bound", "median; Cramér-Rao", _metric("bound_ratio"), number, "ascending")
-KEY = (SUCCESS, MEDIAN)
-"""Columns that stand next to the name, in sight on a telephone."""
-SHORT = (WRONG, BOUND, TIME)
-"""Columns of the main tables after rank and break point."""
-FULL = (
-    SUCCESS,
-    Column("1 km", "success", _metric("success_1km"), percent, "descending", True),
-    Column("3 km", "success", _metric("success_3km"), percent, "descending", True),
-    Column("30 km", "success", _metric("success_30km"), percent, "descending", True),
-    MEDIAN,
-    Column("90 % error, km", "refused = ∞", _metric("p90_error_km"), number, "ascending"),
-    WRONG,
-    BOUND,
+BOUND = Column("error / bound", "median of right fixes", _metric("right_bound_ratio"), number, "ascending")
+NEES = Column("NEES", "right fixes; honest: 2", _metric("nees"), number, "ascending")
+RISK = Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending")
+LEADING = (SUCCESS, BOUND, NEES, WRONG, TIME)
+"""The four numbers that lead every table: success, error over bound, honesty (two columns), time."""
+SHORT = (MEDIAN, RISK)
+"""Columns of a set's main table after the leading ones, rank and break point."""
+_LIMITS = tuple(
+    Column(f"{limit} km", "success", _metric(f"success_{limit}km"), percent, "descending", True) for limit in (1, 3, 30)
+)
+_TAIL = Column("90 % error, km", "refused = ∞", _metric("p90_error_km"), number, "ascending")
+_STARS = (
     Column("star-ID precision", "right of claimed", _metric("star_precision"), percent, "descending", True),
     Column("star-ID recall", "right of detected", _metric("star_recall"), percent, "descending", True),
+)
+_SLOWEST = Column("95 % time, ms", "per frame", _metric("p95_time_ms"), number, "ascending")
+MORE = (
+    *_LIMITS,
+    _TAIL,
+    Column("error / bound, all", "refused = ∞", _metric("bound_ratio"), number, "ascending"),
+    *_STARS,
     Column("Kelvins score", "(right − 2 wrong) / stars", _metric("kelvins_score"), number, "descending"),
-    TIME,
-    Column("95 % time, ms", "per frame", _metric("p95_time_ms"), number, "ascending"),
+    _SLOWEST,
     Column("peak memory, MiB", "largest", _metric("peak_memory_mib"), number, "ascending"),
 )
-MORE = tuple(column for column in FULL if column not in (*KEY, *SHORT))
 """Columns of the second table."""
-HEADLINE = tuple(
-    column
-    for column in FULL
-    if column.heading not in {"1 km", "3 km", "30 km", "Kelvins score", "error / bound", "peak memory, MiB"}
-)
+HEADLINE = (*LEADING, MEDIAN, _TAIL, *_STARS, _SLOWEST)
 """What the terminal shows of one set of frames."""
 CALIBRATION = (
     Column("calibration error", "0 is perfect", _metric("ece"), percent, "ascending", True),
     Column("overconfidence", "claimed less right, points", _metric("overconfidence"), signed, "ascending"),
-    Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending"),
+    RISK,
+    NEES,
     Column("50 % ellipse holds", "honest: 50 %", _metric("ellipse_50"), percent, "descending"),
     Column("95 % ellipse holds", "honest: 95 %", _metric("ellipse_95"), percent, "descending"),
     Column("99 % ellipse holds", "honest: 99 %", _metric("ellipse_99"), percent, "descending"),

@@ -22,6 +22,7 @@ from benchmark.report.site.commands import Places, commands_of, report_command
 from benchmark.report.site.failures import KINDS, Failure, counts_by_kind, failures_of, listed
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.leaderboard_figure import leaderboard_svg
+from benchmark.report.site.overall import COLUMNS as OVERALL_COLUMNS
 from benchmark.report.site.pictures import MOST_PICTURES, Pictures, remove_others, worst_cards, write_pictures
 from benchmark.report.site.revisions import (
     board_pattern,
@@ -223,7 +224,8 @@ def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
     pages = environment(
         styles=styles,
         solver_page=solver_page,
-        key=columns.KEY,
+        leading=columns.LEADING,
+        overall_columns=OVERALL_COLUMNS,
         short=columns.SHORT,
         more=columns.MORE,
         calibration=columns.CALIBRATION,
@@ -266,14 +268,15 @@ def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
     curves = [(entry.label, style_of[entry.label], entry.levels) for entry in board.entries]
     sure = [entry for entry in board.entries if entry.bins]
     bins = [(e.label, style_of[e.label], [(one.confidence, one.success) for one in e.bins]) for e in sure]
-    risks = [(e.label, style_of[e.label], _thinned(e.curve)) for e in sure]
+    doubting = [entry for entry in board.entries if entry.curve.n_confidences > 1]
+    risks = [(e.label, style_of[e.label], _thinned(e.curve), e.curve.n_fixes / board.n_frames) for e in doubting]
     drawn: dict[str, Any] = {
         "pareto": charts.pareto(
             [(e.label, style_of[e.label], e.metrics["median_time_ms"], e.success) for e in board.entries],
             "Success against median time by solver; the table above has both",
         ),
         "reliability": _drawings(sure, charts.reliabilities(bins, "back-reliability")),
-        "risk": _drawings(sure, charts.risk_coverages(risks, "back-risk")),
+        "risk": _drawings(doubting, charts.risk_coverages(risks, "back-risk")),
     }
     if task.by:
         drawn["success"] = _drawings(board.entries, charts.success_curves(curves, task, "back-success"))
@@ -300,9 +303,10 @@ def _success_panel(board: Board, entry: Entry, style: Style) -> Markup:
 
 
 def _thinned(curve: RiskCoverage, most: int = 30) -> list[tuple[float, float]]:
-    points = list(zip(curve.coverage.tolist(), curve.risk.tolist(), strict=True))
-    stride = max(1, len(points) // most)
-    return [*points[::stride], points[-1]] if points else []
+    """Points of the curve, the last fix and the last frame among them."""
+    n = len(curve.coverage)
+    kept = sorted({*range(0, n, max(1, n // most)), *({curve.n_fixes - 1, n - 1} - {-1})})
+    return [(float(curve.coverage[place]), float(curve.risk[place])) for place in kept]
 
 
 def _differences(board: Board) -> list[dict[str, Any]]:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.charts import SHAPES, Style
-from benchmark.report.site.columns import MEDIAN, SUCCESS, TIME, WRONG, Column
+from benchmark.report.site.columns import BOUND, MEDIAN, NEES, RISK, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.commands import Places, commands_of
+from benchmark.report.site.overall import OverallRow, overall_rows
 from benchmark.report.site.revisions import revision_words
 from benchmark.report.site.tree import TaskFacts
 from benchmark.run.identities import identities_in
@@ -20,6 +21,34 @@ from generator.identity.revision import GENERATOR_REVISION
 
 COLOURS = 8
 NOT_RECORDED = "not recorded"
+
+
+_QUESTIONS = {"own": "Whole system: own detections", "shared": "Identification alone: shared detections"}
+_MATRICES = (
+    ("success", "success", "Share of all frames with a fix less than 10 km off. Bars: intervals, 0 to 100 %.", SUCCESS),
+    ("bound", "error / bound", "Median over the right fixes of the error over the frame's Cramér-Rao bound.", BOUND),
+    (
+        "nees",
+        "honesty: NEES",
+        "Mean over the right fixes of the squared error in units of the covariance claimed; honest: 2, too bold: more.",
+        NEES,
+    ),
+    ("wrong", "honesty: wrong and confident", "Share of all frames with a fix 10 km or more off.", WRONG),
+    ("time", "median time, ms", "Detection and solving, refused frames included.", TIME),
+    (
+        "risk",
+        "risk-coverage area",
+        "Share of wrong answers among those kept, averaged over all shares kept from the most confident down.",
+        RISK,
+    ),
+    (
+        "break",
+        "break point",
+        "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears.",
+        None,
+    ),
+    ("median", "median error, km", "Over all frames, refused ones infinitely far off (∞).", MEDIAN),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +76,25 @@ class Matrix:
 
 
 @dataclass(frozen=True, eq=False)
+class Overall:
+    """The four numbers over all sets of frames, of the boards that answer one question.
+
+    Attributes
+    ----------
+    key, title : str
+        For an id, and for people.
+    n_sets : int
+        Sets of frames that each row is a mean over.
+    rows : tuple of OverallRow
+    """
+
+    key: str
+    title: str
+    n_sets: int
+    rows: tuple[OverallRow, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class SolverView:
     """One solver over all boards."""
 
@@ -70,6 +118,7 @@ class SiteView:
     solvers: tuple[SolverView, ...]
     families: tuple[str, ...]
     modes: tuple[str, ...]
+    overall: tuple[Overall, ...]
     matrices: tuple[Matrix, ...]
     n_answers: int
     verdict: str
@@ -101,6 +150,7 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Plac
         solvers=solvers,
         families=tuple(sorted({solver.family for solver in solvers})),
         modes=tuple(sorted({board.detections for board in boards})),
+        overall=overall_of(boards),
         matrices=matrices_of(boards, tasks),
         n_answers=sum(board.n_frames * len(board.entries) for board in boards),
         verdict=site_verdict(boards),
@@ -112,6 +162,17 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Plac
 def tasks_of(boards: Sequence[Board]) -> tuple[TaskFacts, ...]:
     """What the boards' frames are, each once."""
     return tuple({board.task.key: board.task for board in boards}.values())
+
+
+def overall_of(boards: Sequence[Board]) -> tuple[Overall, ...]:
+    """The four numbers over all sets of frames, one table to each mode of detections."""
+    groups: defaultdict[str, list[Board]] = defaultdict(list)
+    for board in boards:
+        groups[board.detections].append(board)
+    return tuple(
+        Overall(mode, _QUESTIONS.get(mode, f"{mode} detections"), len(group), overall_rows(group))
+        for mode, group in sorted(groups.items())
+    )
 
 
 def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:
@@ -165,19 +226,9 @@ def matrices_of(boards: Sequence[Board], tasks: Sequence[TaskFacts]) -> tuple[Ma
                 cells=tuple((task, of.get(task.key)) for task in tasks),
             )
         )
-    success = "Share of all frames with a fix less than 10 km off. Bars: intervals, from 0 to 100 %."
-    broken = (
-        "Value of each task's condition at which success falls to 50 %: the later it breaks, the more a solver bears."
-    )
     return tuple(
         Matrix(key, title, explained, column.first if column else "descending", column, tuple(rows))
-        for key, title, explained, column in (
-            ("success", "success", success, SUCCESS),
-            ("break", "break point", broken, None),
-            ("median", "median error, km", "Over all frames, refused ones infinitely far off (∞).", MEDIAN),
-            ("wrong", "wrong and confident", "Share of all frames with a fix 10 km or more off.", WRONG),
-            ("time", "median time, ms", "Detection and solving, refused frames included.", TIME),
-        )
+        for key, title, explained, column in _MATRICES
     )
 
 

@@ -9,7 +9,8 @@ from rich.table import Table
 
 from benchmark.report.site import columns
 from benchmark.report.site.boards import Board
-from benchmark.report.site.site_view import matrices_of, tasks_of
+from benchmark.report.site.overall import KEYS
+from benchmark.report.site.site_view import matrices_of, overall_of, tasks_of
 from benchmark.stats.intervals import Estimate
 
 SIDE_BY_SIDE = 4
@@ -18,7 +19,23 @@ SIDE_BY_SIDE = 4
 
 def result_tables(boards: Sequence[Board]) -> list[Table]:
     """What the terminal shows: all numbers of one board, or the successes of several."""
-    return board_tables(boards[0]) if len(boards) == 1 else [leaderboard_table(boards)]
+    return board_tables(boards[0]) if len(boards) == 1 else [*overall_tables(boards), leaderboard_table(boards)]
+
+
+def overall_tables(boards: Sequence[Board]) -> list[Table]:
+    """The four numbers of each solver over all sets of frames, one table to each mode of detections."""
+    tables = []
+    for overall in overall_of(boards):
+        title = f"{overall.title}, {overall.n_sets} sets of frames (95 % intervals below)"
+        table = Table(title=escape(title), title_justify="left", padding=(0, 0, 0, 1))
+        table.add_column("solver", overflow="fold")
+        for column in columns.LEADING:
+            table.add_column(column.heading, justify="right", overflow="fold")
+        for row in overall.rows:
+            cells = [(column.value(row), column.interval(row)) for column in columns.LEADING]
+            table.add_row(escape(row.label), *(f"{value}\n[dim]{limits}[/dim]" for value, limits in cells))
+        tables.append(table)
+    return tables
 
 
 def board_tables(board: Board) -> list[Table]:
@@ -74,7 +91,7 @@ def boards_document(boards: Sequence[Board]) -> list[dict[str, object]]:
                 {
                     "solver": entry.label,
                     "rank": entry.rank,
-                    "success": entry.success,
+                    **{key: column.estimate(entry) for column, key in KEYS.items()},
                     "metrics": entry.metrics,
                     "break_point": entry.break_point,
                     "statuses": entry.statuses,
@@ -84,6 +101,21 @@ def boards_document(boards: Sequence[Board]) -> list[dict[str, object]]:
             ],
         }
         for board in boards
+    ]
+
+
+def overall_document(boards: Sequence[Board]) -> list[dict[str, object]]:
+    """The four numbers of each solver over all sets of frames, in each mode of detections."""
+    return [
+        {
+            "detections": overall.key,
+            "sets": overall.n_sets,
+            "solvers": [
+                {"solver": row.label, "sets": len(row.entries), **row.metrics, "sets_without": dict(row.lacking)}
+                for row in overall.rows
+            ],
+        }
+        for overall in overall_of(boards)
     ]
 
 

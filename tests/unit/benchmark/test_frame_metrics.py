@@ -19,7 +19,7 @@ from benchmark.stats.confidence import (
     reliability,
     risk_coverage,
 )
-from benchmark.stats.covariance import ellipse_coverage, nees, nees_values
+from benchmark.stats.covariance import ellipse_coverage, nees_of_right_fixes, nees_values
 from benchmark.stats.frame_metrics import (
     METRICS,
     groups_of,
@@ -60,7 +60,7 @@ def test_every_metric_by_hand():
         "star_precision": 18 / 30, "star_recall": 18 / 48,
         "kelvins_score": pytest.approx((1.0 + 4 / 16 - 1.0 + 0.0 + 0.0) / 5),
         # 2, 1, 50, inf; the frame without a bound takes no part.
-        "bound_ratio": pytest.approx((2.0 + 50.0) / 2),
+        "bound_ratio": pytest.approx((2.0 + 50.0) / 2), "right_bound_ratio": 1.5,
         "median_time_ms": 3.0, "p95_time_ms": 100.0, "peak_memory_mib": 300.0,
     }  # fmt: skip
 
@@ -239,11 +239,13 @@ def test_squared_errors_in_units_of_the_covariance():
     )  # fmt: skip
     assert nees_values(frames)[:4].tolist() == pytest.approx([1.0, 1.0, 2 / 3, math.inf])
     assert math.isnan(nees_values(frames)[4])
-    found = nees(frames.iloc[:3])
-    assert (found.n, found.mean, found.median) == (3, pytest.approx(8 / 9), pytest.approx(1.0))
-    # Bar-Shalom, Li, Kirubarajan (2001), example 5.4.2-1: chi^2 with 100 degrees of freedom lies in 74.2 to 129.6.
-    fifty = nees(pd.concat([frames.iloc[:1]] * 50))
-    assert (50 * fifty.low, 50 * fifty.high) == pytest.approx((74.2, 129.6), abs=0.05)
+    three = frames.iloc[:3]
+    found = nees_of_right_fixes(three, resamples_of(three))
+    assert (found.n, found.value) == (3, pytest.approx(8 / 9))
+    assert nees_of_right_fixes(frames, resamples_of(frames)).value == math.inf
+    wrong = three.assign(error_km=[1.0, 100.0, 1.0])
+    assert nees_of_right_fixes(wrong, resamples_of(wrong)).value == pytest.approx((1 + 2 / 3) / 2)
+    assert math.isnan(nees_of_right_fixes(frames.iloc[4:], resamples_of(frames.iloc[4:])).value)
     assert ellipse_coverage(frames, resamples_of(frames)).value == 0.75
 
 
