@@ -114,7 +114,6 @@ _SLOWEST = Column("95 % time, ms", "per frame", _metric("p95_time_ms"), number, 
 MORE = (
     *_LIMITS,
     _TAIL,
-    Column("error / bound, all", "refused = ∞", _metric("bound_ratio"), number, "ascending"),
     *_STARS,
     Column("Kelvins score", "(right − 2 wrong) / stars", _metric("kelvins_score"), number, "descending"),
     _SLOWEST,
