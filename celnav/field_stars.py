@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.adjustment import Adjusted, predict
+from celnav.adjustment import PARAMETERS, Adjusted, predict
 from celnav.camera import Camera
+from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.horizon import horizontal_frame
 from celnav.identification.identify import Question
 from celnav.identification.pairing import candidate_pairs
@@ -20,6 +21,7 @@ from celnav.sky.catalog import StarCatalog, load_catalog
 from celnav.sky.earth_rotation import EarthOrientation
 from celnav.sky.planets import ACCURACY_RAD, planet_directions, planet_ids
 from celnav.sky.utc import Utc
+from celnav.uncertainty.shared_residuals import SharedField
 
 F8 = NDArray[np.float64]
 
@@ -156,3 +158,56 @@ def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, floa
     gain = np.cumsum(seen - expected)
     n = int(np.argmax(gain)) + 1
     return n, float(v_mag[n - 1])
+
+
+def describe(
+    problem: Problem,
+    prepared: Prepared,
+    stars: StarCatalog,
+    adjusted: Adjusted,
+    alignment: Alignment,
+    limiting_mag: float,
+    to_terrestrial: F8,
+    confidence: float,
+    shared: SharedField | None,
+    air: Estimate | None,
+) -> Fix:
+    """Put the identification into a fix that has no position yet; `air` is the relative error of the refraction as fitted."""
+    # More than half the probability: at most one star of a detection has it. Of two detections that claim one star
+    # the likelier has it.
+    likely = np.flatnonzero(adjusted.weight > 0.5)
+    likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
+    sure = np.sort(likely[np.unique(adjusted.star[likely], return_index=True)[1]])
+    residuals = adjusted.residual_px[sure]
+    matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
+    inertial = adjusted.rotation @ to_terrestrial
+    planets, planet_residuals = seen_planets(problem, prepared, adjusted, inertial, adjusted.detection[sure])
+    details: dict[str, float | int | str] = {
+        "sigma_px": adjusted.sigma_px,
+        "predicted_stars": len(stars),
+    }
+    if shared is not None:
+        details |= {"shared_px": shared.rms_px, "shared_length_px": shared.length_px, "shared_score": shared.score}
+    if air is not None:
+        details |= {"refraction": air.value, "refraction_sigma": air.sigma}
+    calibration = Calibration(
+        **{
+            name: Estimate(float(value), float(sigma))
+            for name, value, sigma in zip(PARAMETERS, adjusted.camera_values, adjusted.camera_sigmas, strict=True)
+            if sigma > 0
+        }
+    )
+    return Fix(
+        ok=False,
+        reason=Reason.OK,
+        confidence=confidence,
+        matches=np.concatenate((matches.astype(np.int64), planets)),
+        residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
+        residuals_px=np.concatenate((residuals, planet_residuals)),
+        R_icrs_to_camera=inertial,
+        rotation_cov_rad2=adjusted.cov[:3, :3],
+        limiting_mag=limiting_mag,
+        log10_false_alarm=alignment.log10_false_alarm,
+        calibration=calibration,
+        details=details,
+    )

@@ -57,6 +57,12 @@ def usual_weather(height_m: float, pressure_hpa: float | None = None, temperatur
     )
 
 
+def refracting(weather: Weather, more: float) -> Weather:
+    """Return air that refracts more (or less) than another by a part of it: thinner air where less, colder air where more."""
+    kelvin = (weather.temperature_c + 273.15) / (1 + max(more, 0.0))
+    return Weather(weather.pressure_hpa * (1 + min(more, 0.0)), max(kelvin - 273.15, -100.0))
+
+
 @dataclass(frozen=True)
 class PositionConfig:
     """Choices of the position estimate (the thesis, section 4.v and equation 3.10).

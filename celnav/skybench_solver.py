@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.adjustment import PARAMETERS, Adjusted, CameraPriors, adjust, predict, without_focal
+from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
 from celnav.camera import Camera
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
-from celnav.field_stars import Prepared, aberrated, pairing_radius, seen_planets, visible_stars
-from celnav.fix import Calibration, Estimate, Fix, Reason
+from celnav.field_stars import Prepared, aberrated, describe, pairing_radius, visible_stars
+from celnav.fix import Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
 from celnav.identification.effort import Effort
@@ -26,13 +26,13 @@ from celnav.identification.pairing import candidate_pairs
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
+from celnav.position import refracting
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
-from celnav.sky.catalog import StarCatalog
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import unrefract_rays
-from celnav.uncertainty.field_errors import FieldOfStars, measured_sigmas, with_shared_errors
-from celnav.uncertainty.shared_residuals import SharedField
+from celnav.uncertainty.field_errors import FieldOfStars, measured_sigmas, shown_refraction, with_shared_errors
+from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
 
 F8 = NDArray[np.float64]
 
@@ -164,9 +164,11 @@ class SkybenchSolver:
         orientation: EarthOrientation,
         to_terrestrial: F8,
         alignment: Alignment,
+        air: Estimate | None = None,
     ) -> Fix:
-        """Match the whole field, adjust it, and find the place."""
+        """Match the whole field, adjust it, and find the place; `air` is the refraction's error that the stars have shown."""
         camera = problem.observation.camera
+        identified = alignment
         alignment = replace(alignment, rotation=aberrated(alignment.rotation, camera, problem.utc))
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
@@ -175,18 +177,14 @@ class SkybenchSolver:
         adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment)
         shared, scatter_cov = None, np.zeros((3, 3))
         if adjusted is not None:
-            air = problem.weather.pressure_hpa, problem.weather.temperature_c
+            weather = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
-            seen = FieldOfStars(
-                camera,
-                prepared.uv,
-                prepared.rays,
-                prepared.relative_sigma,
-                dirs,
-                up,
-                air,
-                problem.sigmas.refraction(*air),
-            )
+            told = math.hypot(RELATIVE_SIGMA, problem.sigmas.refraction(*weather)) if air is None else air.sigma
+            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told)
+            if air is None and (shown := shown_refraction(seen, adjusted)) is not None:
+                problem = replace(problem, weather=refracting(problem.weather, shown.value))
+                corrected = _prepare(problem, to_terrestrial, self.config)
+                return self._fix(problem, corrected, orientation, to_terrestrial, identified, shown)
             widened, shared = with_shared_errors(seen, adjusted, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
@@ -200,7 +198,9 @@ class SkybenchSolver:
             adjusted = widened
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
-        fix = _describe(problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared)
+        fix = describe(
+            problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared, air
+        )
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -356,53 +356,3 @@ def _seen_part(camera: Camera) -> float:
     """Part of the frame's pixels inside the image circle."""
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, 32), np.linspace(0, camera.height - 1, 32))
     return max(float(np.isfinite(camera.to_rays(np.column_stack((u.ravel(), v.ravel())))[:, 0]).mean()), 1e-3)
-
-
-def _describe(
-    problem: Problem,
-    prepared: Prepared,
-    stars: StarCatalog,
-    adjusted: Adjusted,
-    alignment: Alignment,
-    limiting_mag: float,
-    to_terrestrial: F8,
-    confidence: float,
-    shared: SharedField | None,
-) -> Fix:
-    """Put the identification into a fix that has no position yet."""
-    # More than half the probability: at most one star of a detection has it. Of two detections that claim one star
-    # the likelier has it.
-    likely = np.flatnonzero(adjusted.weight > 0.5)
-    likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
-    sure = np.sort(likely[np.unique(adjusted.star[likely], return_index=True)[1]])
-    residuals = adjusted.residual_px[sure]
-    matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
-    inertial = adjusted.rotation @ to_terrestrial
-    planets, planet_residuals = seen_planets(problem, prepared, adjusted, inertial, adjusted.detection[sure])
-    details: dict[str, float | int | str] = {
-        "sigma_px": adjusted.sigma_px,
-        "predicted_stars": len(stars),
-    }
-    if shared is not None:
-        details |= {"shared_px": shared.rms_px, "shared_length_px": shared.length_px, "shared_score": shared.score}
-    calibration = Calibration(
-        **{
-            name: Estimate(float(value), float(sigma))
-            for name, value, sigma in zip(PARAMETERS, adjusted.camera_values, adjusted.camera_sigmas, strict=True)
-            if sigma > 0
-        }
-    )
-    return Fix(
-        ok=False,
-        reason=Reason.OK,
-        confidence=confidence,
-        matches=np.concatenate((matches.astype(np.int64), planets)),
-        residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
-        residuals_px=np.concatenate((residuals, planet_residuals)),
-        R_icrs_to_camera=inertial,
-        rotation_cov_rad2=adjusted.cov[:3, :3],
-        limiting_mag=limiting_mag,
-        log10_false_alarm=alignment.log10_false_alarm,
-        calibration=calibration,
-        details=details,
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from celnav.adjustment import Adjusted, CameraPriors, design_of
 from celnav.attitude import Attitude
 from celnav.camera import Camera
+from celnav.fix import Estimate
 from celnav.horizon import horizontal_frame
 from celnav.uncertainty.lens_errors import lens_covariance, lens_derivatives, turn_by_lens
 from celnav.uncertainty.noise_components import airmass, relative_sigmas
-from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA, refraction_derivatives
+from celnav.uncertainty.refraction_errors import refraction_derivatives
 from celnav.uncertainty.shared_residuals import SharedField, Sway, shared_field, sway
 
 F8 = NDArray[np.float64]
@@ -24,6 +26,12 @@ SAME_VERTICAL_DEG = 0.2
 hundredths of a degree, and no level agrees with one so well by chance alone."""
 # Pairs that are less likely say nothing of the field.
 _LEAST_WEIGHT = 0.05
+CLEAR_SIGMAS = 4.0
+"""Standard deviations, of what the stars say and of what was told, by which refraction has to be off to be corrected."""
+MOST_REFRACTION = 0.35
+"""Part of the refraction, which no error of height or weather exceeds (3,000 m of height are 0.25): more is the lens."""
+_FEWEST_NUMBERS = 60
+_WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +53,7 @@ class FieldOfStars:
     air : tuple of float
         Pressure (hPa) and temperature (deg C).
     air_sigma : float
-        Relative standard deviation of the refraction by those of pressure and temperature.
+        Relative standard deviation of the refraction.
     """
 
     camera: Camera
@@ -55,7 +63,7 @@ class FieldOfStars:
     dirs: F8
     up: F8 | None
     air: tuple[float, float]
-    air_sigma: float = 0.0
+    air_sigma: float
 
     @cached_property
     def mass(self) -> F8 | None:
@@ -122,13 +130,45 @@ def with_shared_errors(
     if field.up is not None:
         by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
         turn = turn_by_lens(design, by_air, precision, held)
-        cov[:3, :3] += (RELATIVE_SIGMA**2 + field.air_sigma**2) * turn @ turn.T
+        cov[:3, :3] += field.air_sigma**2 * turn @ turn.T
     uncertainty = field.camera.uncertainty
     if uncertainty is not None:
         by_lens = lens_derivatives(field.camera, turned, uncertainty.names)
         turn = turn_by_lens(design, by_lens, precision, held)
         cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(uncertainty.turn_by_lens) if together else None)
     return replace(adjusted, cov=cov), shared
+
+
+def shown_refraction(field: FieldOfStars, adjusted: Adjusted) -> Estimate | None:
+    """Return the relative error of the refraction where the stars show it clearly, whatever the focal length.
+
+    Its derivatives, those of a turn, of the focal length and of what was fitted of the camera enter one linear problem. A
+    lens that was calibrated on stars has the refraction's error of those nights in its radial terms: it is not asked.
+    """
+    rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
+    if field.up is None or field.camera.uncertainty is not None or 2 * len(rows) < _FEWEST_NUMBERS:
+        return None
+    detection, star = adjusted.detection[rows], adjusted.star[rows]
+    own = np.ones(len(rows))
+    if field.relative_sigma is not None:
+        own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
+    root = np.sqrt(adjusted.weight[rows]) / (adjusted.sigma_px * own)
+    turned = field.dirs[star] @ adjusted.rotation.T
+    free = np.union1d([0], np.flatnonzero(adjusted.camera_sigmas > 0)).astype(np.intp)
+    design = design_of(field.camera, turned, adjusted.camera_values, free)
+    by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
+    columns = (np.concatenate((design, by_air), axis=2) * root[:, None, None]).reshape(2 * len(rows), -1)
+    scale = np.linalg.norm(columns, axis=0)
+    if not (scale > 0).all():
+        return None
+    normal = (columns / scale).T @ (columns / scale)
+    if np.linalg.cond(normal) > _WORST_CONDITION:
+        return None
+    inverse = np.linalg.inv(normal)
+    fitted = inverse @ ((columns / scale).T @ (adjusted.residual_px[rows] * root[:, None]).ravel())
+    value, sigma = float(fitted[-1] / scale[-1]), math.sqrt(float(inverse[-1, -1])) / float(scale[-1])
+    clear = abs(value) > CLEAR_SIGMAS * math.hypot(sigma, field.air_sigma)
+    return Estimate(value, sigma) if clear and abs(value) < MOST_REFRACTION else None
 
 
 def _calibrated_together(camera: Camera, attitude: Attitude | None) -> bool:
