@@ -258,7 +258,8 @@ def _search(
 ) -> _Found:
     """Filter the image, and find the peaks of what stands out, and its components unless they are known."""
     filtered = matched_filter(light, shape)
-    extent_px = float(np.sqrt(axes(shape.coefficients[:1])[0][0]))
+    middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
+    extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
     tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
     effective = noise_ratio(filtered, noise, floor, used, tiles)
     effective *= noise

@@ -13,12 +13,14 @@ F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _STARS, _COMPONENTS = 300, 120
-# Cells of the frame, px, that give so many sources at a time.
-_CELL_PX, _EACH = 100, 2
+# Within so many pixels so many sources count at a time.
+_AROUND_PX, _EACH = 56.0, 2
 # Maxima this many times above the noise of a pixel, without a brighter one so near.
 _BRIGHT, _ALONE_PX = 20.0, 6.0
 # Maxima that are considered at most, and fewest of which a shape is believed.
-_MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 20
+_MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 12
+# Of the ring around a star where its light has gone.
+_RING_PX, _RING_PLACES = 8.0, 40
 # Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
 _LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
 # Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
@@ -62,11 +64,21 @@ def shape_of_bright(light: F4, noise: F4, cores: Cores) -> StarShape | None:
     uv, value = uv[alone], value[alone]
     if len(uv) < _FEWEST_MAXIMA:
         return None
-    chosen = _brightest_of_cells(uv, value.astype(np.float64))[:_STARS]
+    chosen = _brightest_around(uv, value.astype(np.float64))[:_STARS]
     if np.mean(_elongation(light, uv[chosen]) > _LONG) > _MOST_LONG:
         return None
-    covariance = adaptive_moments(light, uv[chosen], np.tile([1.0, 0.0, 1.0], (len(chosen), 1)), _LARGEST_COMPACT)
+    begun = np.tile([1.0, 0.0, 1.0], (len(chosen), 1))
+    covariance = adaptive_moments(light, uv[chosen], begun, _LARGEST_COMPACT, level=_level_around(light, uv[chosen]))
     return fit_shape(covariance, uv[chosen], (light.shape[0], light.shape[1]))
+
+
+def _level_around(light: F4, uv: F8) -> F8:
+    """Median light on a ring around places, shape (n, 2): what tiles leave of clouds and glare would widen stars."""
+    turn = np.linspace(0, 2 * np.pi, _RING_PLACES, endpoint=False)
+    columns = np.rint(uv[:, :1] + _RING_PX * np.cos(turn)).astype(np.intp)
+    rows = np.rint(uv[:, 1:] + _RING_PX * np.sin(turn)).astype(np.intp)
+    height, width = light.shape
+    return np.asarray(np.median(light[rows.clip(0, height - 1), columns.clip(0, width - 1)], axis=1), dtype=np.float64)
 
 
 def _elongation(light: F4, uv: F8) -> F8:
@@ -109,7 +121,7 @@ def shape_of_components(
     single = clear & (np.bincount(part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
     chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
     dense = parts.flux[chosen] / parts.area[chosen]
-    chosen = chosen[_brightest_of_cells(parts.uv[chosen], dense)[:_COMPONENTS]]
+    chosen = chosen[_brightest_around(parts.uv[chosen], dense)[:_COMPONENTS]]
     if not len(chosen):
         return None
     # From the components' own moments: streaks differ in length and direction over the frame.
@@ -123,17 +135,14 @@ def shape_of_components(
     return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))
 
 
-def _brightest_of_cells(uv: F8, brightness: F8) -> Rows:
-    """Order sources by their rank in their own cell of the frame, then by brightness.
+def _brightest_around(uv: F8, brightness: F8) -> Rows:
+    """Order sources by how many brighter ones are around them, a few alike, then by brightness.
 
     Trees, lamps and reflections lie close together; stars are everywhere.
     """
-    if not len(uv):
-        return np.empty(0, dtype=np.intp)
-    column, row = (np.maximum(uv, 0) // _CELL_PX).astype(np.intp).T
-    cell = row * (int(column.max()) + 1) + column
-    by_cell = np.lexsort((-brightness, cell))
-    starts = np.flatnonzero(np.diff(cell[by_cell], prepend=-1))
-    rank = np.empty(len(uv), dtype=np.intp)
-    rank[by_cell] = np.arange(len(uv)) - np.repeat(starts, np.diff(np.append(starts, len(uv))))
-    return np.asarray(np.lexsort((-brightness, rank // _EACH)))
+    from scipy.spatial import cKDTree
+
+    order = np.argsort(-brightness, kind="stable")
+    pairs = cKDTree(uv[order]).query_pairs(_AROUND_PX, output_type="ndarray") if len(uv) > 1 else np.empty((0, 2), int)
+    brighter = np.bincount(pairs.max(axis=1, initial=0), minlength=len(uv)) if len(pairs) else np.zeros(len(uv), int)
+    return np.asarray(order[np.argsort(brighter // _EACH, kind="stable")])

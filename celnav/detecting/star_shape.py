@@ -38,7 +38,8 @@ _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
 # A shape that varies starts from those within so many times the agreement, and has to leave so much less scatter: a part
 # where one filter serves it all the same, or half.
 _LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
-_RANGE, _STEPS = 1.5, 4
+# Standard deviation of the weights of a mean shift, as a part of the size; its steps.
+_RANGE, _STEPS = 0.15, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +145,13 @@ def patches(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F8, NDArray[np.i
     return cut, rows, columns
 
 
-def adaptive_moments(light: F4, uv: F8, start: F8, largest: float = LARGEST_VARIANCE, rounds: int = 8) -> F8:
+def adaptive_moments(
+    light: F4, uv: F8, start: F8, largest: float = LARGEST_VARIANCE, rounds: int = 8, level: F8 | None = None
+) -> F8:
     """Measure covariances (uu, uv, vv), shape (n, 3), of stars at positions, shape (n, 2); NaN where there is no star.
 
-    What is wider than the variance `largest` is no star: slopes of light fill any window.
+    What is wider than the variance `largest` is no star: slopes of light fill any window. `level`, shape (n,), is taken off
+    the light around each.
 
     The window has the covariance of the star: it is what the light under the window and the window itself agree on.
     """
@@ -155,6 +159,8 @@ def adaptive_moments(light: F4, uv: F8, start: F8, largest: float = LARGEST_VARI
 
     reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 30))
     cut, rows, columns = patches(light, uv, (reach, reach))
+    if level is not None:
+        cut -= level[:, None, None]
     cut = ndimage.correlate1d(
         ndimage.correlate1d(cut, _SMOOTHING, axis=1, mode="nearest"), _SMOOTHING, axis=2, mode="nearest"
     )
@@ -224,10 +230,7 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if len(uv) < 8:
         return None
     agreeing = _largest_agreement(covariance)
-    middle = np.median(covariance[agreeing], axis=0)
-    # Widths that change over the frame have no sharp mode: the median of a wider range does not jump within it.
-    for _ in range(_STEPS):
-        middle = np.median(covariance[_near(covariance, middle, _RANGE)], axis=0)
+    middle = _middle(covariance, np.median(covariance[agreeing], axis=0))
     fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
     if len(uv) < 20:
         return fixed
@@ -248,6 +251,26 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
     least = _MILD if best.filter_sigma_px is not None else _STRONG
     return best if np.median(residual) < least * np.median(rest) else fixed
+
+
+def _middle(covariance: F8, start: F8) -> F8:
+    """Find the mean of covariances, shape (n, 3), that are near it, from `start` on; shape (3,).
+
+    Widths that change over the frame have no sharp mode. Weights that fall smoothly with the difference of size and form keep
+    the mean from jumping as single stars come and go (mean shift, Comaniciu & Meer 2002, IEEE Trans. PAMI 24, 603).
+    """
+    middle = start
+    size = covariance[:, 0] + covariance[:, 2] + _SMOOTHED
+    for _ in range(_STEPS):
+        own = middle[0] + middle[2] + _SMOOTHED
+        form = covariance - middle
+        skew = np.hypot(form[:, 0] - form[:, 2], 2 * form[:, 1]) / np.sqrt(size * own)
+        weight = np.exp(-0.5 * (np.log(size / own) ** 2 + skew**2) / _RANGE**2)
+        total = float(weight.sum())
+        if total < 1.0:  # less than one star is near: streaks of many directions, of which the median is none
+            return start
+        middle = np.asarray(weight @ covariance / total)
+    return middle
 
 
 def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:

@@ -24,6 +24,7 @@ from celnav.identification.effort import (
     VERIFIED_PAIR_WORK,
     Effort,
 )
+from celnav.identification.low_lights import high_detections
 from celnav.identification.neighbourhood import Neighbourhood
 from celnav.identification.search import (
     View,
@@ -227,13 +228,19 @@ class _Search:
         return replace(rival, detection=rest[rival.detection])
 
     def _orders(self) -> list[_Order]:
-        """Orders to try: as given (brightest first); without fluxes also one that spreads over all detections."""
+        """Orders to try: as given (brightest first); without fluxes also one that spreads over all detections.
+
+        Where lights crowd near the horizon, those above it come first.
+        """
         question = self.question
         bright = np.arange(min(len(question.uv), 300))
         scale = question.camera.radians_per_px(question.uv[bright])
         sharp = bright[scale <= self.config.sharp_scale * np.nanmedian(scale)] if len(bright) else bright
         rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
         orders = [_Order(rows, True)]
+        high = high_detections(question.camera, question.rays[rows], question.up)
+        if high is not None:
+            orders.insert(0, _Order(rows[high], True))
         n = len(rows)
         if not question.ranked and n > 12:
             # A multiplicative step coprime to n visits every detection once, far from where it was.

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 from star_images import add_star, add_streak, grid, nearest
 
 import celnav
+from celnav import detection
 from celnav.detecting.star_candidates import Cores, without_flanks
 from celnav.detecting.star_shape import StarShape, fit_shape
 from celnav.errors import ConfigError
@@ -338,3 +339,14 @@ def test_a_saturated_star_may_stand_without_any_peak():
     cores = Cores(np.array([[20.0, 20.0]]), np.array([3.0]), 60_000.0)
     nothing = np.empty(0)
     assert without_flanks(np.empty((0, 2)), nothing, nothing, 5.0, shape, cores).shape == (0,)
+
+
+def test_a_shape_that_has_no_width_in_the_middle_is_searched_all_the_same():
+    """A polynomial through few stars may be negative where there are none; a roof under a fisheye made one."""
+    coefficients = np.zeros((6, 3))
+    coefficients[0], coefficients[3], coefficients[5] = (-0.5, 0, -0.5), (3, 0, 3), (3, 0, 3)
+    light = np.random.default_rng(1).normal(0, 1, (96, 128)).astype(np.float32)
+    shape = StarShape(coefficients, light.shape)
+    everywhere = np.ones(light.shape, dtype=bool)
+    found = detection._search(light, np.ones_like(light), 0.1, everywhere, shape, celnav.DetectionConfig())
+    assert np.isfinite(found.noise).all()

@@ -56,6 +56,27 @@ def test_no_mask_outside_changes_the_count_inside(night, reach_deg):
     assert inside(found) == pytest.approx(inside(celnav.detect(image)), rel=0.05)
 
 
+@pytest.mark.parametrize("margin", [37, 100])
+def test_no_margin_changes_the_count_inside(night, margin):
+    """Margins that put the frame's tiles elsewhere on the sky."""
+    image, _ = night
+    assert inside(celnav.detect(np.pad(image, margin)), margin) == pytest.approx(inside(celnav.detect(image)), rel=0.05)
+
+
+def test_a_cloud_beside_a_star_does_not_widen_it():
+    """Stars of 0.8 px, each with a step of light of a third of its peak beside it: the shape is that of the stars."""
+    rng = np.random.default_rng(8)
+    image = np.full(SIZE, 400.0)
+    truth = stars_on(image, rng, (20_000, 40_000))
+    cloudy = image + 1500 * (gaussian_filter(rng.normal(0, 1, SIZE), 12) > 0)
+    counts = []
+    for one in (image, cloudy):
+        found = celnav.detect(rng.poisson(one).astype(np.uint16))
+        counts.append(np.mean(nearest(found, truth)[0] < 1))
+    assert counts[0] > 0.97
+    assert counts[1] > 0.75
+
+
 def test_sharp_stars_of_a_photograph_are_found(night):
     """A lens of 0.55 px: more than 1,500 within 65 deg of the zenith, where the catalogue has 2,000 to V 6."""
     assert inside(celnav.detect(night[0])) > 1500

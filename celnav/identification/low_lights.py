@@ -1,0 +1,55 @@
+"""Lights near the horizon: windows, lamps and roofs crowd where the air leaves the fewest stars.
+
+Where detections are denser below 20 deg of altitude than above, the higher ones are searched by themselves first.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.camera import Camera
+
+F8 = NDArray[np.float64]
+
+LOW_DEG = 20.0
+# As many detections above are needed, and the density below has to be so many times theirs, by so many standard deviations.
+_FEWEST, _DENSER, _SIGMAS = 4, 2.0, 3.0
+_GRID = 48
+
+
+def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp] | None:
+    """Rows of the detections above the low sky, where that is crowded; None where it is not, or no vertical is known.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    rays : ndarray, shape (n, 3)
+        Directions of the detections.
+    up : ndarray, shape (3,), or None
+        The zenith in the camera frame.
+    """
+    if up is None or len(rays) < 2 * _FEWEST:
+        return None
+    limit = math.sin(math.radians(LOW_DEG))
+    high = np.flatnonzero(rays @ up >= limit)
+    n_low = len(rays) - len(high)
+    if len(high) < _FEWEST or n_low < _FEWEST:
+        return None
+    u, v = np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID))
+    places = np.column_stack((u.ravel(), v.ravel()))
+    seen = camera.to_rays(places)
+    known = np.isfinite(seen[:, 0])
+    weight = camera.radians_per_px(places[known]) ** 2
+    above = seen[known] @ up >= limit
+    area_high = float(weight[above].sum())
+    area_low = float(weight[~above].sum())
+    if not area_high > 0 or not area_low > 0:
+        return None
+    # As many as the sky above would have there, Poisson's scatter of both counts.
+    expected = _DENSER * len(high) * area_low / area_high
+    crowded = n_low - expected > _SIGMAS * math.sqrt(n_low + expected * expected / len(high))
+    return high if crowded else None
