@@ -92,5 +92,10 @@ def add_calibrate(commands: Any) -> None:
         "--opencv", metavar="FILE", help="also OpenCV's matrix and coefficients: .yml or .json; implies --opencv-only"
     )
     group.add_argument("--scenario", metavar="FILE", help="also a scenario of the generator, YAML")
+    group.add_argument(
+        "--mask-out",
+        metavar="FILE",
+        help="also the mask as --mask of this command and of celnav solve takes it, PNG: white where pixels are not used",
+    )
     group.add_argument("--map", metavar="FILE", help="draw the map of residuals: .png, .svg or .pdf")
     group.add_argument("--json", action="store_true", help="print the calibration instead of the report")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import tempfile
 from pathlib import Path
@@ -27,18 +28,30 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     from celnav.calibrating.calibrate import calibrate
     from celnav.calibrating.camera_output import opencv_text, scenario_text
     from celnav.calibrating.verdict import report
-    from celnav.command.calibration_frames import read_frames
+    from celnav.command.calibration_frames import FEWEST_FOR_MASK, learnt_mask, read_frames
     from celnav.command.residual_map import check_map_path, draw_residual_map
 
     if arguments.map is not None:
         check_map_path(arguments.map)
-    for option, path in (("--out", arguments.out), ("--opencv", arguments.opencv), ("--scenario", arguments.scenario)):
+    for option, path in (
+        ("--out", arguments.out),
+        ("--opencv", arguments.opencv),
+        ("--scenario", arguments.scenario),
+        ("--mask-out", arguments.mask_out),
+    ):
         if path is not None and not Path(path).resolve().parent.is_dir():
             raise ConfigError(f"{option} {path}: its folder does not exist")
     mask: NDArray[np.bool_] | None = None
     if arguments.mask is not None:
         values = read_image(arguments.mask)
         mask = np.asarray(values.astype(bool) if values.ndim == 2 else values.any(axis=2), dtype=np.bool_)
+    if arguments.mask_out is not None and mask is None:
+        mask = learnt_mask(arguments.frames)
+        if mask is None:
+            raise ConfigError(
+                f"--mask-out: a mask is learnt from {FEWEST_FOR_MASK} images or more, between which the sky turned: "
+                "add images, or give --mask"
+            )
     frames = read_frames(arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask)
     guess = None if arguments.camera is None else read_camera_file(arguments.camera, frames[0].size).camera
     found = calibrate(
@@ -71,17 +84,28 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
         centre = np.array([found.camera.cx_px, found.camera.cy_px])
         reach_px = float(np.hypot(*(found.residuals.uv - centre).T).max())
         _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", exposure_s, reach_px))
+    if arguments.mask_out is not None and mask is not None:
+        _write(arguments.mask_out, _mask_picture(mask))
     if arguments.map is not None:
         draw_residual_map(found, arguments.map)
     return found.to_json().rstrip("\n") if arguments.json else report(found)
 
 
-def _write(path: str, text: str) -> None:
+def _mask_picture(mask: NDArray[np.bool_]) -> bytes:
+    """A PNG, white where pixels are not used."""
+    from PIL import Image
+
+    content = io.BytesIO()
+    Image.fromarray(np.where(mask, np.uint8(255), np.uint8(0))).save(content, format="PNG")
+    return content.getvalue()
+
+
+def _write(path: str, content: str | bytes) -> None:
     """Write a file that appears under its name only when it is complete."""
     target = Path(path)
     try:
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=target.resolve().parent, delete=False) as file:
-            file.write(text)
+        with tempfile.NamedTemporaryFile("wb", dir=target.resolve().parent, delete=False) as file:
+            file.write(content.encode() if isinstance(content, str) else content)
         Path(file.name).chmod(0o644)
         os.replace(file.name, target)
     except OSError as error:

@@ -30,7 +30,7 @@ MAX_STARS = 100_000
 _BLOCK_S = 10.24
 _FEWEST_NAMED = 20
 # Images that a mask is learnt from.
-_FEWEST_FOR_MASK, _MOST_FOR_MASK = 5, 12
+FEWEST_FOR_MASK, _MOST_FOR_MASK = 5, 12
 
 
 def read_frames(
@@ -58,7 +58,7 @@ def read_frames(
         raise TimeError(f"--utc is given {len(utc)} times for {len(paths)} frames: give one for each, in their order")
     frames: list[CalibrationFrame] = []
     if mask is None:
-        mask = _learnt_mask([path for path in paths if Path(path).suffix.lower() != ".json"])
+        mask = learnt_mask(paths)
     for number, path in enumerate(paths):
         if Path(path).suffix.lower() == ".json":
             frames += read_rms_centroids(path)
@@ -97,9 +97,10 @@ def _image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float |
     return read_image(path), middle, read_tags(path).exposure_s if exposure_s is None else exposure_s
 
 
-def _learnt_mask(paths: list[str]) -> NDArray[np.bool_] | None:
+def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:
     """What is not sky, from up to twelve images spread over all; None where they are few, or their sky has not turned."""
-    if len(paths) < _FEWEST_FOR_MASK:
+    paths = [path for path in paths if Path(path).suffix.lower() != ".json"]
+    if len(paths) < FEWEST_FOR_MASK:
         return None
     rows = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), _MOST_FOR_MASK)).astype(int))
     try:

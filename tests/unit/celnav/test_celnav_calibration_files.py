@@ -14,6 +14,7 @@ from calibration_sky import LAT_DEG, LON_DEG, apparent_stars, frame_of, perspect
 import celnav
 from celnav.calibrating.calibrate import calibrate
 from celnav.cli import main
+from celnav.command.calibrating import _mask_picture
 from celnav.command.calibration_frames import read_frames, read_rms_centroids
 from celnav.command.pointing import Pointing
 from celnav.detecting import fits_file
@@ -136,13 +137,30 @@ def test_centroids_of_rms_calibrate_their_camera(tmp_path, capsys):
     assert len(frames) == 5
     out = tmp_path / "camera.json"
     place = ["--lat", "51.88", "--lon", "-1.3"]
-    assert main(["calibrate", str(path), *place, "--models", "brown_conrady", "--out", str(out)]) == 0
+    given, kept = tmp_path / "given.png", tmp_path / "kept.png"
+    mask = np.zeros((720, 1280), dtype=bool)
+    mask[700:] = True
+    given.write_bytes(_mask_picture(mask))
+    masks = ["--mask", str(given), "--mask-out", str(kept)]
+    assert main(["calibrate", str(path), *place, *masks, "--models", "brown_conrady", "--out", str(out)]) == 0
+    assert ((celnav.read_image(kept) > 0) == mask).all()
     assert "decentring" in capsys.readouterr().out
     content = json.loads(out.read_text())
     # The stamps mark the start of 10.24 s; a turn of the sky by a wrong half would be 77 arcsec.
     assert content["calibration"]["plain_rms_px"] == pytest.approx(0.1, rel=0.1)
     assert content["calibration"]["one_attitude_per"] == "night"
     assert celnav.read_camera_file(out).camera.f_px == pytest.approx(890, abs=0.5)
+
+
+def test_a_mask_that_cannot_be_learnt_is_named(tmp_path, capsys):
+    """Three of the same image are too few; and a folder that is missing is known before anything is read."""
+    path = str(written(tmp_path / "frame.fits", **{"DATE-OBS": DATE, "EXPTIME": 60.0}))
+    place = ["--lat", "0", "--lon", "0", "--out", str(tmp_path / "camera.json")]
+    assert main(["calibrate", path, path, path, *place, "--mask-out", str(tmp_path / "mask.png")]) == 2
+    assert "a mask is learnt from 5 images" in capsys.readouterr().err
+    assert main(["calibrate", path, *place, "--mask-out", str(tmp_path / "none" / "mask.png")]) == 2
+    assert "--mask-out" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.png"))
 
 
 def test_platepar_is_a_guess(tmp_path):
