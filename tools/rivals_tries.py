@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from benchmark.frames.dataset import load_image
 from benchmark.frames.opening import open_frames
@@ -25,6 +26,8 @@ CONDITIONS = (
     ("calibration", 0.0), ("bortle", 6.0), ("bortle", 7.0), ("clutter", 4000.0), ("clutter", 12000.0),
     ("thesis-mag", 3.0), ("optics", 10.0), ("weather", 1.0), ("motion", 2.0),
 )  # fmt: skip
+RENDERED = 24
+"""Frames of each condition that are rendered; the first of them are tried."""
 _STRICT = {
     "matched_filter_sigma": None,
     "max_elongation": 1.6,
@@ -32,6 +35,7 @@ _STRICT = {
     "min_pixels": 5,
     "deblend": "reject",
 }
+_USUAL: dict[str, Any] = {"threshold_quantile": 0.99, "extraction": {}}
 TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
     "tetra3rs": {
         "defaults": Tetra3rs({}),
@@ -41,20 +45,18 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
         "sharpness to 0.7, deblended": Tetra3rs({"max_sharpness": 0.7, "deblend": "reject"}),
     },
     "ruststartracker": {
-        "defaults": RustStarTracker(),
-        "to the brightest pixel in 100,000": RustStarTracker(brightest_quantile=0.99999),
-        "8 matches": RustStarTracker(min_matches=8),
-        "8 matches, to the brightest pixel in 1,000": RustStarTracker(min_matches=8, brightest_quantile=0.999),
-        "8 matches, 3 to 100 px, threshold 0.995": RustStarTracker(
-            min_matches=8, threshold_quantile=0.995, extraction={"min_star_area": 3, "max_star_area": 100}
-        ),
+        "defaults": RustStarTracker(**_USUAL, min_matches=10),
+        "to the brightest pixel in 100,000": RustStarTracker(**_USUAL, min_matches=10, brightest_quantile=0.99999),
+        "8 matches": RustStarTracker(**_USUAL),
+        "8 matches, to the brightest pixel in 1,000": RustStarTracker(**_USUAL, brightest_quantile=0.999),
+        "8 matches, 3 to 100 px, threshold 0.995": RustStarTracker(),
     },
     "zenith-fixer": {
-        "60, sigma 1.0 px": ZenithFixer(),
-        "60, sigma 1.5 px": ZenithFixer(psf_sigma_px=1.5),
+        "60, sigma 1.0 px": ZenithFixer(psf_sigma_px=1.0),
+        "60, sigma 1.5 px": ZenithFixer(),
         "60, sigma 2.0 px": ZenithFixer(psf_sigma_px=2.0),
-        "30, sigma 1.0 px": ZenithFixer(most=30),
-        "120, sigma 1.5 px": ZenithFixer(most=120, psf_sigma_px=1.5),
+        "30, sigma 1.0 px": ZenithFixer(most=30, psf_sigma_px=1.0),
+        "120, sigma 1.5 px": ZenithFixer(most=120),
     },
 }
 
@@ -68,7 +70,7 @@ def main() -> None:
     heads = [f"{task} {condition:g}" for task, condition in CONDITIONS]
     print(f"| solver | settings | {' | '.join(heads)} | all |\n|-|-|{'-|' * len(heads)}-|", flush=True)
     sets = [
-        open_frames(task, FrameChoice("dev", asked.frames, condition, asked.data, 1)).frames[: asked.frames]
+        open_frames(task, FrameChoice("dev", RENDERED, condition, asked.data, 1)).frames[: asked.frames]
         for task, condition in CONDITIONS
     ]
     for name in asked.solver or TRIES:

@@ -28,6 +28,7 @@ from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
 from benchmark.run.focal_retry import at_other_focal_lengths
+from benchmark.run.pinhole_frames import PinholeFrame, as_pinhole, is_centred_pinhole
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.memory import peak_mib, reset_peak
@@ -115,9 +116,16 @@ class PipeSession:
         )
 
     def _asked_once(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the program about a frame as it is told."""
+        """Ask the program about a frame as it is told; one that knows pinholes only about what a pinhole shows of it."""
+        if self._solver.spec.lens == "any" or is_centred_pinhole(frame.observation.camera):
+            return self._put(frame, shared, None)
+        shown = as_pinhole(frame, shared)
+        return shown.back(self._put(shown.frame, shown.shared, shown), shared)
+
+    def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None) -> Response:
+        """Ask the program; of `shown` it gets the image that a pinhole shows."""
         try:
-            request = request_of(frame, shared, self._shown(frame.image_path))
+            request = request_of(frame, shared, self._shown(frame.image_path, shown))
         except OSError as error:
             raise DatasetError(f"{frame.image_path}: cannot be read ({error.strerror})") from error
         try:
@@ -156,7 +164,7 @@ class PipeSession:
         except ProgramFailedError:
             self.start()
 
-    def _shown(self, image: Path) -> Path:
+    def _shown(self, image: Path, by_pinhole: PinholeFrame | None) -> Path:
         """Put an image where the program may read it, alone, under a name that was not used before. Raises OSError."""
         assert self._folder is not None, "the session is closed"
         folder = Path(self._folder.name)
@@ -164,7 +172,10 @@ class PipeSession:
             before.unlink()
         self._asked += 1
         shown = folder / f"{self._asked}{image.suffix}"
-        shutil.copyfile(image, shown)  # no link: the program may write to what it is given
+        if by_pinhole is None:
+            shutil.copyfile(image, shown)  # no link: the program may write to what it is given
+        else:
+            by_pinhole.write_image(shown)
         return shown
 
     def close(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,7 +38,7 @@ class SolverSpec(Strict):
     adapter: AdapterName | None = None
     """One of the benchmark's own adapters; or give `command`."""
     install: Annotated[str, Field(max_length=120)] | None = None
-    """Command that brings the adapter's packages."""
+    """Command that brings the adapter's packages, or a command's programs."""
     requires: Annotated[
         tuple[Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}==[0-9][0-9a-z.]{0,30}$")], ...], BeforeValidator(listed)
     ] = ()
@@ -46,12 +47,18 @@ class SolverSpec(Strict):
     """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is its environment's."""
     version: Annotated[str, Field(max_length=60)] | None = None
     """Of the program; it must say the same in its hello."""
+    programs: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,60}$")], ...], BeforeValidator(listed)
+    ] = ()
+    """Programs of the system that a command starts; `install` says what brings them."""
     environment: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")] | None = None
     """Name of a virtual environment made from the folder's requirements.txt; without it, skybench's own Python."""
     reads: Annotated[
         tuple[Annotated[str, Field(min_length=1, max_length=500)], ...], Field(max_length=20), BeforeValidator(listed)
     ] = ()
     """Files and folders beside its own that an isolated command needs; ``~`` is the user's home."""
+    lens: Literal["any", "pinhole"] = "any"
+    """What a command knows: with ``pinhole`` it gets every frame as a pinhole shows it (`benchmark.run.pinhole_frames`)."""
     focal_retries: bool = False
     """Whether it is asked again with other focal lengths where it refuses (`benchmark.run.focal_retry`)."""
     time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
@@ -67,6 +74,8 @@ class SolverSpec(Strict):
             raise ValueError("command needs version")
         if self.adapter and (self.version or self.environment):
             raise ValueError("version and environment belong to a command")
+        if self.adapter and self.lens != "any":
+            raise ValueError("lens belongs to a command")
         if self.adapter and self.reads:
             raise ValueError("reads belongs to a command")
         if self.command and self.requires:
@@ -76,7 +85,8 @@ class SolverSpec(Strict):
     @property
     def settings(self) -> dict[str, object]:
         """What bears on how it runs."""
-        left_out = {"title", "licence", "install", "reads"} | ({"focal_retries"} if not self.focal_retries else set())
+        optional = {"programs": not self.programs, "lens": self.lens == "any", "focal_retries": not self.focal_retries}
+        left_out = {"title", "licence", "install", "reads", *(name for name, unused in optional.items() if unused)}
         return self.model_dump(mode="json", exclude=left_out)
 
 
@@ -108,10 +118,14 @@ class SolverFolder:
         Raises
         ------
         SolverError
-            Its environment has not been made.
+            Its environment has not been made, or a program that it needs is not installed.
         """
         if self.spec.adapter is not None:
             return [sys.executable, "-m", "benchmark.solvers.serve", self.name]
+        absent = [name for name in self.spec.programs if shutil.which(name) is None]
+        if absent:
+            how = f"; install with: {self.spec.install}" if self.spec.install else ""
+            raise SolverError(f"{self.name}: needs the program {' and '.join(absent)}{how}")
         program, *arguments = self.spec.command
         return [str(self._python()) if program == "python" else program, *arguments]
 

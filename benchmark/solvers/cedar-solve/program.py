@@ -1,7 +1,8 @@
 """cedar-solve behind docs/solver_protocol.md; runs in an environment of its own (requirements.txt), without skybench.
 
-Databases of patterns for wide fields are made on first use from the Yale Bright Star Catalogue that comes with skybench, and
-kept in the user's cache.
+Fields to 30 deg are solved with the database that comes with it. Those for wider fields are made on first use from the Yale
+Bright Star Catalogue that comes with skybench, which takes half a minute, and kept in the user's cache:
+`python program.py make` makes them beforehand, since an isolated program cannot keep them.
 """
 
 import json
@@ -19,9 +20,12 @@ PROTOCOL = "skybench-solver/1"
 VERSION = "0.5.1"
 BSC = Path(__file__).parents[3] / "celnav" / "data" / "ybsc" / "catalog.dat"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skybench" / "cedar-solve"
-DATABASE_FOVS_DEG = (60.0, 120.0)
+DATABASE_FOVS_DEG = (45.0, 60.0, 90.0, 120.0)
+WIDEST_OF_DEFAULT_DEG = 30.0
 FOV_MAX_ERROR_DEG = 5.0
 TIMEOUT_MS = 2000
+EXTRACTION: dict[str, Any] = {}
+"""Of its detector, beside its defaults; docs/rivals.md has the tries."""
 
 
 def write_bsc5(path: Path) -> None:
@@ -78,7 +82,7 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
         with Image.open(request["image"]) as picture:
             image = np.asarray(picture).astype(np.float32)
         # tetra3 counts from the first pixel's corner, rows first.
-        centroids = np.asarray(tetra3.get_centroids_from_image(image)).reshape(-1, 2)
+        centroids = np.asarray(tetra3.get_centroids_from_image(image, **EXTRACTION)).reshape(-1, 2)
         uv = centroids[:, ::-1] - 0.5
     else:
         uv = np.array(request["detections"]["uv"], dtype=float).reshape(-1, 2)
@@ -87,23 +91,36 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
         "detections": {"uv": uv.tolist(), "flux": None} if own else None,
         "time_ms": {"detect": 1000 * (detected - started)},
     }
-    off_axis = [*camera["p"], *camera.get("s", ()), *camera.get("tilt_rad", ())]
-    if camera["model"] != "pinhole" or any(off_axis):
-        return result | {"status": "refused", "reason": "knows pinholes only"}
     if len(uv) < 4:
         return result | {"status": "refused", "reason": "fewer than 4 detections"}
     fov = math.degrees(2 * math.atan(camera["width"] / 2 / camera["f_px"]))
-    near = min(databases, key=lambda known: abs(known - fov))
-    # tetra3 takes the principal point to be the image's middle.
-    middle = np.array([(camera["width"] - 1) / 2, (camera["height"] - 1) / 2])
-    shifted = uv - [camera["cx_px"], camera["cy_px"]] + middle
-    found = databases[near].solve_from_centroids(
-        shifted[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
-        fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=TIMEOUT_MS,
+    # With `lens: pinhole` the principal point is in the middle, as tetra3 takes it to be. Rows come first.
+    found = database_for(databases, fov).solve_from_centroids(
+        uv[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
+        fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=TIMEOUT_MS, return_matches=True,
     )  # fmt: skip
     if found["RA"] is None:
         return result | {"status": "refused", "reason": "no match"}
-    return result | {"status": "attitude", "R_icrs_to_camera": rotation_of(found).tolist()}
+    return result | {
+        "status": "attitude",
+        "R_icrs_to_camera": rotation_of(found).tolist(),
+        "confidence": min(max(1.0 - float(found["Prob"]), 0.0), 1.0),
+        "match_directions": matches_of(found, uv),
+    }
+
+
+def database_for(databases: dict[float, Any], fov_deg: float) -> Any:
+    """The database of the smallest fields that are no smaller than this one; of the largest, where all are smaller."""
+    return databases[min((known for known in databases if known >= fov_deg), default=max(databases))]
+
+
+def matches_of(found: dict[str, Any], uv: Any) -> list[list[float]]:
+    """Rows of the detections with right ascension and declination of their stars, degrees."""
+    matches = []
+    for (y, x), (ra, dec, _) in zip(found["matched_centroids"], found["matched_stars"], strict=True):
+        row = int(np.argmin(np.hypot(uv[:, 0] + 0.5 - x, uv[:, 1] + 0.5 - y)))
+        matches.append([row, float(ra), float(dec)])
+    return matches
 
 
 def main() -> None:
@@ -112,7 +129,10 @@ def main() -> None:
     os.dup2(2, 1)
     import tetra3
 
-    databases = {fov: load_database(tetra3, fov) for fov in DATABASE_FOVS_DEG}
+    databases = {WIDEST_OF_DEFAULT_DEG: tetra3.Tetra3()}
+    databases |= {fov: load_database(tetra3, fov) for fov in DATABASE_FOVS_DEG}
+    if sys.argv[1:] == ["make"]:
+        return
     for line in sys.stdin:
         request = json.loads(line)
         if request["type"] == "hello":

@@ -30,7 +30,8 @@ FAINTER_BY = 1.5
 """Than the stars that are looked up are the faintest that verify."""
 FAINTEST = 7.0
 """Its Hipparcos catalogue ends there."""
-EXTRACTION: Mapping[str, Any] = MappingProxyType({})
+EXTRACTION: Mapping[str, Any] = MappingProxyType({"min_star_area": 3, "max_star_area": 100})
+"""Settings of its detector beside its defaults; docs/rivals.md has the tries."""
 STARS_TO_MAGNITUDE_0 = 4.8
 """Of the whole sky, to V 0; 10 to the power of half a magnitude as many to a fainter one: 4,800 to V 6."""
 
@@ -56,9 +57,9 @@ class RustStarTracker:
     """
 
     candidates: int = 30
-    min_matches: int = 10
+    min_matches: int = 8
     brightest_quantile: float = 0.9999
-    threshold_quantile: float = 0.99
+    threshold_quantile: float = 0.995
     extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
     name = "ruststartracker"
     detector = "ruststartracker.StarTracker.get_centroids"

@@ -23,8 +23,8 @@ from celnav.sky.catalog import unit_vectors
 FOV_MAX_ERROR_DEG = 5.0
 """How far the field of view may be from the camera's: the value that its users are advised for wide fields."""
 DATABASE_STEP_DEG = 10.0
-EXTRACTION: Mapping[str, Any] = MappingProxyType({})
-"""Settings of its detector beside its defaults; README.md has the tries."""
+EXTRACTION: Mapping[str, Any] = MappingProxyType({"matched_filter_sigma": None})
+"""Settings of its detector beside its defaults; docs/rivals.md has the tries."""
 
 
 @dataclass(frozen=True)

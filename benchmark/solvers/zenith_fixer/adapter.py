@@ -35,7 +35,7 @@ class ZenithFixer:
     """
 
     most: int = 60
-    psf_sigma_px: float = 1.0
+    psf_sigma_px: float = 1.5
     name = "zenith-fixer"
     detector = "zenith.detect_centroids_matched"
 

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import json
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
+from astropy.io import fits
+from PIL import Image
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
 from benchmark.protocol import CameraRecord, Observation
+from benchmark.run.contestants import contestant_of
+from benchmark.solvers.definition import FOLDER, environments_folder
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.pinhole import WIDEST_DEG, pinhole_view
 from benchmark.solvers.star_naming import named_matches, star_ids_at
@@ -56,9 +64,9 @@ def stars_in(observation, faintest=5.5):
     return stars.star_id[seen], uv[seen], 10.0 ** (-0.4 * stars.v_mag[seen])
 
 
-def image_of(observation, sigma_px=1.2):
+def image_of(observation, sigma_px=1.2, faintest=6.0):
     """Their light through a Gaussian point spread, in 16 bits on a noisy sky."""
-    _, uv, flux = stars_in(observation, 6.0)
+    _, uv, flux = stars_in(observation, faintest)
     height, width = observation.camera.height, observation.camera.width
     light = np.random.default_rng(3).normal(400.0, 8.0, (height, width))
     v, u = np.mgrid[-6:7, -6:7]
@@ -177,3 +185,73 @@ def test_names_are_those_of_the_catalogue_and_no_star_has_none():
     assert star_ids_at(pole).tolist() == [0]
     twice = named_matches(np.array([4, 2, 4, 7]), np.vstack((places[:3], pole)))
     assert twice.tolist() == [[4, stars.star_id[rows[0]]], [2, stars.star_id[rows[1]]]]
+
+
+def test_an_absent_program_is_named_with_what_installs_it(monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    obstacle = contestant_of("astrometry-net").obstacle()
+    assert obstacle == (
+        "astrometry-net: needs the program solve-field; install with: "
+        "apt-get install -y astrometry.net astrometry-data-tycho2"
+    )
+
+
+@pytest.mark.journey  # half a minute of searching
+@pytest.mark.skipif(shutil.which("solve-field") is None, reason="astrometry.net is not installed")
+def test_astrometry_net_as_its_manual_solves_a_list_of_positions(tmp_path):
+    """`solve-field` on positions of stars within 20 deg: the same centre as the program's rotation gives."""
+    program = load_program("astrometry-net")
+    camera = CameraRecord("pinhole", 640, 480, 1814.0, 1814.0, 319.5, 239.5)
+    observation = told(camera)
+    _, uv, _ = stars_in(observation, 8.0)
+    request = {"camera": dataclasses.asdict(camera), "detections": {"uv": uv.tolist()}, "image": None}
+    (tmp_path / "ours").mkdir()
+    answer = program.solve(request, tmp_path / "ours")
+    assert answer["status"] == "attitude", answer
+    program.write_detections(uv, tmp_path / "stars.xyls")
+    manual = [
+        "solve-field", "stars.xyls", "--width", "640", "--height", "480", "--no-plots", "--no-tweak", "--crpix-center",
+        "--scale-low", "18", "--scale-high", "22", "--depth", "60",
+    ]  # fmt: skip
+    subprocess.run(manual, cwd=tmp_path, check=True, capture_output=True)
+    header = fits.getheader(tmp_path / "stars.wcs")
+    ra, dec = np.radians([header["CRVAL1"], header["CRVAL2"]])
+    centre = np.array([np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)])
+    assert np.degrees(np.arccos(centre @ np.array(answer["R_icrs_to_camera"])[2])) < 0.02
+
+
+def load_program(folder):
+    spec = importlib.util.spec_from_file_location("program_of_a_peer", FOLDER / folder / "program.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_cedar_solve_as_its_readme_solves_an_image(tmp_path):
+    """`solve_from_image` with the field of view: the boresight and the roll of the program's rotation."""
+    python = environments_folder() / "cedar-solve" / "bin" / "python"
+    if not python.is_file():
+        pytest.skip("cedar-solve has no environment: skybench bench run prints the command that makes it")
+    camera = CameraRecord("pinhole", 640, 480, 1194.3, 1194.3, 319.5, 239.5)
+    Image.fromarray(image_of(told(camera), faintest=8.0)).save(tmp_path / "field.png")
+    code = (
+        "import json, logging, sys; logging.disable(logging.CRITICAL)\n"
+        f"sys.path.insert(0, {str(FOLDER / 'cedar-solve')!r})\n"
+        "import program, tetra3, numpy as np; from PIL import Image\n"
+        "base = tetra3.Tetra3(); path = sys.argv[1]\n"
+        "camera = {'width': 640, 'height': 480, 'f_px': 1194.3, 'fy_px': 1194.3, 'cx_px': 319.5, 'cy_px': 239.5}\n"
+        "ours = program.answer(tetra3, {30.0: base}, {'camera': camera, 'detections': None, 'image': path})\n"
+        "with Image.open(path) as picture: pixels = np.asarray(picture).astype(np.float32)\n"
+        "theirs = base.solve_from_image(Image.fromarray(pixels), fov_estimate=30.0)\n"
+        "print(json.dumps([ours['R_icrs_to_camera'], {key: float(theirs[key]) for key in ('RA', 'Dec', 'Roll')}]))"
+    )
+    done = subprocess.run([python, "-c", code, tmp_path / "field.png"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rotation, theirs = json.loads(done.stdout.splitlines()[-1])
+    ra, dec = np.radians([theirs["RA"], theirs["Dec"]])
+    centre = np.array([np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)])
+    assert np.degrees(np.arccos(min(1.0, centre @ np.array(rotation)[2]))) < 0.01
+    # Roll: north counter-clockwise from up. Towards north from the boresight, in the image.
+    north = np.array([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)])
+    right, down, _ = np.array(rotation) @ north
+    assert np.degrees(np.arctan2(-right, -down)) % 360.0 == pytest.approx(theirs["Roll"] % 360.0, abs=0.05)

@@ -1,0 +1,104 @@
+"""Frames of any lens as a pinhole shows them, for programs that know pinholes only (`lens: pinhole` in solver.yaml)."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.ndimage import map_coordinates
+
+import celnav
+from benchmark.frames.dataset import Frame, load_image
+from benchmark.judge.answers import Response
+from benchmark.protocol import Answer, CameraRecord, Detections
+from benchmark.solvers.detected_points import Points
+from benchmark.solvers.pinhole import pinhole_view
+
+
+@dataclass(frozen=True)
+class PinholeFrame:
+    """A frame as a pinhole shows it, and the way back.
+
+    Attributes
+    ----------
+    frame : Frame
+        With a pinhole for its camera, principal point in the middle.
+    shared : Detections or None
+        Those detections that the pinhole shows, in its pixels.
+    whole : Frame
+        With the camera as it is.
+    rows : ndarray of int, shape (n,)
+        Which of the detections they are.
+    """
+
+    frame: Frame
+    shared: Detections | None
+    whole: Frame
+    rows: NDArray[np.intp]
+
+    def write_image(self, path: Path) -> None:
+        """Lay the image on the pinhole by linear interpolation; what the lens does not show is 0. Raises OSError."""
+        pinhole = self.frame.observation.camera
+        u, v = np.meshgrid(np.arange(pinhole.width), np.arange(pinhole.height))
+        uv = self.to_lens(np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
+        pixels = load_image(self.whole).astype(np.float32)
+        seen = map_coordinates(pixels, np.nan_to_num(uv[:, ::-1].T, nan=-1e6), order=1, cval=0.0)
+        Image.fromarray(np.round(seen).astype(np.uint16).reshape(pinhole.height, pinhole.width)).save(
+            path, format="PNG"
+        )
+
+    def to_lens(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels of the camera as it is, shape (n, 2), of pixels of the pinhole; NaN where it shows nothing."""
+        rays = _camera(self.frame.observation.camera).to_rays(uv)
+        return np.asarray(_camera(self.whole.observation.camera).project(rays))
+
+    def back(self, response: Response, shared: Detections | None) -> Response:
+        """The program's response in the pixels of the camera as it is, and in the rows of the detections as they are."""
+        if shared is None:
+            uv = self.to_lens(response.uv) if len(response.uv) else response.uv
+            kept = np.flatnonzero(np.isfinite(uv).all(axis=1))
+            return dataclasses.replace(
+                response, answer=_renumbered(response.answer, kept), uv=uv[kept], flux=response.flux[kept]
+            )
+        if not len(response.uv):  # a failure shows none
+            return response
+        matches = response.answer.matches.copy()
+        matches[:, 0] = self.rows[matches[:, 0]]
+        flux = np.full(len(shared.uv), np.nan) if shared.flux is None else np.array(shared.flux, dtype=np.float64)
+        answer = dataclasses.replace(response.answer, matches=matches)
+        return dataclasses.replace(response, answer=answer, uv=np.array(shared.uv, dtype=np.float64), flux=flux)
+
+
+def _renumbered(answer: Answer, kept: NDArray[np.intp]) -> Answer:
+    """Matches of those detections that are kept."""
+    matches = answer.matches[np.isin(answer.matches[:, 0], kept)].copy()
+    matches[:, 0] = np.searchsorted(kept, matches[:, 0])
+    return dataclasses.replace(answer, matches=matches)
+
+
+def is_centred_pinhole(camera: CameraRecord) -> bool:
+    """Whether a camera is an ideal pinhole with its principal point in the middle."""
+    middle = (camera.width - 1) / 2.0, (camera.height - 1) / 2.0
+    ideal = camera.model == "pinhole" and not any((*camera.k, *camera.p, *camera.s, *camera.tilt_rad))
+    return ideal and camera.fy_px == camera.f_px and (camera.cx_px, camera.cy_px) == middle
+
+
+def as_pinhole(frame: Frame, shared: Detections | None) -> PinholeFrame:
+    """Show a frame, and detections where they are given, as a pinhole of the same focal length does."""
+    lens = frame.observation.camera
+    view = pinhole_view(np.empty((0, 2)) if shared is None else np.asarray(shared.uv), lens)
+    middle = np.array([(view.width - 1) / 2.0, (view.height - 1) / 2.0])
+    camera = CameraRecord("pinhole", view.width, view.height, view.f_px, view.f_px, *middle)
+    shown = dataclasses.replace(frame, observation=dataclasses.replace(frame.observation, camera=camera))
+    points = None
+    if shared is not None:
+        points = Points(middle + view.xy, None if shared.flux is None else np.asarray(shared.flux)[view.rows])
+    return PinholeFrame(shown, points, frame, view.rows)
+
+
+def _camera(record: CameraRecord) -> celnav.Camera:
+    return celnav.Camera.from_dict(dataclasses.asdict(record))
