@@ -1,4 +1,4 @@
-"""Commands `skybench study thesis`, `skybench study calibration` and `skybench study realism`."""
+"""Commands `skybench study thesis`, `calibration`, `realism` and `independence`."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ CALIBRATION_OUT = Path("results/studies/calibration")
 CALIBRATION_SITES, CALIBRATION_PICTURES, GRADIENT_FRAMES = 40, 12, 10
 CALIBRATION_SCENARIO = Path("calibration_study")
 REALISM_OUT = Path("results/studies/realism")
+INDEPENDENCE_OUT, INDEPENDENCE_FRAMES = Path("results/studies/independence"), 40
+INDEPENDENCE_SCENARIO = Path("independence_study")
 EXIT_BAD_INPUT = 2
 
 
@@ -164,16 +166,11 @@ def realism(
     as_json: AsJson = False,
 ) -> None:
     """Run solvers on photographs and on their rendered twins, and tell whether the twins foretell the photographs."""
-    from benchmark.cli.running import obstacles
-    from benchmark.solvers.registry import known_solvers
     from benchmark.studies.realism.study import NUMBERS, PAGE, run_study
     from benchmark.twin.scene import read_scene
     from generator.scenario.shipped import find_scenario
 
-    names = list(solver or [])
-    if not names:
-        left_out = obstacles(known_solvers())
-        names = [name for name in known_solvers() if name not in left_out]
+    names = _solvers(solver)
     files = [path.name for path in photographs]
     command = shlex.join(
         ["skybench", "study", "realism", *files, "--calibrate-on", calibrate_on.name, "--scene", str(scene)]
@@ -191,6 +188,51 @@ def realism(
         f"({found.error_ratio.low:.2f} to {found.error_ratio.high:.2f})",
     )
     _print_study(lines, out / NUMBERS, out / PAGE, as_json)
+
+
+@app.command(epilog="Example: skybench study independence --frames 12 --solver skybench --solver tetra3rs")
+def independence(
+    frames: Annotated[int, typer.Option("--frames", min=2, help="Frames of each set.")] = INDEPENDENCE_FRAMES,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--solver", help="Repeat for several; default: all that can run here.", autocompletion=completion.solvers
+        ),
+    ] = None,
+    scenario: Annotated[
+        Path,
+        typer.Option("--scenario", help="Sites, instants, attitudes and camera.", autocompletion=completion.scenarios),
+    ] = INDEPENDENCE_SCENARIO,
+    out: Annotated[Path, typer.Option("--out", help="Folder for numbers and the page.")] = INDEPENDENCE_OUT,
+    work: Annotated[
+        Path, typer.Option("--work", help="Folder for frames and results; what is there is used again.")
+    ] = Path("out/independence"),
+    as_json: AsJson = False,
+) -> None:
+    """Change what generator and celnav share, one thing at a time, and compare every solver before and after."""
+    from benchmark.studies.independence.study import NUMBERS, PAGE, run_study, summary_lines
+    from generator.scenario.shipped import find_scenario
+
+    words = ["skybench", "study", "independence"]
+    if scenario != INDEPENDENCE_SCENARIO:
+        words += ["--scenario", str(scenario)]
+    if frames != INDEPENDENCE_FRAMES:
+        words += ["--frames", str(frames)]
+    command = shlex.join(words + [word for name in solver or () for word in ("--solver", name)])
+    with _one_line_for_bad_input(), _bars() as progress:
+        study = run_study(find_scenario(scenario), frames, _solvers(solver), work, out, command, progress)
+    _print_study(summary_lines(study), out / NUMBERS, out / PAGE, as_json)
+
+
+def _solvers(named: list[str] | None) -> list[str]:
+    """The solvers named, or all that can run here."""
+    from benchmark.cli.running import obstacles
+    from benchmark.solvers.registry import known_solvers
+
+    if named:
+        return list(named)
+    left_out = obstacles(known_solvers())
+    return [name for name in known_solvers() if name not in left_out]
 
 
 def _print_study(lines: Iterable[str], numbers: Path, page: Path, as_json: bool) -> None:

@@ -37,13 +37,16 @@ CHECK_COMMAND = "skybench bench stale"
 DETECTOR = "the shared detector"
 RENDERING, GALLERY = "rendering", "the gallery"
 THESIS_STUDY, CALIBRATION_STUDY = "the study thesis", "the study calibration"
-REALISM_STUDY = "the study realism"
+REALISM_STUDY, INDEPENDENCE_STUDY = "the study realism", "the study independence"
 _SUBJECTS = {
     RENDERING: ("generator.frame.render",),
     GALLERY: ("generator.gallery.make_gallery",),
     THESIS_STUDY: tuple(f"benchmark.studies.thesis.{name}" for name in ("rendered", "disturbed", "centroids")),
     CALIBRATION_STUDY: tuple(f"benchmark.studies.calibration.{name}" for name in ("run", "camera_by_gradient")),
     REALISM_STUDY: ("benchmark.studies.realism.pairs",),
+    INDEPENDENCE_STUDY: tuple(
+        f"benchmark.studies.independence.{name}" for name in ("frames", "perturbations", "effects")
+    ),
 }
 """The modules that measure, by what is measured."""
 _MEASURED = (

@@ -14,6 +14,7 @@ PAGES = {
     "solver": SITE / "solver-skybench.html",
     "calibration": RESULTS / "studies" / "calibration" / "index.html",
     "thesis": RESULTS / "studies" / "thesis" / "index.html",
+    "independence": RESULTS / "studies" / "independence" / "index.html",
 }
 SCREEN_PX, PHONE_PX = 1300, 400
 TITLES = {
@@ -23,6 +24,7 @@ TITLES = {
     "solver": "skybench leaderboard",
     "calibration": "Effects of calibration errors",
     "thesis": "replicated: skybench study",
+    "independence": "What generator and solvers share",
 }
 # Tables by what they show; those with a column for each of many values may be wider than a telephone.
 SCROLLING = """

@@ -54,6 +54,9 @@ TAKE_LONG = {
         f"--calibrate-on {ROOT}/tests/data/allsky/008.fits.bz2 --scene observatory_allsky --solver skybench "
         "--solver tetra3rs --out realism --work work"
     ),
+    "skybench study independence": (
+        "skybench study independence --frames 6 --solver skybench --out independence --work work"
+    ),
     "skybench twin": f"skybench twin {ROOT}/tests/data/allsky/008.fits.bz2 --scene observatory_allsky --out twins",
 }
 # On what the rows of the table have made; tests/end_to_end/test_command_line.py has those that need nothing.

@@ -1,0 +1,143 @@
+"""Frames of a scenario with one thing changed that nobody is told."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from benchmark.errors import TaskError
+from benchmark.frames.dataset import open_dataset
+from benchmark.frames.frame_set import FrameSet, ungraded
+from benchmark.studies.independence.perturbations import Perturbation
+from generator.frame.folder import FrameFolder
+from generator.frame.object_table import object_table
+from generator.frame.plan import FramePlan, plan_frame
+from generator.frame.record import star_table
+from generator.frame.render import RenderedFrame, write_frame
+from generator.frame.scene import render_expected
+from generator.places.astrometry import ApparentPlaces
+from generator.scenario.file import Scenario, parse_scenario
+from generator.seeds import random_stream
+from generator.sensor.detector import expose
+
+F8 = NDArray[np.float64]
+
+SEPARATOR = "__"
+"""Between the key of a set and a frame's id."""
+
+
+def perturbed_scenario(scenario: Scenario, perturbation: Perturbation | None, n_frames: int) -> Scenario:
+    """The scenario with a number of frames, a name of its own, and the perturbation's point spread.
+
+    Raises
+    ------
+    TaskError
+        The scenario has a sequence, a developed picture, a video or a sweep: the study takes single raw frames.
+    ScenarioError
+        The scenario's camera cannot have the point spread.
+    """
+    first = scenario.frame(0)
+    if (
+        scenario.passage(0) is not None
+        or scenario.axes
+        or first.sensor.develop
+        or first.sensor.video
+        or first.sensor.hud
+    ):
+        raise TaskError(
+            f"{scenario.source}: the study takes single raw frames; leave out sequences, sweeps and pictures"
+        )
+    key = "none" if perturbation is None else perturbation.key
+    tree = {**scenario.template, "camera": dict(scenario.template["camera"])}
+    if perturbation is not None and perturbation.psf:
+        changed = {**tree["camera"].get("psf", {}), **perturbation.psf}
+        tree["camera"]["psf"] = {name: value for name, value in changed.items() if value is not None}
+    header = {"name": f"{scenario.name}-{key}".replace(".", "_"), "seed": scenario.seed, "frames": n_frames}
+    return parse_scenario(yaml.safe_dump({**header, **tree}), scenario.source)
+
+
+def displaced(plan: FramePlan, perturbation: Perturbation) -> FramePlan:
+    """The plan with the stars' directions displaced, the same star by the same at all moments."""
+    displace = perturbation.displace
+    if displace is None:
+        return plan
+
+    def moved(enu: F8) -> F8:
+        rng = random_stream(plan.scenario.seed, f"study.{perturbation.key}", plan.index)
+        return displace(plan, enu, rng)
+
+    directions = np.stack([moved(plan.directions[:, k]) for k in range(plan.directions.shape[1])], axis=1)
+    start, middle, end = (ApparentPlaces(moved(places.enu)) for places in (plan.start, plan.middle, plan.end))
+    return dataclasses.replace(plan, directions=directions, start=start, middle=middle, end=end)
+
+
+def render_perturbed(
+    scenario: Scenario,
+    perturbation: Perturbation | None,
+    n_frames: int,
+    folder: Path,
+    progress: Callable[[], None] = lambda: None,
+) -> None:
+    """Render the frames that a folder lacks; without a perturbation, as the generator renders them.
+
+    All sets have the same sites, instants, attitudes and noise.
+
+    Raises
+    ------
+    GeneratorError, TaskError
+    """
+    changed = perturbed_scenario(scenario, perturbation, n_frames)
+    place = FrameFolder(folder, changed)
+    place.open(overwrite=False)
+    for index in place.missing(False, False):
+        plan = plan_frame(changed, index)
+        if perturbation is not None:
+            plan = displaced(plan, perturbation)
+        frame = _rendered(plan)
+        place.add(index, frame.stars, frame.objects, write_frame(folder, frame, exr=False))
+        progress()
+    place.finish()
+
+
+def _rendered(plan: FramePlan) -> RenderedFrame:
+    expected = render_expected(plan, False, channels=False)
+    stars, objects = star_table(plan, expected), object_table(plan, expected)
+    seed, index = plan.scenario.seed, plan.index
+    dn = expose(
+        expected.electrons,
+        plan.spec.time.exposure_s,
+        plan.spec.sensor,
+        lambda name: random_stream(seed, name, index),
+        lambda name: random_stream(seed, f"unit.{name}", 0),
+        plan.start_s,
+    )
+    return RenderedFrame(plan, expected, dn, stars, objects)
+
+
+def joined_sets(sets: Mapping[str, Path]) -> FrameSet:
+    """All sets as one, for solvers that take long to begin; a frame's id tells its set.
+
+    Parameters
+    ----------
+    sets : mapping of str to Path
+        Folders by key.
+    """
+    datasets = {key: open_dataset(folder) for key, folder in sets.items()}
+    first = next(iter(datasets.values()))
+    together = hashlib.sha256("".join(one.truth_sha256 + one.scenario_sha256 for one in datasets.values()).encode())
+    frames = [
+        dataclasses.replace(frame, frame_id=f"{key}{SEPARATOR}{frame.frame_id}", index=index, record_path=record)
+        for index, (key, frame, record) in enumerate(
+            (key, frame, frame.record_path or frame.image_path.with_suffix(".json"))
+            for key, dataset in datasets.items()
+            for frame in dataset.frames
+        )
+    ]
+    joined = dataclasses.replace(first, frames=tuple(frames), truth_sha256=together.hexdigest())
+    return ungraded(joined, "the frames of a study")
