@@ -12,7 +12,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-SIGMAS = ("utc_sigma_s", "focal_sigma", "principal_point_sigma_px", "pressure_sigma_hpa", "temperature_sigma_c")
+SIGMAS = (
+    "utc_sigma_s",
+    "focal_sigma",
+    "principal_point_sigma_px",
+    "distortion_sigma",
+    "pressure_sigma_hpa",
+    "temperature_sigma_c",
+)
 """Standard deviations of what is told, beside those of the attitude."""
 
 
@@ -62,6 +69,8 @@ class Observation:
         Of the focal length, relative.
     principal_point_sigma_px : float
         Of each of the principal point's coordinates.
+    distortion_sigma : float
+        Of the lens's k1, where its distortion is not told.
     pressure_sigma_hpa, temperature_sigma_c : float
         Of the air's. All sigmas are 0 where what is told is exact.
     """
@@ -76,6 +85,7 @@ class Observation:
     utc_sigma_s: float = 0.0
     focal_sigma: float = 0.0
     principal_point_sigma_px: float = 0.0
+    distortion_sigma: float = 0.0
     pressure_sigma_hpa: float = 0.0
     temperature_sigma_c: float = 0.0
 

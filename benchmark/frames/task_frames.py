@@ -8,16 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
 from benchmark.errors import TaskError
 from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_digest
 from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
+from benchmark.frames.instruments import told
 from benchmark.frames.record_values import read_record
-from benchmark.protocol import Observation
-from benchmark.tasks.definition import SplitName, Task, Told
+from benchmark.tasks.definition import SplitName, Task
 from generator.dataset.archive import read_frames as read_archive
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.receipt import finished_files
@@ -25,14 +21,12 @@ from generator.dataset.run import open_dataset_target, run_shards
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
-from generator.scenario.file import Scenario
 from generator.seeds import random_stream
 
 SHARD_FRAMES = 10
 UNPACKED = "unpacked"
 DEFAULT_DATA = Path("out/tasks")
 """Folder of the frames of tasks and of datasets in shards."""
-UNKNOWN_HEADING_DEG = 180.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +83,7 @@ def make_task_frames(
     levels = chosen_levels(task, choice.condition)
     scenario = task.scenario_of(split)
     folder = split_folder(task.label, split, scenario.sha256, choice.data)
-    shards = wanted_shards(scenario, per_condition, split, rendered_combinations(task, levels))
+    shards = wanted_shards(definition.frames_per_condition, per_condition, split, levels)
     unpacked = folder / UNPACKED
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
@@ -108,7 +102,7 @@ def make_task_frames(
         raise TaskError(f"{task.label}: {error}") from error
     records = [unpacked / f"frame-{index:05d}.json" for shard in shards for index in range(shard.first, shard.stop)]
     read = list(read_frames(records, [folder / shard.stars for shard in shards]))
-    frames = tuple(_graded(task, split, read, levels))
+    frames = tuple(_graded(task, split, read))
     graded = definition.condition
     facts = FrameFacts(
         target=target,
@@ -118,7 +112,7 @@ def make_task_frames(
         condition=None if choice.condition is None else graded.values[levels[0]],
         per_condition=per_condition,
         grading=Grading(graded.name, graded.unit, graded.values, graded.harder),
-        metric=definition.metric.name,
+        metric=task.metric_key,
         definition_sha256=task.sha256,
         scenario_name=scenario.name,
         scenario_sha256=scenario.sha256,
@@ -155,27 +149,20 @@ def chosen_levels(task: Task, condition: float | None) -> list[int]:
     return found
 
 
-def rendered_combinations(task: Task, levels: Sequence[int]) -> list[int]:
-    """Combinations of the scenario that hold the frames of these levels; one holds all levels of what is told."""
-    return [0] if task.definition.told.lengths else list(levels)
-
-
 def split_folder(label: str, split: str, scenario_sha256: str, data: Path) -> Path:
     """Folder of the frames of a task's split."""
     return data / label / f"{split}-{scenario_sha256[:12]}"
 
 
-def wanted_shards(
-    scenario: Scenario, per_condition: int, split: SplitName, combinations: Sequence[int] | None = None
-) -> list[Shard]:
-    """Shards that hold the first frames of combinations of the scenario, of all unless given."""
-    shards_per_condition = math.ceil(scenario.frames_per_combination / SHARD_FRAMES)
+def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, levels: Sequence[int]) -> list[Shard]:
+    """Shards that hold the first frames of conditions, of which each has `frames_of_each`."""
+    shards_per_condition = math.ceil(frames_of_each / SHARD_FRAMES)
     shards = []
-    for combination in range(scenario.combination_count) if combinations is None else combinations:
-        start = combination * scenario.frames_per_combination
+    for level in levels:
+        start = level * frames_of_each
         for number, offset in enumerate(range(0, per_condition, SHARD_FRAMES)):
             stop = start + min(offset + SHARD_FRAMES, per_condition)
-            shards.append(Shard(combination * shards_per_condition + number, start + offset, stop, split))
+            shards.append(Shard(level * shards_per_condition + number, start + offset, stop, split))
     return shards
 
 
@@ -195,63 +182,13 @@ def _unpack(archive_path: Path, folder: Path, again: bool) -> None:
         raise TaskError(f"{error}; delete {archive_path} and run the same command again") from error
 
 
-def _graded(task: Task, split: SplitName, frames: Sequence[Frame], levels: Sequence[int]) -> list[Frame]:
-    """Give every frame its condition, and each observation what the solver is told at these levels."""
-    values = task.definition.condition.values
-    told = task.definition.told
-    if not told.lengths:
-        repeats = task.definition.frames_per_condition
-        return [dataclasses.replace(frame, condition=values[frame.index // repeats]) for frame in frames]
-    seed = task.definition.splits[split].seed
-    return [
-        dataclasses.replace(
-            frame,
-            frame_id=f"{frame.frame_id}-{level}",
-            index=level * task.definition.frames_per_condition + frame.index,
-            condition=values[level],
-            observation=misinformed(frame.observation, told, level, seed, frame.index),
-        )
-        for level in levels
-        for frame in frames
-    ]
-
-
-def misinformed(seen: Observation, told: Told, level: int, seed: int, index: int) -> Observation:
-    """What a solver is told of a frame at a level of difficulty.
-
-    The vertical is tilted about a horizontal axis, and the heading turned about the vertical, by Gaussian angles of the
-    level's standard deviations; the focal length is multiplied by 1 plus or minus the level's error.
-
-    Parameters
-    ----------
-    seen : Observation
-        The truth.
-    told : Told
-    level : int
-    seed : int
-        The split's root.
-    index : int
-        Of the rendered frame.
-    """
-    tilt = told.tilt_sigma_deg[level] if told.tilt_sigma_deg else 0.0
-    heading = told.heading_sigma_deg[level] if told.heading_sigma_deg else 0.0
-    focal = told.focal_error[level] if told.focal_error else 0.0
-    unknown = heading >= UNKNOWN_HEADING_DEG
-    rng = random_stream(seed, f"task:told:{level}", index)
-    east, north = rng.normal(0.0, tilt, 2)
-    turn = rng.uniform(-180.0, 180.0) if unknown else rng.normal(0.0, heading)
-    sign = 1.0 if rng.uniform() < 0.5 else -1.0
-    wrong = Rotation.from_rotvec([east, north, 0.0], degrees=True) * Rotation.from_rotvec(
-        [0.0, 0.0, turn], degrees=True
-    )
-    R_cam: NDArray[np.float64] = seen.R_cam @ wrong.as_matrix()
-    camera = dataclasses.replace(
-        seen.camera, f_px=seen.camera.f_px * (1.0 + sign * focal), fy_px=seen.camera.fy_px * (1.0 + sign * focal)
-    )
-    return dataclasses.replace(
-        seen,
-        camera=camera,
-        R_cam=R_cam,
-        tilt_sigma_deg=math.hypot(tilt, seen.tilt_sigma_deg),
-        heading_sigma_deg=math.inf if unknown else math.hypot(heading, seen.heading_sigma_deg),
-    )
+def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame]:
+    """Give every frame its condition, and each observation what instruments tell the solver at it."""
+    definition, seed = task.definition, task.definition.splits[split].seed
+    found = []
+    for frame in frames:
+        level = frame.index // definition.frames_per_condition
+        rng = random_stream(seed, "task:instruments", frame.index)
+        seen = told(frame.observation, definition.instruments.at(level), rng)
+        found.append(dataclasses.replace(frame, condition=definition.condition.values[level], observation=seen))
+    return found

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from benchmark.errors import RoundError
+from benchmark.frames.instruments import Precision
 from benchmark.rounds.rules import INSTRUMENTS, Rules
 from benchmark.rounds.secret import RoundKey
 from generator.errors import ScenarioError
@@ -20,19 +21,6 @@ PURPOSES = {"site": "site", "time": "time", "attitude": "pose", "motion": "pose"
 NUISANCE = "nuisance"
 NAME_DIGITS = 16
 MOST_FRAMES = 20_000
-
-
-@dataclass(frozen=True)
-class Precision:
-    """How well a frame's circumstances are told: standard deviations, each above 0, by `INSTRUMENTS`."""
-
-    tilt_sigma_deg: float
-    heading_sigma_deg: float
-    utc_sigma_s: float
-    focal_sigma: float
-    principal_point_sigma_px: float
-    pressure_sigma_hpa: float
-    temperature_sigma_c: float
 
 
 @dataclass(frozen=True)

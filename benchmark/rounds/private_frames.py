@@ -14,9 +14,9 @@ from benchmark.errors import RoundError
 from benchmark.frames.dataset import Frame, open_dataset, truth_digest
 from benchmark.frames.frame_set import ALL, SUCCESS_METRIC, FrameFacts, FrameSet
 from benchmark.frames.identity import FrameIdentity, identity_of
+from benchmark.frames.instruments import told
 from benchmark.rounds.commitment import Commitment
 from benchmark.rounds.drawing import DrawnFrame
-from benchmark.rounds.instruments import told
 from benchmark.rounds.secret import RoundKey
 from generator.errors import GeneratorError
 from generator.frame.render import render_dataset
@@ -85,7 +85,7 @@ def _read(drawn: Sequence[DrawnFrame], folder: Path, key: RoundKey) -> Iterator[
             frame,
             frame_id=one.name,
             index=one.index,
-            observation=told(frame.observation, one.precision, key, one.index),
+            observation=told(frame.observation, one.precision, key.stream("told", one.index)),
             record_path=frame.image_path.with_suffix(".json"),
         )
 

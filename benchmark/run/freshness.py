@@ -11,7 +11,10 @@ from benchmark.run.provenance import RunProvenance
 from benchmark.run.shared_detections import shared_detector
 from benchmark.solvers.definition import SPEC_NAME
 from benchmark.solvers.registry import known_solvers, solver_folder
-from benchmark.tasks.definition import SPLITS, TASK_SUFFIX, load_task, load_task_file, task_names
+from benchmark.tasks.definition import RETIRED, SPLITS, TASK_SUFFIX, load_task, load_task_file, task_names
+
+RETIRED_HASHES = ("", "")
+"""Of the frames of a task that is retired: those of no result."""
 
 
 class State(StrEnum):
@@ -108,13 +111,15 @@ def _revision(solver: str) -> str | None:
 
 
 def _frames(target: str, split: str) -> tuple[str, str] | None:
-    """Hashes of a task and of a split's scenario; None for frames of no task that is at hand."""
+    """Hashes of a task and of a split's scenario, `RETIRED_HASHES` of a retired one; None for others."""
     if split not in SPLITS:
         return None
     if target.endswith(TASK_SUFFIX):
         task = load_task_file(Path(target)) if Path(target).is_file() else None
     else:
         name = target.partition("@")[0]
+        if name in RETIRED:
+            return RETIRED_HASHES
         task = load_task(name) if name in task_names() else None
     return (task.sha256, task.scenario_of(split).sha256) if task else None
 
@@ -150,7 +155,9 @@ def age_of(origin: Origin, now: Today) -> Age | None:
         reasons.append(f"today's is {revision}")
     if origin.detector is not None and origin.detector != now.detector and origin.revision is not None:
         reasons.append(f"detections by {origin.detector}, today's is {now.detector}")
-    if frames != (origin.task_sha256, origin.scenario_sha256):
+    if frames == RETIRED_HASHES:
+        reasons.append("the task is retired")
+    elif frames != (origin.task_sha256, origin.scenario_sha256):
         reasons.append("the task's frames have changed since")
     if origin.revision is None:
         return Age(State.UNRECORDED, None, tuple(reasons))

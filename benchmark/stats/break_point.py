@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,6 +115,17 @@ def break_point(
     if harder < 0:
         value, low, high = -value, -high, -low
     return Estimate(value, low, high, n)
+
+
+def tested_around(value: float, tested: Sequence[float]) -> tuple[float, float] | None:
+    """The bracket of a break point: the nearest tested values on both sides of it, between which it is interpolated.
+
+    None where it lies at a tested value, beyond them all, or nowhere.
+    """
+    below, above = [one for one in tested if one <= value], [one for one in tested if one >= value]
+    if not below or not above or max(below) == min(above):
+        return None
+    return max(below), min(above)
 
 
 def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8, NDArray[np.intp]]:

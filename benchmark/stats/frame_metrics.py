@@ -7,6 +7,7 @@ that refusing never improves a quantile; every rate is a share of all frames unl
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from benchmark.stats.metrics import FIX, SUCCESS_KM
 F8 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+SUCCESS_KEY = re.compile(r"success_(\d+(?:\.\d+)?(?:e[+-]\d+)?)km")
 SUCCESS_LEVELS_KM = (1.0, 3.0, 10.0, 30.0)
 UNDEFINED = Estimate(math.nan, math.nan, math.nan, 0)
 KELVINS_PENALTY = 2.0
@@ -182,9 +184,22 @@ def peak_memory(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
     return Estimate(float(known.max()), math.nan, math.nan, len(known)) if len(known) else UNDEFINED
 
 
-def _success_at(limit_km: float) -> Metric:
+def success_limit_km(key: str) -> float:
+    """Limit that the key of a success metric states. Raises ResultsError where it is no such key."""
+    found = SUCCESS_KEY.fullmatch(key)
+    if found is None:
+        raise ResultsError(f"metric {key!r} is not success_Nkm with a number N")
+    return float(found[1])
+
+
+def success_metric(key: str) -> Metric:
+    """The metric of a key such as ``success_10km``. Raises ResultsError where it is no such key."""
+    return _success_at(success_limit_km(key), key)
+
+
+def _success_at(limit_km: float, key: str = "") -> Metric:
     return Metric(
-        f"success_{limit_km:g}km",
+        key or f"success_{limit_km:g}km",
         f"success, {limit_km:g} km",
         "",
         1,

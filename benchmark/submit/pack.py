@@ -115,7 +115,11 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
         "frame_id": name,
         "time": {"utc_mid": seen.utc, "utc_sigma_s": seen.utc_sigma_s},
         "camera": seen.camera.as_given(),
-        "camera_sigma": {"focal_sigma": seen.focal_sigma, "principal_point_sigma_px": seen.principal_point_sigma_px},
+        "camera_sigma": {
+            "focal_sigma": seen.focal_sigma,
+            "principal_point_sigma_px": seen.principal_point_sigma_px,
+            "distortion_sigma": seen.distortion_sigma,
+        },
         "attitude": {
             "R_cam": np.asarray(seen.R_cam).tolist(),
             **dataclasses.asdict(celnav.Pointing.of(seen.R_cam)),

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
-from benchmark.tasks.definition import SPLITS, Task
+import math
+
+from benchmark.frames.instruments import HEADING_UNKNOWN_DEG
+from benchmark.tasks.definition import KM_PER_ARCSEC, SPLITS, Task
 from generator import __version__
 from generator.frame.outlook import field_of_view_deg
 
+_INSTRUMENTS = (
+    ("tilt_sigma_deg", "of the vertical about each axis", " deg"),
+    ("heading_sigma_deg", "of the heading", " deg"),
+    ("utc_sigma_s", "of the time", " s"),
+    ("focal_sigma", "of the focal length, relative,", ""),
+    ("focal_range", "a further uniform error of the focal length, relative, within ±", ""),
+    ("principal_point_sigma_px", "of the principal point", " px"),
+    ("distortion_sigma", "the lens is told without distortion, of k1", ""),
+    ("pressure_sigma_hpa", "of the pressure", " hPa"),
+    ("temperature_sigma_c", "of the temperature", " deg C"),
+)
 LICENCES = {"CC-BY-4.0": "[CC BY 4.0](https://creativecommons.org/licenses/by/4.0/)"}
 LIMITS = (
     "The frames are synthetic; each physical model has limits of its own (docs/physics.md of skybench).",
@@ -19,7 +33,7 @@ def card(task: Task) -> str:
     definition, condition = task.definition, task.definition.condition
     values = [f"{value:g}" for value in condition.values]
     unit = f" {condition.unit}" if condition.unit else ""
-    total = definition.frames_per_condition * (1 if definition.told.lengths else len(values))
+    total = definition.frames_per_condition * len(values)
     splits = "\n".join(
         f"| `{split}` | {total} | {definition.splits[split].seed} | `{task.scenario_of(split).content_sha256[:16]}` |"
         for split in SPLITS
@@ -28,12 +42,10 @@ def card(task: Task) -> str:
     rows = {
         "purpose": f"find the {condition.name} at which a solver fails, and compare solvers at each",
         "graded": f"{condition.name}: {', '.join(values)}{unit}; {condition.harder} is harder",
-        "frames": f"{definition.frames_per_condition} per condition"
-        + (", the same for all conditions" if definition.told.lengths else "")
-        + f"; {_camera(task)}",
+        "frames": f"{definition.frames_per_condition} per condition; {_camera(task)}",
         "solvers receive": "the image, the camera, the time of mid-exposure, the attitude, pressure and temperature of the "
-        + f"air{_told(task)}",
-        "score": f"`{metric.name}`: share of frames with a fix within 10 km of the truth; {metric.better} is better; 95 % "
+        + f"air{_instruments(task)}",
+        "score": f"`{metric.name}`: share of frames with a fix within {_limit(task)}; {metric.better} is better; 95 % "
         + f"intervals within ±{definition.half_width_points} points at one condition, clustered by site",
         "licence of the frames": LICENCES[definition.licence],
         "run": f"`skybench bench run {definition.name} --solver NAME`",
@@ -87,21 +99,28 @@ def _camera(task: Task) -> str:
     )
 
 
-def _told(task: Task) -> str:
-    """What solvers are told wrongly, level by level."""
-    told = task.definition.told
-    parts = []
-    if told.tilt_sigma_deg:
-        levels = ", ".join(f"{value:g}" for value in told.tilt_sigma_deg)
-        parts.append(
-            f"the vertical is wrong by Gaussian errors of {levels} deg about each axis, which solvers are told"
-        )
-    if told.heading_sigma_deg:
-        levels = ", ".join("unknown" if value >= 180 else f"{value:g}" for value in told.heading_sigma_deg)
-        parts.append(f"the heading by errors of {levels} deg, which they are told")
-    if told.focal_error:
-        levels = ", ".join(f"{value:g}" for value in told.focal_error)
-        parts.append(
-            f"the focal length is wrong by the relative errors {levels} of either sign, which they are not told"
-        )
-    return "; " + "; ".join(parts) if parts else ", all without error"
+def _limit(task: Task) -> str:
+    """The limit of success in km, as an angle, and in pixels."""
+    limit_km = task.limit_km
+    arcsec = limit_km / KM_PER_ARCSEC
+    px = arcsec / (math.degrees(math.atan(1.0 / task.scenario_of("dev").frame(0).camera.f_px)) * 3600.0)
+    return f"{limit_km:.3g} km of the truth (an angle of {arcsec:.3g} arcsec, {px:.2g} px at the middle of the image)"
+
+
+def _instruments(task: Task) -> str:
+    """How well solvers are told what they are told."""
+    given = [
+        f"{words} {_levels(value)}{unit}"
+        for name, words, unit in _INSTRUMENTS
+        if (value := getattr(task.definition.instruments, name)) != 0.0
+    ]
+    if not given:
+        return ", all without error"
+    rest = "; what is not listed without error"
+    return ", told with errors of these standard deviations, which are told too: " + "; ".join(given) + rest
+
+
+def _levels(value: float | tuple[float, ...]) -> str:
+    if isinstance(value, float):
+        return "unknown" if value >= HEADING_UNKNOWN_DEG else f"{value:g}"
+    return ", ".join("unknown" if one >= HEADING_UNKNOWN_DEG else f"{one:g}" for one in value)

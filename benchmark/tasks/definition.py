@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +14,7 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
+from benchmark.frames.instruments import Precision
 from benchmark.stats.intervals import wilson
 from generator.errors import ScenarioError
 from generator.scenario.file import Scenario, parse_scenario
@@ -20,12 +22,21 @@ from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 LARGEST_FILE_BYTES = 100_000
+KM_PER_ARCSEC = 6371.0088 * math.pi / (180.0 * 3600.0)
+"""Way on a sphere of the Earth's mean radius (IUGG) for an angle at its centre."""
 TASK_SUFFIX = ".task.yaml"
 SplitName = Literal["dev", "test"]
 SPLITS: tuple[SplitName, ...] = ("dev", "test")
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 Numbers = Annotated[tuple[float, ...], Field(min_length=3, max_length=40), BeforeValidator(listed)]
-Sigmas = Annotated[tuple[Annotated[float, Field(ge=0, le=360)], ...], Field(max_length=40), BeforeValidator(listed)]
+Sigma = Annotated[float, Field(ge=0, le=360)]
+Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
+RETIRED = {
+    "attitude": "the given tilt decided it, whatever the solver; phone has told tilts",
+    "calibration": "one of its seven conditions decided it; unknown-camera asks the same in fine steps",
+}
+"""Tasks of earlier versions that nobody runs any more, and why; their results stay."""
+SUCCESS_PATTERN = re.compile(r"success_(\d+(?:\.\d+)?)(km|arcsec|px)")
 
 
 class Condition(Strict):
@@ -36,7 +47,7 @@ class Condition(Strict):
     unit: Annotated[str, Field(max_length=20)]
     """Empty for a pure number."""
     values: Numbers
-    """From easy to hard; of the scenario's sweep (in its order), or of `told`."""
+    """From easy to hard; of the scenario's sweep (in its order), or of `instruments`."""
     harder: Literal["higher", "lower"]
     """Which values are harder."""
 
@@ -48,24 +59,38 @@ class Condition(Strict):
         return self
 
 
-class Told(Strict):
-    """What a solver is told wrongly, level by level; what is left out is told as it is.
+class Instruments(Strict):
+    """How well a solver is told a frame's circumstances: a number for all conditions, or one for each.
 
-    Errors are Gaussian and drawn anew for every frame and level. The standard deviations of tilt and heading are part of
-    what the solver is told; the error of the focal length is not.
+    Errors are drawn anew for every frame (`benchmark.frames.instruments`); solvers are told the standard deviations. What is
+    left out is told as it is.
     """
 
-    tilt_sigma_deg: Sigmas = ()
+    tilt_sigma_deg: Level = 0.0
     """Of the given vertical about each horizontal axis."""
-    heading_sigma_deg: Sigmas = ()
+    heading_sigma_deg: Level = 0.0
     """Of the given heading; 180 or more: the heading given is random, and said to be unknown."""
-    focal_error: Sigmas = ()
-    """Size of the relative error of the given focal length; its sign is random."""
+    utc_sigma_s: Level = 0.0
+    """Of the time."""
+    focal_sigma: Level = 0.0
+    """Of the focal length, relative."""
+    focal_range: Level = 0.0
+    """Half-width of a further, uniform error of the focal length, relative; its standard deviation is added to the stated."""
+    principal_point_sigma_px: Level = 0.0
+    """Of each of the principal point's coordinates."""
+    distortion_sigma: Level = 0.0
+    """Of the lens's k1; above 0 the lens is told without its distortion."""
+    pressure_sigma_hpa: Level = 0.0
+    temperature_sigma_c: Level = 0.0
 
     @property
     def lengths(self) -> set[int]:
-        """Numbers of levels."""
-        return {len(given) for given in (self.tilt_sigma_deg, self.heading_sigma_deg, self.focal_error) if given}
+        """Numbers of levels of what is given condition by condition."""
+        return {len(given) for _, given in self if isinstance(given, tuple)}
+
+    def at(self, level: int) -> Precision:
+        """What holds at a condition."""
+        return Precision(**{name: given[level] if isinstance(given, tuple) else given for name, given in self})
 
 
 class Split(Strict):
@@ -78,8 +103,9 @@ class Split(Strict):
 class Metric(Strict):
     """The number that the task's leaderboard sorts by."""
 
-    name: Literal["success_10km"] = "success_10km"
-    """Part of the frames with a fix nearer than 10 km to the truth."""
+    name: Annotated[str, Field(pattern=f"^{SUCCESS_PATTERN.pattern}$")] = "success_10km"
+    """Part of the frames with a fix nearer than a limit to the truth: in km, or as an angle at the Earth's centre, which is
+    that between the true and the found vertical among the stars, in arcsec or in pixels at the middle of the task's image."""
     unit: Literal["1"] = "1"
     better: Literal["higher"] = "higher"
 
@@ -96,7 +122,7 @@ class TaskDefinition(Strict):
     scenario: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.scenario\.yaml$")]
     """File beside this one, without seed and number of frames."""
     condition: Condition
-    told: Told = Told()
+    instruments: Instruments = Instruments()
     splits: dict[SplitName, Split]
     metric: Metric
     frames_per_condition: Annotated[int, Field(ge=10, le=10_000)]
@@ -109,8 +135,8 @@ class TaskDefinition(Strict):
             raise ValueError(f"splits: give {' and '.join(SPLITS)}")
         if self.splits["dev"].seed == self.splits["test"].seed:
             raise ValueError("splits: dev and test must have different seeds")
-        if self.told.lengths - {len(self.condition.values)}:
-            raise ValueError(f"told: give one value for each of the {len(self.condition.values)} conditions")
+        if self.instruments.lengths - {len(self.condition.values)}:
+            raise ValueError(f"instruments: give one value for each of the {len(self.condition.values)} conditions")
         wide = widest_half_width_points(self.frames_per_condition)
         if abs(wide - self.half_width_points) > 0.05:
             raise ValueError(f"half_width_points: {self.frames_per_condition} frames give {wide:.1f}")
@@ -145,9 +171,31 @@ class Task:
         """Name and revision, as in ``bortle@1``."""
         return f"{self.definition.name}@{self.definition.revision}"
 
+    @property
+    def graded_by_what_is_told(self) -> bool:
+        """Whether the conditions differ in what solvers are told, not in the scenario."""
+        return bool(self.definition.instruments.lengths)
+
+    @property
+    def limit_km(self) -> float:
+        """Error below which a frame is a success."""
+        found = SUCCESS_PATTERN.fullmatch(self.definition.metric.name)
+        assert found is not None
+        limit, unit = float(found[1]), found[2]
+        if unit == "px":
+            limit *= math.degrees(math.atan(1.0 / self.scenario_of("dev").frame(0).camera.f_px)) * 3600.0
+        return limit if unit == "km" else limit * KM_PER_ARCSEC
+
+    @property
+    def metric_key(self) -> str:
+        """Key of the metric in results, which state the limit in km."""
+        return f"success_{self.limit_km:.4g}km"
+
     def text_of(self, split: SplitName) -> str:
         """The scenario file of a split."""
         seed, frames = self.definition.splits[split].seed, self.definition.frames_per_condition
+        if self.graded_by_what_is_told:  # no image at two conditions: copies would link them
+            frames *= len(self.definition.condition.values)
         return f"seed: {seed}\nframes: {frames}\n{self.scenario_text}"
 
     def scenario_of(self, split: SplitName) -> Scenario:
@@ -186,6 +234,8 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
         There is no such task or revision, or its files are wrong.
     """
     bare, _, revision = name.partition("@")
+    if bare in RETIRED and folder == FOLDER:
+        raise TaskError(f"{bare}: this task is retired: {RETIRED[bare]}")
     path = folder / f"{bare}{TASK_SUFFIX}"
     if not path.is_file() or path.parent != folder:
         known = ", ".join(sorted(file.name.removesuffix(TASK_SUFFIX) for file in folder.glob(f"*{TASK_SUFFIX}")))
@@ -220,7 +270,7 @@ def _check_scenario(task: Task, path: Path) -> None:
     except ScenarioError as error:
         raise TaskError(str(error)) from error
     n = len(task.definition.condition.values)
-    expected = 1 if task.definition.told.lengths else n
+    expected = 1 if task.graded_by_what_is_told else n
     if scenario.combination_count != expected or len(scenario.axes) > 1:
         raise TaskError(
             f"{path}: sweeps {scenario.combination_count} combinations, the task needs {expected} on one axis"

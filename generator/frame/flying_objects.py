@@ -1,4 +1,4 @@
-"""Satellites, aircraft and meteors: where they are during the exposure, and how bright.
+"""Satellites, aircraft, meteors and false stars: where they are during the exposure, and how bright.
 
 A trail is a great circle at constant angular speed. A two-line element set is propagated with SGP4 (Vallado et al. 2006,
 AIAA 2006-6753; the `sgp4` package) to its true-equator frame, turned to the Earth by GMST 1982, and refracted. The scenario
@@ -19,9 +19,11 @@ from generator.light.atmosphere import MAG_PER_OPTICAL_DEPTH, Atmosphere, airmas
 from generator.places.astrometry import Air, Site, lift_deg
 from generator.places.satellite_shells import Shell, sunlit
 from generator.places.times import EarthOrientation, Instant
+from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.foreground_spec import (
     DirectionSpec,
     ForegroundSpec,
+    GlintsSpec,
     ShellSpec,
     TleSpec,
     TrailSpec,
@@ -124,10 +126,11 @@ def plan_objects(
     for number, shell in enumerate(spec.shells):
         groups.append(_shell(shell, number, first, start, time, parts, site, orientation, air, around))
         first += shell.planes * shell.per_plane
-    return fixed if len(groups) == 1 else _joined(groups)
+    return fixed if len(groups) == 1 else joined(groups)
 
 
-def _joined(groups: list[FlyingObjects]) -> FlyingObjects:
+def joined(groups: list[FlyingObjects]) -> FlyingObjects:
+    """Objects of several groups, in their order; light curves of one length."""
     return FlyingObjects(
         np.concatenate([group.number for group in groups]),
         tuple(kind for group in groups for kind in group.kind),
@@ -135,6 +138,39 @@ def _joined(groups: list[FlyingObjects]) -> FlyingObjects:
         np.concatenate([group.bv_mag for group in groups]),
         np.concatenate([group.directions for group in groups]),
         np.concatenate([group.light_curve for group in groups]),
+    )
+
+
+def plan_glints(
+    spec: GlintsSpec, camera: CameraSpec, R_cam: Floats, others: FlyingObjects, rng: np.random.Generator
+) -> FlyingObjects:
+    """False stars, uniform over the image's pixels; of a lens with decentring some stand a little outside of it.
+
+    Parameters
+    ----------
+    spec : GlintsSpec
+    camera : CameraSpec
+    R_cam : (3, 3) array
+        East-north-up to camera.
+    others : FlyingObjects
+        Of the frame; numbers follow on theirs.
+    rng : Generator
+    """
+    lens, count = camera.projection, spec.count
+    u, v = rng.uniform(-0.5, camera.width - 0.5, count), rng.uniform(-0.5, camera.height - 0.5, count)
+    v_mag = rng.uniform(*spec.v_mag, count)
+    x, y = (u - lens.cx_px) / lens.f_px, (v - lens.cy_px) / lens.fy_px
+    angle = np.radians(lens.axis_angles_deg(np.hypot(x, y)))
+    around = np.arctan2(y, x)
+    in_camera = np.stack([np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)], axis=1)
+    first = int(others.number.max(initial=-1)) + 1
+    return FlyingObjects(
+        number=first + np.arange(count, dtype=np.int32),
+        kind=("glint",) * count,
+        v_mag=v_mag,
+        bv_mag=np.full(count, spec.bv_mag),
+        directions=np.repeat((in_camera @ R_cam)[:, None], KEYFRAMES, axis=1),
+        light_curve=np.ones((count, others.light_curve.shape[1])),
     )
 
 

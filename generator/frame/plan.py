@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.flying_objects import FlyingObjects, Surroundings, plan_objects
+from generator.frame.flying_objects import FlyingObjects, Surroundings, joined, plan_glints, plan_objects
 from generator.light.atmosphere import Atmosphere, airmass
 from generator.light.molecular_bands import precipitable_water_cm
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
@@ -25,6 +25,7 @@ from generator.places.astrometry import (
     stars_within,
 )
 from generator.places.catalogue import StarCatalogue, load_catalogue
+from generator.places.catalogue_scatter import scattered
 from generator.places.ephemeris import planets
 from generator.places.horizon import LEVEL, Horizon, horizon_of
 from generator.places.times import SECONDS_PER_DAY, EarthOrientation, Instant, earth_orientation
@@ -79,7 +80,7 @@ class FramePlan:
     motion : Motion
         Rotation of the camera.
     objects : FlyingObjects
-        Satellites, aircraft and meteors.
+        Satellites, aircraft, meteors and false stars.
     airmass : (n,) array
         At mid-exposure; 0 where extinction is off.
     sky : SkyState
@@ -170,6 +171,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         spec, motion = spec.model_copy(update={"camera": drift.camera(told_camera)}), drift.motion(told_motion)
     horizon = horizon_of(site, air, spec.site.horizon_ground_m)
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation, horizon.altitude_deg)
+    if spec.stars.scatter_arcsec or spec.stars.scatter_mag:
+        rng = random_stream(scenario.seed, "star_scatter", index)
+        stars = scattered(stars, spec.stars.scatter_arcsec, spec.stars.scatter_mag, rng)
     places = intermediate_places(stars, site, utc_mid, orientation)
     path = [
         observed_places(places, site, utc_start.plus(float(after)), orientation, air)
@@ -189,6 +193,18 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     if spec.stars.scintillation:
         sigma = scintillation_sigma(spec.camera.aperture_mm, air_path, spec.time.exposure_s, spec.site.height_m)
         scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
+    objects = plan_objects(
+        spec.foreground,
+        utc_start,
+        spec.shutter_s,
+        site,
+        orientation,
+        air,
+        Surroundings(scenario.seed, sky.sun_icrs, dimming_atmosphere(spec.atmosphere)),
+    )
+    if spec.foreground.glints is not None:
+        rng = random_stream(scenario.seed, "glints", index)
+        objects = joined([objects, plan_glints(spec.foreground.glints, spec.camera, motion.R_mid, objects, rng)])
     above = level_or_up(middle.enu)
     return FramePlan(
         scenario=scenario,
@@ -205,15 +221,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         end=path[-1],
         directions=np.stack([places.enu for places in path], axis=1),
         motion=motion,
-        objects=plan_objects(
-            spec.foreground,
-            utc_start,
-            spec.shutter_s,
-            site,
-            orientation,
-            air,
-            Surroundings(scenario.seed, sky.sun_icrs, dimming_atmosphere(spec.atmosphere)),
-        ),
+        objects=objects,
         airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
         cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(above),
@@ -286,7 +294,9 @@ def field_radius_deg(camera: CameraSpec) -> float:
 
 def refracting_air(spec: LocalAtmosphereSpec) -> Air:
     """The air that bends the light; without pressure where refraction is off."""
-    return Air(spec.pressure_hpa if spec.refraction else 0.0, spec.temperature_c, spec.relative_humidity)
+    # Refraction is proportional to the air's density.
+    bending_hpa = spec.refraction_factor * spec.pressure_hpa if spec.refraction else 0.0
+    return Air(bending_hpa, spec.temperature_c, spec.relative_humidity)
 
 
 def dimming_atmosphere(spec: LocalAtmosphereSpec) -> Atmosphere | None:

@@ -13,6 +13,7 @@ from generator.scenario.ground.landscape_spec import LandscapeSpec
 from generator.scenario.horizon_profile import read_profile
 from generator.scenario.strict import File, Fraction, InputFile, Strict, listed
 
+Magnitude = Annotated[float, Field(ge=-20, le=12)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
@@ -169,6 +170,22 @@ class ShellSpec(Strict):
     bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
 
 
+class GlintsSpec(Strict):
+    """False stars: lights that stand still and have the image of a star, as lit dust and far lamps have."""
+
+    count: Annotated[int, Field(ge=0, le=10_000)]
+    """Lights in the image, at random over its pixels, anew in each frame."""
+    v_mag: Annotated[tuple[Magnitude, Magnitude], BeforeValidator(listed)] = (1.0, 6.0)
+    """Apparent V at the ground, uniform from the first to the second."""
+    bv_mag: Annotated[float, Field(ge=-0.5, le=3)] = 0.65
+
+    @model_validator(mode="after")
+    def _ordered(self) -> GlintsSpec:
+        if self.v_mag[0] > self.v_mag[1]:
+            raise ValueError("v_mag: give the brighter limit first")
+        return self
+
+
 class ForegroundSpec(Strict):
     """Geometry in front of the sky, and flying objects."""
 
@@ -183,6 +200,9 @@ class ForegroundSpec(Strict):
 
     trains: Annotated[tuple[TrainSpec, ...], Field(max_length=20), BeforeValidator(listed)] = ()
     shells: Annotated[tuple[ShellSpec, ...], Field(max_length=10), BeforeValidator(listed)] = ()
+    # Excluded from the scenario's hash unless given, as if the key did not exist.
+    glints: GlintsSpec | None = Field(default=None, exclude_if=lambda glints: glints is None)
+    """False stars."""
 
     @property
     def hides_sky(self) -> bool:

@@ -112,6 +112,11 @@ class AtmosphereSpec(Strict):
     """Water vapour above the site, mm of liquid, for its absorption bands; unless given, by temperature and humidity."""
     refraction: bool = True
     """Whether refraction displaces the light."""
+    # Excluded from the scenario's hash unless given, as if the key did not exist.
+    refraction_factor: Annotated[float, Field(ge=0.5, le=2)] = Field(
+        default=1.0, exclude_if=lambda factor: factor == 1.0
+    )
+    """Refraction over that of an air with these values; instruments tell it to about 1 %: {normal: [1.0, 0.01]}."""
     extinction: bool = True
     """Whether extinction dims the light."""
 
@@ -241,6 +246,11 @@ class StarsSpec(Strict):
     """Draw Mercury, Venus and Mars to Neptune."""
     scintillation: bool = False
     """Whether each star's light varies by scintillation; off by default, so that electrons_e is the mean."""
+    # Excluded from the scenario's hash unless given, as if the keys did not exist.
+    scatter_arcsec: Annotated[float, Field(ge=0, le=36_000)] = Field(default=0.0, exclude_if=lambda sigma: sigma == 0.0)
+    """Standard deviation of each star's place about the catalogue's, along each of two axes, anew in each frame, arcsec."""
+    scatter_mag: Annotated[float, Field(ge=0, le=3)] = Field(default=0.0, exclude_if=lambda sigma: sigma == 0.0)
+    """Standard deviation of each star's brightness about the catalogue's, anew in each frame, mag."""
 
 
 def _named_attitude(value: object) -> object:

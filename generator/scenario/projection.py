@@ -184,8 +184,12 @@ class Projection:
 
     def axis_angle_deg(self, radius: float) -> float:
         """Angle from the axis, deg, at a distance from the principal point over the focal length; no tangential terms."""
+        return float(self.axis_angles_deg(np.array([radius]))[0])
+
+    def axis_angles_deg(self, radii: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same of n distances, (n,) array."""
         theta, argument = self._angles()
-        return float(np.degrees(np.interp(radius, [self.radius(value) for value in argument], theta)))
+        return np.asarray(np.degrees(np.interp(radii, [self.radius(value) for value in argument], theta)))
 
     def angle_deg(self, distance_px: float) -> float:
         """Angle from the axis, deg, beyond which nothing falls within a distance, px, from the principal point."""

@@ -24,7 +24,17 @@ from benchmark.stats.break_point import Discrimination, break_point, discriminat
 from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
 from benchmark.stats.confidence import CONFIDENCE_METRICS, ReliabilityBin, RiskCoverage, reliability, risk_coverage
 from benchmark.stats.covariance import COVARIANCE_METRICS
-from benchmark.stats.frame_metrics import METRICS, UNDEFINED, column, errors_km, fixed, groups_of, measure, succeeded
+from benchmark.stats.frame_metrics import (
+    METRICS,
+    UNDEFINED,
+    column,
+    errors_km,
+    fixed,
+    groups_of,
+    measure,
+    succeeded,
+    success_metric,
+)
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import ERROR, FIX, REFUSED
 
@@ -249,7 +259,7 @@ def _circumstances(frames: pd.DataFrame, task: TaskFacts) -> tuple[Circumstance,
 
 def _successes(frames: pd.DataFrame, task: TaskFacts, circumstance: Circumstance) -> tuple[Estimate, ...]:
     values = column(frames, circumstance.column)
-    metric = [metric for metric in METRICS if metric.key == task.metric]
+    metric = [success_metric(task.metric)]
     return tuple(
         measure(frames[(values >= low) & (values <= high)], metric)[task.metric] for low, high in circumstance.groups
     )
@@ -265,7 +275,7 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
     return Entry(
         stored=result,
         metrics=metrics,
-        success=metrics[task.metric],
+        success=measure(frames, [success_metric(task.metric)])[task.metric],
         rank=rank,
         break_point=break_point(frames, task.harder, limit_km=task.limit_km) if task.graded else _NO_BREAK,
         levels=_levels(frames, task),
@@ -280,7 +290,7 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
 
 def _levels(frames: pd.DataFrame, task: TaskFacts) -> tuple[Level, ...]:
     values = conditions_of(frames, task)
-    metrics = [metric for metric in METRICS if metric.key in {task.metric, "median_error_km"}]
+    metrics = [success_metric(task.metric), *(metric for metric in METRICS if metric.key == "median_error_km")]
     levels = []
     for group in groups_of(values, MOST_LEVELS if task.graded else _MOST_SHOWN):
         part = frames[group]

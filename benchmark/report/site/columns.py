@@ -9,6 +9,7 @@ from typing import Protocol
 
 from benchmark.report.formatting import graded, interval, number, percent
 from benchmark.report.site.boards import Entry
+from benchmark.stats.break_point import tested_around
 from benchmark.stats.intervals import Estimate
 
 
@@ -78,13 +79,14 @@ def break_words(entry: Entry) -> str:
 
 
 def break_interval(entry: Entry) -> str:
-    """Its interval, an open end as the end of what was tested."""
+    """Its interval, an open end as the end of what was tested, and the tested values on both sides of it."""
     found, tested = entry.break_point, [level.condition for level in entry.levels]
     if not tested or not math.isfinite(found.value):
         return ""
     low = graded(found.low) if math.isfinite(found.low) else f"< {graded(min(tested))}"
     high = graded(found.high) if math.isfinite(found.high) else f"> {graded(max(tested))}"
-    return f"{low} – {high}"
+    bracket = tested_around(found.value, tested)
+    return f"{low} – {high}" + (f"; tested {graded(bracket[0])} and {graded(bracket[1])}" if bracket else "")
 
 
 def _metric(key: str) -> Callable[[Measured], Estimate]:

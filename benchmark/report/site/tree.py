@@ -24,10 +24,9 @@ from benchmark.run.packed import read_packed
 from benchmark.run.provenance import RunProvenance, read_provenance
 from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary
 from benchmark.solvers.registry import known_solvers, solver_folder
-from benchmark.stats.frame_metrics import SUCCESS_LEVELS_KM, read_frames
+from benchmark.stats.frame_metrics import read_frames, success_limit_km
 from benchmark.stats.metrics import ERROR, FIX
 
-SUCCESS_METRICS = tuple(f"success_{limit:g}km" for limit in SUCCESS_LEVELS_KM)
 _PATTERN = f"*@*/*/*/*/{SUMMARY_NAME}"
 _PACKED_PATTERN = "*@*/*.json"
 GRADED = "condition"
@@ -47,7 +46,7 @@ class TaskFacts:
     harder : int
         1 where larger values of the condition are harder, -1 where smaller ones are.
     metric : str
-        Key of the metric that ranks solvers, one of `SUCCESS_METRICS`.
+        Key of the metric that ranks solvers, ``success_Nkm``.
     by : str
         Column of the condition; `GRADED` in a task.
     """
@@ -74,7 +73,7 @@ class TaskFacts:
     @property
     def limit_km(self) -> float:
         """Error below which a frame is a success."""
-        return float(self.metric.removeprefix("success_").removesuffix("km"))
+        return success_limit_km(self.metric)
 
     @property
     def axis(self) -> str:
@@ -199,8 +198,10 @@ def _unpacked(listing: Path) -> list[StoredResult]:
 def _stored(
     path: Path, folder: Path, solver: str, source: RunProvenance, frames: pd.DataFrame, established: str = ""
 ) -> StoredResult:
-    if source.frames.metric not in SUCCESS_METRICS:
-        raise ResultsError(f"{path}: metric {source.frames.metric!r} is not one of {', '.join(SUCCESS_METRICS)}")
+    try:
+        success_limit_km(source.frames.metric)
+    except ResultsError as error:
+        raise ResultsError(f"{path}: {error}") from error
     return StoredResult(
         folder=folder,
         solver=solver,

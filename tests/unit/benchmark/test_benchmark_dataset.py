@@ -39,7 +39,8 @@ def test_an_observation_holds_no_truth(folder):
     observation = open_dataset(folder).frames[0].observation
     assert set(vars(observation)) == {
         "camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg", "pressure_hpa", "temperature_c",
-        "utc_sigma_s", "focal_sigma", "principal_point_sigma_px", "pressure_sigma_hpa", "temperature_sigma_c",
+        "utc_sigma_s", "focal_sigma", "principal_point_sigma_px", "distortion_sigma", "pressure_sigma_hpa",
+        "temperature_sigma_c",
     }  # fmt: skip
     lens = {"f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad"}
     assert set(vars(observation.camera)) == {"model", "width", "height"} | lens

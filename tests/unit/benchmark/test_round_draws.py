@@ -17,11 +17,11 @@ from small_rounds import RULES, SECRET, small_key, small_rules
 
 import celnav
 from benchmark.errors import RoundError
+from benchmark.frames.instruments import Precision, round_to, step_of, told
 from benchmark.judge.frame_bounds import ground_speed_km_s
 from benchmark.protocol import CameraRecord, Observation
 from benchmark.rounds.commitment import Terms, commitment_sha256
-from benchmark.rounds.drawing import Precision, draw_frames
-from benchmark.rounds.instruments import round_to, step_of, told
+from benchmark.rounds.drawing import draw_frames
 from benchmark.rounds.rules import load_rules, parse_rules, rules_names
 from benchmark.rounds.secret import RoundKey, new_secret, read_secret
 from generator.places.times import Instant
@@ -89,7 +89,7 @@ PRECISION = Precision(0.1, 0.7, 0.05, 0.001, 0.3, 2.0, 1.5)
 def test_what_is_told_has_the_errors_that_are_stated() -> None:
     """Each error over its stated sigma is standard Gaussian: chi-squared of 1500 draws, two-sided, at FALSE_ALARM."""
     seen, key, n = observation(), small_key(), 1500
-    found = [told(seen, PRECISION, key, index) for index in range(n)]
+    found = [told(seen, PRECISION, key.stream("told", index)) for index in range(n)]
     turns = np.array([one.R_cam.T @ seen.R_cam for one in found])
     tilt = np.degrees([one.tilt_sigma_deg for one in found])
     errors = {
@@ -112,7 +112,7 @@ def test_what_is_told_has_the_errors_that_are_stated() -> None:
 
 
 def test_nothing_is_told_to_more_digits_than_the_instrument_has() -> None:
-    one = told(observation(), PRECISION, small_key(), 4)
+    one = told(observation(), PRECISION, small_key().stream("told", 4))
     pointing = celnav.Pointing.of(one.R_cam)
     for angle in (pointing.azimuth_deg, pointing.altitude_deg, pointing.roll_deg):
         assert angle == pytest.approx(round(angle, 2), abs=1e-6)
@@ -125,7 +125,7 @@ def test_nothing_is_told_to_more_digits_than_the_instrument_has() -> None:
 
 def test_an_unknown_heading_is_turned_over_the_whole_circle() -> None:
     unknown = dataclasses.replace(PRECISION, heading_sigma_deg=180.0)
-    found = [told(observation(), unknown, small_key(), index) for index in range(200)]
+    found = [told(observation(), unknown, small_key().stream("told", index)) for index in range(200)]
     assert {one.heading_sigma_deg for one in found} == {math.inf}
     azimuths = [celnav.Pointing.of(one.R_cam).azimuth_deg / 360 for one in found]
     assert stats.kstest(azimuths, "uniform").pvalue > FALSE_ALARM

@@ -142,7 +142,11 @@ def test_the_set_holds_no_truth(packed, folder, frames):
             "pressure_hpa", "temperature_c", "pressure_sigma_hpa", "temperature_sigma_c"
         }  # fmt: skip
         assert set(record["time"]) == {"utc_mid", "utc_sigma_s"}
-        assert record["camera_sigma"] == {"focal_sigma": 0.0, "principal_point_sigma_px": 0.0}
+        assert record["camera_sigma"] == {
+            "focal_sigma": 0.0,
+            "principal_point_sigma_px": 0.0,
+            "distortion_sigma": 0.0,
+        }
         assert set(record["attitude"]) == {
             "R_cam", "azimuth_deg", "altitude_deg", "roll_deg", "tilt_sigma_deg", "heading_sigma_deg"
         }  # fmt: skip

@@ -1,5 +1,6 @@
 """Tasks are frozen: what they mean does not change without a new revision, and what is done is not done again."""
 
+import dataclasses
 import json
 import math
 import runpy
@@ -7,6 +8,7 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from unit.benchmark.stored import stored
@@ -14,18 +16,19 @@ from unit.benchmark.test_solver_programs import PROGRAM
 
 import celnav
 from benchmark.cli.bench import app
-from benchmark.errors import TaskError
-from benchmark.frames.task_frames import misinformed, wanted_shards
+from benchmark.errors import ResultsError, TaskError
+from benchmark.frames.instruments import told
+from benchmark.frames.task_frames import wanted_shards
 from benchmark.protocol import CameraRecord, Observation
 from benchmark.run.provenance import blanks
 from benchmark.solvers.celnav_solver import answer_of
+from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.tasks import definition
-from benchmark.tasks.definition import FOLDER, Told, load_task, task_names, widest_half_width_points
+from benchmark.tasks.definition import FOLDER, Instruments, load_task, task_names, widest_half_width_points
+from generator.seeds import random_stream
 
 FROZEN = {
-    "attitude@1": "31d631a4984a5912b0e6e0c7a7b22b4247a00cdc5411f839c611adc59315484b",
     "bortle@1": "2963caa2b5ceeb3a316ce44b66dc9a4fe8c82a082be0648089da986044ef3a96",
-    "calibration@1": "c4474588c85751929001f84d00a02efc586a9c04ee2e2cf77ec3285194adbf50",
     "clutter@1": "0bc4c2f011d3827f95cca17a863b945bd7f29a93c43831fee3a88e5e544351e2",
     "motion@1": "66f0eac4bf5fd0cc3b482e8b9a3083e69845c76c6677cca8b59f836b19622fa7",
     "optics@1": "57854c8223ca9fe65820f07b00eec365eda7e22c04c8592ac3e34895fccde1a8",
@@ -103,7 +106,7 @@ def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):
 
 
 def test_unknown_tasks_and_revisions_are_refused():
-    with pytest.raises(TaskError, match="known: attitude, bortle"):
+    with pytest.raises(TaskError, match="known: bortle, clutter"):
         load_task("bortel")
     with pytest.raises(TaskError, match="use bortle@1"):
         load_task("bortle@2")
@@ -116,49 +119,96 @@ def test_the_first_frames_are_the_same_however_many_are_asked_for():
     scenario = load_task("bortle").scenario_of("dev")
 
     def indices(n):
-        return {i for shard in wanted_shards(scenario, n, "dev") for i in range(shard.first, shard.stop)}
+        return {i for shard in wanted_shards(150, n, "dev", range(9)) for i in range(shard.first, shard.stop)}
 
     assert indices(3) < indices(25) < indices(150) == set(range(scenario.frame_count))
     assert indices(3) == {150 * condition + i for condition in range(9) for i in range(3)}
-    full = {shard.index: shard for shard in wanted_shards(scenario, 150, "dev")}
+    full = {shard.index: shard for shard in wanted_shards(150, 150, "dev", range(9))}
     assert len(full) == 135
-    assert all(full[shard.index] == shard for shard in wanted_shards(scenario, 20, "dev"))
+    assert all(full[shard.index] == shard for shard in wanted_shards(150, 20, "dev", range(9)))
 
 
-CAMERA = CameraRecord("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
-SEEN = Observation(CAMERA, "2020-01-01T00:00:00Z", Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix())
+CAMERA = CameraRecord("brown_conrady", 640, 480, 500.0, 500.0, 319.5, 239.5, (-0.05,), (0.0, 0.0))
+SEEN = Observation(
+    CAMERA,
+    "2020-01-01T00:00:00.000Z",
+    Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix(),
+    pressure_hpa=1001.234,
+)
+
+
+def heard(instruments: Instruments, level: int, count: int) -> list[Observation]:
+    return [told(SEEN, instruments.at(level), random_stream(1, "test", index)) for index in range(count)]
 
 
 def test_what_is_told_errs_as_the_task_says():
-    told = Told(tilt_sigma_deg=(0.0, 0.5), heading_sigma_deg=(0.0, 2.0))
-    assert misinformed(SEEN, told, 0, 1, 0).R_cam == pytest.approx(SEEN.R_cam, abs=1e-15)
-    off = []
-    for index in range(4000):
-        heard = misinformed(SEEN, told, 1, 1, index)
-        assert (heard.tilt_sigma_deg, heard.heading_sigma_deg, heard.camera) == (0.5, 2.0, CAMERA)
-        off.append(Rotation.from_matrix(SEEN.R_cam.T @ heard.R_cam).as_rotvec(degrees=True))
+    instruments = Instruments(tilt_sigma_deg=(0.0, 0.5), heading_sigma_deg=(0.0, 2.0))
+    exact = heard(instruments, 0, 1)[0]
+    assert dataclasses.replace(exact, R_cam=SEEN.R_cam) == SEEN
+    assert exact.R_cam == pytest.approx(SEEN.R_cam, abs=1e-15)
+    found = heard(instruments, 1, 4000)
+    assert {one.camera for one in found} == {CAMERA}
+    # Rounded to 0.1 deg: 0.5 and 2 deg become 0.501 and 2.00.
+    assert {(one.tilt_sigma_deg, one.heading_sigma_deg) for one in found} == {(0.501, 2.0)}
+    off = [Rotation.from_matrix(SEEN.R_cam.T @ one.R_cam).as_rotvec(degrees=True) for one in found]
     # The standard deviation of 4000 Gaussian numbers is within 5 % of theirs with a probability of 1 - 8e-6.
     assert np.std(off, axis=0) == pytest.approx([0.5, 0.5, 2.0], rel=0.05)
     assert np.abs(np.mean(off, axis=0)).max() < 5 * 2.0 / math.sqrt(4000)
 
 
 def test_an_unknown_heading_is_said_to_be_unknown():
-    told = Told(heading_sigma_deg=(0.0, 10.0, 180.0))
-    heard = [misinformed(SEEN, told, 2, 1, index) for index in range(500)]
-    assert all(math.isinf(one.heading_sigma_deg) for one in heard)
+    found = heard(Instruments(heading_sigma_deg=(0.0, 10.0, 180.0)), 2, 500)
+    assert all(math.isinf(one.heading_sigma_deg) for one in found)
     # The vertical stays what it was; the heading is anything.
-    assert all(one.R_cam[:, 2] == pytest.approx(SEEN.R_cam[:, 2], abs=1e-12) for one in heard)
-    turned = [Rotation.from_matrix(SEEN.R_cam.T @ one.R_cam).as_rotvec(degrees=True)[2] for one in heard]
+    assert all(one.R_cam[:, 2] == pytest.approx(SEEN.R_cam[:, 2], abs=1e-12) for one in found)
+    turned = [Rotation.from_matrix(SEEN.R_cam.T @ one.R_cam).as_rotvec(degrees=True)[2] for one in found]
     quarters, _ = np.histogram(turned, [-180, -90, 0, 90, 180])
     assert quarters.min() > 80  # of 125 expected: chance 2e-5
 
 
-def test_a_wrong_focal_length_is_not_confessed():
-    told = Told(focal_error=(0.0, 0.1))
-    heard = [misinformed(SEEN, told, 1, 1, index) for index in range(100)]
-    assert {round(one.camera.f_px, 9) for one in heard} == {450.0, 550.0}
-    assert all(one.camera.fy_px == one.camera.f_px for one in heard)
-    assert (heard[0].tilt_sigma_deg, heard[0].heading_sigma_deg) == (0.0, 0.0)
+def test_an_unknown_lens_is_told_plain_and_its_focal_length_within_a_range():
+    found = heard(Instruments(focal_range=(0.0, 0.3, 0.4), distortion_sigma=0.05), 1, 2000)
+    assert {(one.camera.model, one.camera.k, one.distortion_sigma) for one in found} == {("pinhole", (), 0.05)}
+    off = np.array([one.camera.f_px for one in found]) / 500.0 - 1.0
+    # Of 2000 uniform numbers the range lacks 0.5 % or less with a probability of 1 - 9e-4 (the seed is fixed).
+    assert (off.min(), off.max()) == pytest.approx((-0.3, 0.3), abs=0.003)
+    assert stats.kstest((off + 0.3) / 0.6, "uniform").pvalue > 1e-3
+    assert {one.focal_sigma for one in found} == {0.173}  # 0.3 / sqrt(3)
+    assert all(one.camera.fy_px == pytest.approx(one.camera.f_px, rel=1e-6) for one in found)
+
+
+def test_limits_of_success_are_lengths_angles_and_pixels(tmp_path):
+    # One arcsec on a sphere of the Earth's mean radius: 6371.0088 km / 206264.806.
+    for name, limit_km in (
+        ("success_10km", 10.0),
+        ("success_180arcsec", 180 * 6371.0088 / 206264.806),
+        ("success_2px", 2 * math.degrees(math.atan(1 / 135.0)) * 111.1951),
+    ):
+        (tmp_path / "tiny.task.yaml").write_text(TINY.replace("success_10km", name))
+        (tmp_path / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
+        task = load_task("tiny", tmp_path)
+        assert task.limit_km == pytest.approx(limit_km, rel=1e-6)
+        assert success_limit_km(task.metric_key) == pytest.approx(limit_km, rel=1e-3)
+    (tmp_path / "tiny.task.yaml").write_text(TINY.replace("success_10km", "success_10mi"))
+    with pytest.raises(TaskError, match=r"metric\.name"):
+        load_task("tiny", tmp_path)
+    with pytest.raises(ResultsError, match="success_Nkm"):
+        success_limit_km("success_10mi")
+
+
+def test_a_task_graded_by_what_is_told_has_frames_of_its_own_for_each_condition(tmp_path):
+    told_task = TINY.replace("metric:", "instruments: {tilt_sigma_deg: [0, 0.1, 0.2], utc_sigma_s: 0.1}\nmetric:")
+    (tmp_path / "tiny.task.yaml").write_text(told_task)
+    (tmp_path / "tiny.scenario.yaml").write_text(TINY_SCENARIO.replace("{sweep: [5.0, 4.0, 3.0]}", "5.0"))
+    task = load_task("tiny", tmp_path)
+    assert task.graded_by_what_is_told
+    assert task.scenario_of("dev").frame_count == 30
+    levels = task.definition.instruments
+    assert [levels.at(level).tilt_sigma_deg for level in range(3)] == [0.0, 0.1, 0.2]
+    assert {levels.at(level).utc_sigma_s for level in range(3)} == {0.1}
+    (tmp_path / "tiny.task.yaml").write_text(told_task.replace("[0, 0.1, 0.2]", "[0, 0.1]"))
+    with pytest.raises(TaskError, match="one value for each of the 3 conditions"):
+        load_task("tiny", tmp_path)
 
 
 TINY = """
