@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
 from benchmark.errors import TaskError
 from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_digest
 from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
-from benchmark.frames.instruments import told
 from benchmark.frames.record_values import read_record
+from benchmark.instruments import told
 from benchmark.tasks.definition import SplitName, Task
 from generator.dataset.archive import read_frames as read_archive
+from generator.dataset.images import photo
 from generator.dataset.layout import DatasetSpec, Shard
 from generator.dataset.receipt import finished_files
 from generator.dataset.run import open_dataset_target, run_shards
@@ -84,7 +89,7 @@ def make_task_frames(
     scenario = task.scenario_of(split)
     folder = split_folder(task.label, split, scenario.sha256, choice.data)
     shards = wanted_shards(definition.frames_per_condition, per_condition, split, levels)
-    unpacked = folder / UNPACKED
+    unpacked, developed = folder / UNPACKED, definition.image == "photo"
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
         store = LocalTarget(folder)
@@ -92,12 +97,12 @@ def make_task_frames(
         missing = [shard for shard in shards if finished_files(store, shard, scenario, spec) is None]
         for shard in shards:
             if shard not in missing:
-                _unpack(folder / shard.tar, unpacked, again=False)
+                _unpack(folder / shard.tar, unpacked, False, developed)
                 progress(shard.stop - shard.first)
         for report in run_shards(scenario, spec, missing, store, choice.workers, lambda index: progress(1)):
             if report.failures:
                 raise TaskError(f"{task.label}: frame {report.failures[0].index}: {report.failures[0].error}")
-            _unpack(folder / report.shard.tar, unpacked, again=True)
+            _unpack(folder / report.shard.tar, unpacked, True, developed)
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
     records = [unpacked / f"frame-{index:05d}.json" for shard in shards for index in range(shard.first, shard.stop)]
@@ -166,20 +171,32 @@ def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, lev
     return shards
 
 
-def _unpack(archive_path: Path, folder: Path, again: bool) -> None:
-    """Put a shard's images and records beside each other, where programs can read them."""
+def _unpack(archive_path: Path, folder: Path, again: bool, developed: bool) -> None:
+    """Put a shard's images and records beside each other, where programs can read them.
+
+    Of `developed` frames the image is the photograph's luma, 0 to 255, in place of the raw image.
+    """
     try:
         for frame in read_archive(archive_path):
             for suffix in ("png", "json"):
                 path = path_within(folder, f"{frame.frame_id}.{suffix}")
                 if again or not path.is_file():
-                    write_bytes(path, frame.members[suffix])
+                    as_photo = developed and suffix == "png"
+                    write_bytes(path, _luma_png(frame.members["photo.jpg"]) if as_photo else frame.members[suffix])
     except KeyError as error:
         raise TaskError(
             f"{archive_path}: {frame.frame_id} has no {error}; delete it and run the same command again"
         ) from error
     except (GeneratorError, OSError) as error:
         raise TaskError(f"{error}; delete {archive_path} and run the same command again") from error
+
+
+def _luma_png(jpeg: bytes) -> bytes:
+    """A photograph's luma (ITU-R BT.601, as in JPEG) as a 16-bit PNG of one channel."""
+    luma = np.asarray(Image.fromarray(photo(jpeg)).convert("L"), dtype=np.uint16)
+    buffer = io.BytesIO()
+    Image.fromarray(luma).save(buffer, format="PNG")
+    return buffer.getvalue()
 
 
 def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame]:

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from benchmark.errors import RoundError
-from benchmark.frames.instruments import Precision
+from benchmark.instruments import Precision
 from benchmark.rounds.rules import INSTRUMENTS, Rules
 from benchmark.rounds.secret import RoundKey
 from generator.errors import ScenarioError

@@ -14,7 +14,7 @@ from benchmark.errors import RoundError
 from benchmark.frames.dataset import Frame, open_dataset, truth_digest
 from benchmark.frames.frame_set import ALL, SUCCESS_METRIC, FrameFacts, FrameSet
 from benchmark.frames.identity import FrameIdentity, identity_of
-from benchmark.frames.instruments import told
+from benchmark.instruments import told
 from benchmark.rounds.commitment import Commitment
 from benchmark.rounds.drawing import DrawnFrame
 from benchmark.rounds.secret import RoundKey

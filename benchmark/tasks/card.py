@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from benchmark.frames.instruments import HEADING_UNKNOWN_DEG
+from benchmark.instruments import HEADING_UNKNOWN_DEG
 from benchmark.tasks.definition import KM_PER_ARCSEC, SPLITS, Task
 from generator import __version__
 from generator.frame.outlook import field_of_view_deg
@@ -20,6 +20,7 @@ _INSTRUMENTS = (
     ("pressure_sigma_hpa", "of the pressure", " hPa"),
     ("temperature_sigma_c", "of the temperature", " deg C"),
 )
+_IMAGES = {"raw": "", "photo": " (the luma of the developed JPEG)"}
 LICENCES = {"CC-BY-4.0": "[CC BY 4.0](https://creativecommons.org/licenses/by/4.0/)"}
 LIMITS = (
     "The frames are synthetic; each physical model has limits of its own (docs/physics.md of skybench).",
@@ -43,8 +44,8 @@ def card(task: Task) -> str:
         "purpose": f"find the {condition.name} at which a solver fails, and compare solvers at each",
         "graded": f"{condition.name}: {', '.join(values)}{unit}; {condition.harder} is harder",
         "frames": f"{definition.frames_per_condition} per condition; {_camera(task)}",
-        "solvers receive": "the image, the camera, the time of mid-exposure, the attitude, pressure and temperature of the "
-        + f"air{_instruments(task)}",
+        "solvers receive": f"the image{_IMAGES[definition.image]}, the camera, the time of mid-exposure, the attitude, "
+        + f"pressure and temperature of the air{_instruments(task)}",
         "score": f"`{metric.name}`: share of frames with a fix within {_limit(task)}; {metric.better} is better; 95 % "
         + f"intervals within ±{definition.half_width_points} points at one condition, clustered by site",
         "licence of the frames": LICENCES[definition.licence],

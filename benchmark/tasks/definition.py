@@ -14,7 +14,7 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
-from benchmark.frames.instruments import Precision
+from benchmark.instruments import Precision
 from benchmark.stats.intervals import wilson
 from generator.errors import ScenarioError
 from generator.scenario.file import Scenario, parse_scenario
@@ -62,7 +62,7 @@ class Condition(Strict):
 class Instruments(Strict):
     """How well a solver is told a frame's circumstances: a number for all conditions, or one for each.
 
-    Errors are drawn anew for every frame (`benchmark.frames.instruments`); solvers are told the standard deviations. What is
+    Errors are drawn anew for every frame (`benchmark.instruments`); solvers are told the standard deviations. What is
     left out is told as it is.
     """
 
@@ -122,6 +122,8 @@ class TaskDefinition(Strict):
     scenario: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.scenario\.yaml$")]
     """File beside this one, without seed and number of frames."""
     condition: Condition
+    image: Literal["raw", "photo"] = "raw"
+    """What solvers get: the sensor's numbers, or the luma of the developed JPEG."""
     instruments: Instruments = Instruments()
     splits: dict[SplitName, Split]
     metric: Metric
@@ -269,6 +271,11 @@ def _check_scenario(task: Task, path: Path) -> None:
         scenario = task.scenario_of("dev")
     except ScenarioError as error:
         raise TaskError(str(error)) from error
+    develop = scenario.frame(0).sensor.develop
+    if task.definition.image == "photo" and (
+        develop is None or develop.photo is None or develop.photo.format != "jpeg"
+    ):
+        raise TaskError(f"{path}: sensor.develop.photo: solvers get the photograph, so give one, as JPEG")
     n = len(task.definition.condition.values)
     expected = 1 if task.graded_by_what_is_told else n
     if scenario.combination_count != expected or len(scenario.axes) > 1:

@@ -17,7 +17,7 @@ from small_rounds import RULES, SECRET, small_key, small_rules
 
 import celnav
 from benchmark.errors import RoundError
-from benchmark.frames.instruments import Precision, round_to, step_of, told
+from benchmark.instruments import Precision, round_to, step_of, told
 from benchmark.judge.frame_bounds import ground_speed_km_s
 from benchmark.protocol import CameraRecord, Observation
 from benchmark.rounds.commitment import Terms, commitment_sha256
