@@ -32,7 +32,6 @@ Numbers = Annotated[tuple[float, ...], Field(min_length=3, max_length=40), Befor
 Sigma = Annotated[float, Field(ge=0, le=360)]
 Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
 RETIRED = {
-    "attitude": "the given tilt decided it, whatever the solver; phone has told tilts",
     "calibration": "one of its seven conditions decided it; unknown-camera asks the same in fine steps",
 }
 """Tasks of earlier versions that nobody runs any more, and why; their results stay."""

@@ -28,7 +28,9 @@ from benchmark.tasks.definition import FOLDER, Instruments, load_task, task_name
 from generator.seeds import random_stream
 
 FROZEN = {
+    "attitude@2": "4a61392e590c81eeaaf4f52143118465027b0a28c0ab6370b9ab4b18063d80a5",
     "bortle@1": "2963caa2b5ceeb3a316ce44b66dc9a4fe8c82a082be0648089da986044ef3a96",
+    "city@1": "358609eb67b9f3aa50ed71383af57ba40558a477e86f74fdede72b6b1f8549cd",
     "clutter@1": "0bc4c2f011d3827f95cca17a863b945bd7f29a93c43831fee3a88e5e544351e2",
     "glints@1": "1f42b6f129641992e761a21043bf84244275c62b275987a3b028fd2c3c03b728",
     "motion@1": "66f0eac4bf5fd0cc3b482e8b9a3083e69845c76c6677cca8b59f836b19622fa7",
@@ -110,7 +112,7 @@ def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):
 
 
 def test_unknown_tasks_and_revisions_are_refused():
-    with pytest.raises(TaskError, match="known: bortle, clutter"):
+    with pytest.raises(TaskError, match="known: attitude, bortle"):
         load_task("bortel")
     with pytest.raises(TaskError, match="use bortle@1"):
         load_task("bortle@2")
