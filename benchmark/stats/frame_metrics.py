@@ -128,8 +128,15 @@ def star_precision(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
     return proportion_estimate(frames["n_correct"], frames["n_matches"], resamples)
 
 
+def names_no_star(frames: pd.DataFrame) -> bool:
+    """Whether a solver has fixes and none of them says which stars it saw: it returns no matches."""
+    return bool(fixed(frames).any()) and not column(frames, "n_matches").any()
+
+
 def star_recall(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Correct matches of all detections of a star."""
+    """Correct matches of all detections of a star; undefined of a solver that returns none."""
+    if names_no_star(frames):
+        return UNDEFINED
     return proportion_estimate(frames["n_correct"], frames["n_detected_stars"], resamples)
 
 
@@ -148,7 +155,9 @@ def kelvins_scores(frames: pd.DataFrame) -> F8:
 
 
 def kelvins(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Mean of the frames' scores."""
+    """Mean of the frames' scores; undefined of a solver that returns no matches."""
+    if names_no_star(frames):
+        return UNDEFINED
     return mean_estimate(kelvins_scores(frames), resamples, (-1.0, 1.0))
 
 

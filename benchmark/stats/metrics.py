@@ -98,6 +98,9 @@ def summarise(scores: Sequence[FrameScore]) -> Summary:
     errors_km = [score.error_km for score in scores]
     times_ms = [score.time_ms for score in scores]
     correct = [score.n_correct for score in scores]
+    # A solver whose fixes name no star returns no matches: there is no recall to tell.
+    names_none = any(fixed) and not any(score.n_matches for score in scores)
+    detected = [0 if names_none else score.n_detected_stars for score in scores]
     return Summary(
         n_frames=len(scores),
         n_fixes=sum(fixed),
@@ -108,7 +111,7 @@ def summarise(scores: Sequence[FrameScore]) -> Summary:
         median_error_km=quantile_estimate(errors_km, 0.5),
         p90_error_km=quantile_estimate(errors_km, 0.9),
         star_precision=pooled_proportion(correct, [score.n_matches for score in scores]),
-        star_recall=pooled_proportion(correct, [score.n_detected_stars for score in scores]),
+        star_recall=pooled_proportion(correct, detected),
         median_time_ms=quantile_estimate(times_ms, 0.5),
         p95_time_ms=quantile_estimate(times_ms, 0.95),
     )

@@ -19,14 +19,15 @@ from generator.drawing.style import DPI, axes_at, house_style, new_figure
 from generator.drawing.svg import standalone_svg
 
 _LEAST_WIDTH_PX = 660
-_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 30, 90, 72, 18
+_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 30, 90, 48, 18
+_TITLE_PX, _AXIS_PX = 34, 30
 _LINE_LETTERS = 18
 _TICKS = ((0.0, "0"), (0.5, ""), (1.0, "100 %"))
 
 
 @house_style()
 def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
-    """Draw the matrix of successes in the first mode of detections; the picture follows the reader from light to dark.
+    """Draw the successes, one block to each question; the picture follows the reader from light to dark.
 
     Parameters
     ----------
@@ -35,26 +36,39 @@ def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
         Of the results that are drawn.
     """
     matrix = next(matrix for matrix in view.matrices if matrix.key == "success")
-    rows = [row for row in matrix.rows if row.detections == view.modes[0]]
+    blocks = [(one.title, [row for row in matrix.rows if row.detections == one.key]) for one in view.overall]
     width = max(_EDGE_PX * 2 + _NAME_PX + len(view.tasks) * (_CELL_PX + _GAP_PX), _LEAST_WIDTH_PX)
-    height = _HEAD_PX + _ROW_PX * len(rows) + _FOOT_PX
+    height = _HEAD_PX + sum(_TITLE_PX + _ROW_PX * len(rows) + _AXIS_PX for _, rows in blocks) + _FOOT_PX
     figure = new_figure(width, height)
-    for n, row in enumerate(rows):
-        _words(figure, _EDGE_PX, _HEAD_PX + _ROW_PX * (n + 0.5), _short(row.label), bold=True)
-        if not_of_today(entry for _, entry in row.cells if entry is not None):
-            _words(figure, _EDGE_PX + _NAME_PX - 14, _HEAD_PX + _ROW_PX * (n + 0.5), "°", soft=True)
-    for column, task in enumerate(view.tasks):
-        left = _EDGE_PX + _NAME_PX + column * (_CELL_PX + _GAP_PX)
+    lefts = [_EDGE_PX + _NAME_PX + column * (_CELL_PX + _GAP_PX) for column in range(len(view.tasks))]
+    for left, task in zip(lefts, view.tasks, strict=True):
         _words(figure, left, 24, task.name, bold=True)
         lines = textwrap.wrap(task.condition, _LINE_LETTERS, max_lines=3, placeholder="…")
         for number, line in enumerate(lines):
             _words(figure, left, 41 + 15 * number, line, soft=True)
-        _draw_task(axes_at(figure, left, _HEAD_PX, _CELL_PX, _ROW_PX * len(rows)), rows, column)
-    note = f"Share of frames solved to within 10 km, with 95 % intervals; {view.modes[0]} detections."
+    top = _HEAD_PX
+    for title, rows in blocks:
+        _words(figure, _EDGE_PX, top + 0.5 * _TITLE_PX, title, bold=True)
+        top += _TITLE_PX
+        _draw_block(figure, rows, lefts, top)
+        top += _ROW_PX * len(rows) + _AXIS_PX
+    note = "Share of frames solved to within 10 km, with 95 % intervals."
     _words(figure, _EDGE_PX, height - 36, note, soft=True)
     _words(figure, _EDGE_PX, height - 18, f"{mark.sentence} ° not of today's code.", soft=True)
-    drawing = standalone_svg(figure, f"Success of {len(rows)} solvers on {len(view.tasks)} tasks", note)
+    n_solvers = len({row.label for _, rows in blocks for row in rows})
+    drawing = standalone_svg(figure, f"Success of {n_solvers} solvers on {len(view.tasks)} tasks", note)
     return drawing.replace("</svg>", f"{mark.line}\n<desc>{escape(mark.sentence)}</desc>\n</svg>")
+
+
+def _draw_block(figure: Figure, rows: Sequence[MatrixRow], lefts: Sequence[float], top: float) -> None:
+    """The solvers' names and their successes on each task, from a height of `top` px down."""
+    for n, row in enumerate(rows):
+        middle = top + _ROW_PX * (n + 0.5)
+        _words(figure, _EDGE_PX, middle, _short(row.label), bold=True)
+        if not_of_today(entry for _, entry in row.cells if entry is not None):
+            _words(figure, _EDGE_PX + _NAME_PX - 14, middle, "°", soft=True)
+    for column, left in enumerate(lefts):
+        _draw_task(axes_at(figure, left, top, _CELL_PX, _ROW_PX * len(rows)), rows, column)
 
 
 def _draw_task(axes: Axes, rows: Sequence[MatrixRow], column: int) -> None:

@@ -210,8 +210,7 @@ def pack_data(content: Mapping[str, Any]) -> str:
 def render_figure(boards: Sequence[Board], places: Places, figure: Path) -> str:
     """The leaderboard as one picture, SVG, for a file of that name."""
     view = make_view(boards, make_styles(boards), places)
-    shown = [board for board in boards if board.detections == view.modes[0]]
-    return leaderboard_svg(view, page_mark(entries_of(shown), [f"*/{view.modes[0]}/*"], report_command(places, figure)))
+    return leaderboard_svg(view, page_mark(entries_of(boards), ["*"], report_command(places, figure)))
 
 
 def shared_files() -> dict[str, str]:

@@ -431,3 +431,13 @@ def test_a_task_must_tell_solvers_apart():
     # A condition at which every solver fails tells none from another.
     assert discrimination({"a": by_level([1.0, 0.5, 0.0, 0.0])}).n_informative == 1
     assert discrimination({"a": by_level([0.2, 0.9], -1)}, harder=-1).best_at_hardest == 0.9
+
+
+def test_what_a_solver_does_not_return_is_undefined_and_what_it_has_no_chance_to_return_is_not() -> None:
+    names = {"n_matches": [0, 0, 0, 0], "n_correct": [0, 0, 0, 0], "n_detected_stars": [20, 10, 10, 0]}
+    silent = measure(table(**names))
+    assert math.isnan(silent["star_recall"].value)
+    assert math.isnan(silent["star_precision"].value)
+    assert math.isnan(silent["kelvins_score"].value)
+    refused = measure(table(**names, status=["refused"] * 4, error_km=[math.inf] * 4))
+    assert refused["star_recall"].value == 0.0
