@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields, real_array
 from celnav.detecting.blank_border import blank_border
+from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.filtered_noise import noise_ratio
 from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
 from celnav.detecting.image_background import (
@@ -167,6 +168,9 @@ def detect(
     tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
     if (blank := blank_border(pixels, tiles)) is not None:
         used &= ~blank
+    counts = pixels
+    if original.ndim == 2:
+        pixels = level_mosaic(pixels, used, config.tile_px)
     background, noise = background_and_noise(pixels, used, tiles)
     light = pixels - background
     light[~used] = 0.0
@@ -178,7 +182,7 @@ def detect(
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * float(np.abs(pixels).max()))
     floor /= config.seed_sigma
     noise = np.maximum(noise, np.float32(floor))
-    cores = saturated_cores(pixels if used.all() else np.where(used, pixels, background), light, config.saturation_dn)
+    cores = saturated_cores(counts if used.all() else np.where(used, counts, background), light, config.saturation_dn)
     light = repair_defects(remove_line_offsets(light, noise, used), noise)
 
     shape = first_guess = _given_shape(config, pixels.shape)

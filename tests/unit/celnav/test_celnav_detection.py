@@ -9,6 +9,7 @@ from star_images import add_star, add_streak, grid, nearest
 
 import celnav
 from celnav import detection
+from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.star_candidates import Cores, without_flanks
 from celnav.detecting.star_shape import StarShape, fit_shape
 from celnav.errors import ConfigError
@@ -350,3 +351,24 @@ def test_a_shape_that_has_no_width_in_the_middle_is_searched_all_the_same():
     everywhere = np.ones(light.shape, dtype=bool)
     found = detection._search(light, np.ones_like(light), 0.1, everywhere, shape, celnav.DetectionConfig())
     assert np.isfinite(found.noise).all()
+
+
+def test_a_coloured_sky_over_a_mosaic_hides_no_stars():
+    """A sky of 400, 900, 900 and 300 under the four colours: as many stars as on grey; grey frames stay as they are."""
+    rng = np.random.default_rng(1)
+    sky = np.full((361, 481), 600.0)
+    coloured = sky.copy()
+    for row, column, level in ((0, 0, 400), (0, 1, 900), (1, 0, 900), (1, 1, 300)):
+        coloured[row::2, column::2] = level
+    found = []
+    for image in (sky, coloured):
+        stars = np.zeros_like(image)
+        truth = grid(np.random.default_rng(2), image.shape, step=30, margin=16)
+        for u, v in truth:
+            add_star(stars, u, v, 1500.0)
+        frame = np.random.default_rng(3).poisson(image + stars).astype(np.uint16)
+        found.append(np.mean(nearest(celnav.detect(frame), truth)[0] < 1))
+    assert found[0] > 0.95
+    assert found[1] > found[0] - 0.05
+    flat = rng.poisson(sky).astype(np.float32)
+    assert level_mosaic(flat, np.ones(flat.shape, dtype=bool), 32) is flat
