@@ -32,9 +32,10 @@ MEASURE = "import fsspec; print(fsspec.filesystem('s3').du('skies'))"
 
 
 def scenario_of(frames: int, folder: Path) -> Path:
-    """The standard frame of docs/performance.md, so many times."""
+    """The scene `00_hello` at places and times by chance, so many times."""
     tree = yaml.safe_load(find_scenario("00_hello").read_text(encoding="utf-8"))
     tree |= {"name": "scaling", "frames": frames}
+    tree["time"]["utc_start"] = {"utc": ["2020-01-01T00:00:00Z", "2021-01-01T00:00:00Z"], "sun_below_deg": -18}
     tree["site"] |= {"latitude_deg": {"uniform": [-60, 60]}, "longitude_deg": {"uniform": [-180, 180]}}
     path = folder / "scaling.yaml"
     path.write_text(yaml.safe_dump(tree), encoding="utf-8")
