@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,8 +32,8 @@ from generator.light.molecular_bands import depth_per_airmass
 from generator.light.photometry import GRID_NM
 from generator.plugins.scene_tensors import tensor
 from generator.scenario.ground.landscape_spec import LandscapeSpec, landscape_panorama
-from generator.sky.component import SkyTable, blas_threads
-from generator.sky.directions import interpolate, sky_grid, unit_vectors
+from generator.sky.component import SkyTable, Veil, blas_threads
+from generator.sky.directions import Places, places, unit_vectors
 from generator.sky.moonlit_cloud import DIFFRACTED, MoonVeil
 
 Floats = NDArray[np.float64]
@@ -202,11 +203,18 @@ def lamp_v_mag(plan: FramePlan, lamps: tuple[Lamp, ...]) -> Floats:
     return apparent_v_mag(lamps, dimming_atmosphere(plan.spec.atmosphere))
 
 
+@functools.cache
+def _sky_places() -> tuple[Floats, Places]:
+    """The directions from which the sky lights a landscape: unit vectors (m, 3), and where they are on the sky's grid."""
+    altitude, azimuth = sky_directions()
+    return unit_vectors(altitude, azimuth), places(altitude, azimuth)
+
+
 def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) -> SkyLight:
     """Light from a frame's sky and Moon on its landscape."""
-    altitude, azimuth = sky_directions()
-    lights = [light for table in tables for light in _sampled(table, altitude, azimuth)]
-    lights = lights or [(np.zeros((1, len(altitude))), np.zeros((1, len(GRID_NM))))]
+    factors: dict[Veil, Floats] = {}
+    lights = [light for table in tables for light in _sampled(table, factors)]
+    lights = lights or [(np.zeros((1, len(_sky_places()[0]))), np.zeros((1, len(GRID_NM))))]
     maps, spectra = (np.concatenate(parts) for parts in zip(*lights, strict=True))
     state = plan.sky
     shines = moon and "moonlight" in plan.spec.sky.active_components and state.moon_altitude_deg > 0
@@ -224,19 +232,19 @@ def sky_light(plan: FramePlan, tables: Sequence[SkyTable], moon: bool = True) ->
     return SkyLight(maps, spectra, state.moon_enu, direct)
 
 
-def _sampled(table: SkyTable, altitude_deg: Floats, azimuth_deg: Floats) -> list[tuple[Floats, Floats]]:
-    """Values (k, m) of a table's maps in m directions, and its spectra (k, n); then those behind each veil."""
+def _sampled(table: SkyTable, factors: dict[Veil, Floats]) -> list[tuple[Floats, Floats]]:
+    """Values (k, m) of a table's maps where the sky lights a landscape, and its spectra (k, n); then those behind each veil.
 
-    def looked_up(maps: NDArray[np.float32]) -> Floats:
-        return interpolate(np.broadcast_to(maps, (len(maps), *sky_grid().shape)), altitude_deg, azimuth_deg)
-
-    values = looked_up(table.wide_parts)
+    `factors` of veils are kept: the components of a sky have them in common.
+    """
+    directions, on_grid = _sky_places()
+    values = on_grid.of(table.wide_parts)
     if table.pattern is not None:
-        patterns = looked_up(table.pattern if table.pattern.ndim == 3 else table.pattern[None])
+        patterns = on_grid.of(table.pattern if table.pattern.ndim == 3 else table.pattern[None])
         values = values * np.repeat(patterns, len(values) // len(patterns), axis=0)
     result = [(values, table.spectra)]
     for veil, behind in table.veiled:
-        broad = veil.broad if isinstance(veil, MoonVeil) else veil
-        factor = broad.at(unit_vectors(altitude_deg, azimuth_deg))
-        result += [(part * factor, spectra) for part, spectra in _sampled(behind, altitude_deg, azimuth_deg)]
+        if veil not in factors:
+            factors[veil] = (veil.broad if isinstance(veil, MoonVeil) else veil).at(directions)
+        result += [(part * factors[veil], spectra) for part, spectra in _sampled(behind, factors)]
     return result
