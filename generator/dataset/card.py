@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -19,6 +19,9 @@ from generator.files import write_bytes
 from generator.frame.pictures import contact_sheet
 from generator.frame.record import VISIBLE_SNR
 from generator.scenario.file import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SHEET = f"{FIGURES}/contact-sheet.png"
 HISTOGRAMS = f"{FIGURES}/histograms.svg"
@@ -53,6 +56,8 @@ def write_card(
     scratch : Path
         Folder for archives of an object store from which pictures are taken, FRAMES_ON_SHEET of them at most.
     """
+    import pandas as pd
+
     frames = pd.concat([_frames(target, shard) for shard in shards], ignore_index=True)
     counts = {
         "stars": sum(_row_count(target, shard.stars) for shard in shards),

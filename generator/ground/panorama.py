@@ -253,9 +253,14 @@ def linear(encoded: Bytes) -> NDArray[np.float32]:
 
 def encoded(value: NDArray[np.floating]) -> Bytes:
     """8-bit values of sRGB of linear ones from 0 to 1; the inverse of :func:`linear`."""
-    value = np.clip(value, 0, 1)
-    curve = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
-    return np.rint(255 * curve).astype(np.uint8)
+    result = np.zeros(value.shape, np.uint8)
+    # A row at a time stays in the processor's memory; many rows of a panorama are empty.
+    for row, out in zip(value.reshape(len(value), -1), result.reshape(len(value), -1), strict=True):
+        if row.any():
+            level = np.clip(row, 0, 1)
+            curve = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
+            out[:] = np.rint(255 * curve)
+    return result
 
 
 def _decoding() -> NDArray[np.float32]:

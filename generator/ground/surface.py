@@ -9,6 +9,7 @@ maps over its area, times seven terms. Alpha makes eight maps, which processors 
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -27,6 +28,7 @@ SURFACES = 7
 AZIMUTHS = 4 * WALLS
 """Of the terms, evenly spaced from north: among them are all places between which terms run straight."""
 CELL_DEG = 1.0
+REACH_STEP_DEG = 0.05
 CELLS = (round(180 / CELL_DEG), round(360 / CELL_DEG))
 """Rows from the zenith and columns from north of the grid that says where a landscape is at all."""
 
@@ -88,7 +90,14 @@ def covered_cells(alpha: Singles, layers: Layers) -> NDArray[np.bool_]:
 
 def grown_cells(cells: NDArray[np.bool_], reach_deg: float) -> NDArray[np.bool_]:
     """Cells of a grid of all directions (rows from the zenith) that may be as near as an angle to one of those given."""
-    rows, columns = cells.shape
+    # Frames of a set have nearly the same reach.
+    return _grown(cells.tobytes(), cells.shape, math.ceil(reach_deg / REACH_STEP_DEG) * REACH_STEP_DEG)
+
+
+@functools.lru_cache(maxsize=4)
+def _grown(packed: bytes, shape: tuple[int, int], reach_deg: float) -> NDArray[np.bool_]:
+    cells = np.frombuffer(packed, dtype=bool).reshape(shape)
+    rows, columns = shape
     half = math.ceil(reach_deg / CELL_DEG) + 1
     tall = maximum_filter1d(cells, 2 * half + 1, axis=0, mode="constant")
     result = np.zeros_like(cells)

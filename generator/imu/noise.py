@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 Floats = NDArray[np.float64]
 Stream = Callable[[str], np.random.Generator]
@@ -54,6 +53,9 @@ class ErrorModel:
 
 def flicker(count: int, random: np.random.Generator) -> Floats:
     """Flicker noise of B = 1 in `count` consecutive samples about three axes, (count, 3); it starts at white noise."""
+    # Its import takes half a second.
+    from scipy.signal import fftconvolve
+
     lag = np.arange(1, count)
     weights = np.concatenate([[1.0], np.cumprod((lag - 0.5) / lag)])
     white = random.normal(size=(count, 3))

@@ -10,8 +10,7 @@ import functools
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import j1
-from scipy.stats import gamma
+from scipy.special import gammaincinv, j1
 
 from generator.light.cloud_kinds import WAVELENGTH_UM
 
@@ -88,7 +87,7 @@ def aureole(angle_rad: ArrayLike, particle_um: float) -> Floats:
     angle = np.asarray(angle_rad, dtype=np.float64)
     # Quantiles of the shadow-weighted gamma distribution of effective variance v: shape 1 / v, mean D.
     parts = (np.arange(SIZES) + 0.5) / SIZES
-    diameters = gamma.ppf(parts, 1 / SIZE_VARIANCE, scale=particle_um * SIZE_VARIANCE)
+    diameters = gammaincinv(1 / SIZE_VARIANCE, parts) * (particle_um * SIZE_VARIANCE)
     radius = np.radians(MOON_RADIUS_DEG) * np.sqrt((np.arange(4) + 0.5) / 4)
     turn = (np.arange(8) + 0.5) * np.pi / 8
     away = np.sqrt(

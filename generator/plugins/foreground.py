@@ -8,7 +8,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.stats import qmc
 
 GREY_NM = 550.0
 """Wavelength at which a surface's reflectance is evaluated; it is taken as constant over the spectrum."""
@@ -35,6 +34,9 @@ def lit_directions(scene: Any, ray: Any, samples: int) -> Iterator[tuple[Any, An
     direction : Vector3f
         Towards the sky.
     """
+    # Its import takes half a second.
+    from scipy.stats import qmc
+
     environment = scene.environment()
     si = scene.ray_intersect(ray)
     hit = si.is_valid()

@@ -26,6 +26,10 @@ SWEPT_STEP_KM = 0.1
 """Of the wind's way during an exposure, per moment at which the cloud is evaluated: ten pixels of a wide camera at 2 km."""
 MOST_MOMENTS = 6
 """Bounds the time of a frame with fast cloud."""
+MEAN_STEP = 0.01
+"""Step, over the fine field's standard deviation, in which the coarse field is counted for the mean depth."""
+COARSE_STEP = 4
+"""Cells between those in which the reflectance is taken."""
 CELL_WIDTH = 0.3
 """Width of the band of waves of cells over its wave number."""
 CELL_SHARE = 0.6
@@ -238,11 +242,20 @@ def cloud_pattern(
     sigma = float(np.hypot(coarse.std(), fine_sigma))
     lowest = float(coarse.min()) - 3 * fine_sigma
     threshold = float(sigma * ndtri(1 - coverage)) if coverage < 1 else lowest
-    # Mean over the fine field, which is Gaussian, of what stands above the threshold.
-    above = (coarse - np.float32(threshold)) / np.float32(fine_sigma)
-    density = np.exp(-0.5 * above**2) / np.float32(np.sqrt(2 * np.pi))
-    mean = fine_sigma * float(np.mean(density + above * ndtr(above), dtype=np.float64))
+    mean = _mean_above(coarse, threshold, fine_sigma)
     return CloudPattern(coarse, fine, threshold, mean_optical_depth / max(mean, 1e-12), mean_optical_depth)
+
+
+def _mean_above(coarse: NDArray[np.float32], threshold: float, sigma: float) -> float:
+    """Mean of what stands above a threshold of a field to which a Gaussian one of a standard deviation is added.
+
+    Counts of the field in steps of MEAN_STEP sigma: within 1e-5 sigma of the mean over its cells.
+    """
+    lowest = float(coarse.min())
+    counts = np.bincount(((coarse - np.float32(lowest)) * np.float32(1 / (MEAN_STEP * sigma))).astype(np.int32).ravel())
+    above = (lowest - threshold) / sigma + MEAN_STEP * (np.arange(len(counts)) + 0.5)
+    density = np.exp(-0.5 * above**2) / np.sqrt(2 * np.pi)
+    return sigma * float(counts @ (density + above * ndtr(above))) / coarse.size
 
 
 def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -> Floats:
@@ -256,6 +269,9 @@ def diffuse_transmission(depth: ArrayLike, asymmetry: float = WATER_ASYMMETRY) -
 @functools.lru_cache(maxsize=4)
 def mean_reflectance(pattern: CloudPattern, asymmetry: float = WATER_ASYMMETRY) -> float:
     """Part of diffuse light that a layer reflects, mean over its area."""
-    cells = np.arange(0, COARSE_CELLS, 4) * COARSE_CELL_KM
-    depth = pattern.depth(*np.meshgrid(cells, cells, indexing="ij"))
+    # Where a node of one tile is a node of the other.
+    coarse = np.arange(0, COARSE_CELLS, COARSE_STEP)
+    fine = coarse * round(COARSE_CELL_KM / FINE_CELL_KM) % FINE_CELLS
+    field = pattern.coarse[::COARSE_STEP, ::COARSE_STEP] + pattern.fine[np.ix_(fine, fine)]
+    depth = pattern.scale * np.maximum(field - np.float32(pattern.threshold), 0)
     return float(np.mean(1 - diffuse_transmission(depth, asymmetry)))

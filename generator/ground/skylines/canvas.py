@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,6 +49,7 @@ class Canvas:
         self.colour: Singles = np.zeros((rows, COLUMNS, 3), np.float32)
         self.glow: Singles = np.zeros((rows, COLUMNS, 3), np.float32)
         self.distance: Singles = np.full((rows, COLUMNS), FARTHEST_M, np.float32)
+        self.glows = False
         if self.grass:
             self._draw_grass()
 
@@ -87,18 +89,23 @@ class Canvas:
         self, patch: Patch, alpha: Floats, colour: Floats, distance_m: Floats | float, glow: Floats | None = None
     ) -> None:
         """Draw over what is there: alpha (rows, columns), 0-1, and linear colours that broadcast to (rows, columns, 3)."""
-        place = (patch.rows, patch.columns if len(patch.columns) < COLUMNS else slice(None))
-        cover = np.clip(alpha, 0, 1).astype(np.float32)
-        before = self.alpha[place]
-        whole = cover + before * (1 - cover)
-        share = np.divide(cover, whole, out=np.zeros_like(cover), where=whole > 0)[..., None]
-        self.colour[place] = self.colour[place] * (1 - share) + np.asarray(colour, np.float32) * share
-        shine = 0.0 if glow is None else np.asarray(glow, np.float32)
-        self.glow[place] = self.glow[place] * (1 - share) + shine * share
-        nearer = np.broadcast_to(np.asarray(distance_m, np.float32), cover.shape)
-        # A texel's distance is that of the larger part of what covers it.
-        self.distance[place] = np.where(share[..., 0] > 0.5, nearer, self.distance[place])
-        self.alpha[place] = whole
+        covered_by = np.clip(alpha, 0, 1).astype(np.float32)
+        for part, columns in patch.drawn(covered_by):
+            place = (slice(patch.rows.start + part[0].start, patch.rows.start + part[0].stop), columns)
+            cover, before = covered_by[part], self.alpha[place]
+            whole = cover + before * (1 - cover)
+            share = np.divide(cover, whole, out=np.zeros_like(cover), where=whole > 0)[..., None]
+            rest = 1 - share
+            self.colour[place] *= rest
+            self.colour[place] += _part(colour, (*patch.shape, 3), part) * share
+            if glow is not None or self.glows:
+                self.glow[place] *= rest
+            if glow is not None:
+                self.glow[place] += _part(glow, (*patch.shape, 3), part) * share
+            # A texel's distance is that of the larger part of what covers it.
+            np.copyto(self.distance[place], _part(distance_m, patch.shape, part), where=share[..., 0] > 0.5)
+            self.alpha[place] = whole
+        self.glows |= glow is not None
 
     def panorama(self, glow_cd_m2: float) -> Panorama:
         """What has been drawn."""
@@ -131,10 +138,29 @@ class Patch:
         """Rows and columns."""
         return len(self.altitude_deg), len(self.columns)
 
+    def drawn(self, cover: Singles) -> Iterator[tuple[tuple[slice, slice], slice]]:
+        """The rectangle that holds all of a cover (rows, columns) above 0, cut at north: rows and columns of the patch, and
+        columns of the canvas."""
+        rows, columns = (np.flatnonzero(cover.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return
+        down = slice(int(rows[0]), int(rows[-1]) + 1)
+        first, stop = int(columns[0]), int(columns[-1]) + 1
+        while first < stop:
+            start = int(self.columns[first])
+            count = min(stop - first, COLUMNS - start)
+            yield (down, slice(first, first + count)), slice(start, start + count)
+            first += count
+
     def metres(self, distance_m: float) -> tuple[Floats, Floats]:
         """Places on an upright plane at a distance: x to the right (columns,), y above the ground (rows,)."""
         x = distance_m * np.tan(np.radians(np.clip(self.offset_deg, -80, 80)))
         return x, distance_m * np.tan(np.radians(self.altitude_deg)) + EYE_HEIGHT_M
+
+
+def _part(values: Floats | float, shape: tuple[int, ...], part: tuple[slice, slice]) -> Singles:
+    """A part of values that broadcast to a shape."""
+    return np.broadcast_to(np.asarray(values), shape)[part].astype(np.float32)
 
 
 def smooth_noise(rng: np.random.Generator, shape: tuple[int, int], sigma: float) -> Singles:

@@ -20,6 +20,8 @@ LEAVES = np.array([[0.035, 0.060, 0.020], [0.050, 0.075, 0.022], [0.025, 0.045, 
 """Linear reflectances of leaves in crowns, red, green, blue."""
 BARK = np.array([0.06, 0.048, 0.038])
 BLOBS = 14
+OUTSIDE = -1.5
+"""Density from which there are leaves."""
 
 
 def draw_forest(canvas: Canvas) -> None:
@@ -69,7 +71,11 @@ def broad_crown(rng: np.random.Generator, x: Floats, y: Floats, height: float, w
         turn, far = rng.uniform(0, 2 * np.pi), np.sqrt(rng.random())
         middle = (0.33 * width * far * np.cos(turn), foot + 0.5 * (height - foot) * (1 + 0.62 * far * np.sin(turn)))
         size = rng.uniform(0.12, 0.22) * width
-        density = np.maximum(density, 2.0 * (1 - np.hypot(x - middle[0], y - middle[1]) / size))
+        # Only what may exceed OUTSIDE is looked at.
+        reach = (1 - 0.5 * OUTSIDE) * size
+        near = np.ix_(np.abs(y.ravel() - middle[1]) < reach, np.abs(x.ravel() - middle[0]) < reach)
+        clump = 2.0 * (1 - np.hypot(x[:, near[1][0]] - middle[0], y[near[0][:, 0]] - middle[1]) / size)
+        density[near] = np.maximum(density[near], clump)
     return density
 
 
@@ -77,4 +83,4 @@ def leaves(rng: np.random.Generator, patch: Patch, density: Floats, step_m: floa
     """Alpha of leaves: a threshold, which follows the crown, on noise of the sizes of twigs (0.3 m) and leaves (0.06 m)."""
     noise = 0.7 * smooth_noise(rng, patch.shape, max(0.3 / step_m, 0.7))
     noise = noise + 0.7 * smooth_noise(rng, patch.shape, max(0.06 / step_m, 0.5))
-    return np.clip(0.5 + 0.9 * (density + 0.35 + noise), 0, 1) * (density > -1.5)
+    return np.clip(0.5 + 0.9 * (density + 0.35 + noise), 0, 1) * (density > OUTSIDE)
