@@ -139,8 +139,10 @@ class Patch:
         return len(self.altitude_deg), len(self.columns)
 
     def drawn(self, cover: Singles) -> Iterator[tuple[tuple[slice, slice], slice]]:
-        """The rectangle that holds all of a cover (rows, columns) above 0, cut at north: rows and columns of the patch, and
-        columns of the canvas."""
+        """The rectangle that holds a cover (rows, columns) above 0, cut at north.
+
+        Yields its rows and columns in the patch, and its columns on the canvas.
+        """
         rows, columns = (np.flatnonzero(cover.any(axis=axis)) for axis in (1, 0))
         if not len(rows):
             return
