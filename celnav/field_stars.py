@@ -173,11 +173,12 @@ def describe(
     air: Estimate | None,
 ) -> Fix:
     """Put the identification into a fix that has no position yet; `air` is the relative error of the refraction as fitted."""
-    # More than half the probability: at most one star of a detection has it. Of two detections that claim one star
-    # the likelier has it.
+    # The probabilities are approximate where pairs form loops, as the stars of a double within the noise:
+    # a detection and a star that are claimed twice belong to the likeliest pair.
     likely = np.flatnonzero(adjusted.weight > 0.5)
     likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
-    sure = np.sort(likely[np.unique(adjusted.star[likely], return_index=True)[1]])
+    likely = likely[np.sort(np.unique(adjusted.star[likely], return_index=True)[1])]
+    sure = np.sort(likely[np.unique(adjusted.detection[likely], return_index=True)[1]])
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial

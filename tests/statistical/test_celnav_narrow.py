@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import celnav
-from benchmark.fields.solver_bars import measure
-from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition
+from benchmark.fields.solver_bars import attitude_of, camera_of, measure
+from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from celnav.identification.sky_index import load_deep_sky_index, load_sky_index
 
 SEED, FIELDS = 37, 12
@@ -57,3 +57,15 @@ def test_deep_tables_continue_the_others():
     rows = np.random.default_rng(1).integers(len(deepest.first), size=200)
     chord = np.linalg.norm(deep.xyz[deepest.first[rows]] - deep.xyz[deepest.second[rows]], axis=1)
     assert 2 * np.arcsin(chord / 2) == pytest.approx(deepest.separation_rad[rows], abs=2e-7)
+
+
+def test_a_detection_has_one_name_and_a_star_one_detection():
+    """Noise of three pixels mixes the stars of doubles."""
+    condition, named = Condition("noisy", 15, 6.0, noise_px=3.0), 0
+    for number in range(60):
+        field = make_field(condition, SEED, number)
+        fix = celnav.solve(field.uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=field.flux)
+        for column in fix.matches.T:
+            assert len(np.unique(column)) == len(column)
+        named += len(fix.matches)
+    assert named > 500
