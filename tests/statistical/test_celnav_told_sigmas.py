@@ -126,7 +126,15 @@ def test_warm_air_refracts_less():
 
 def test_every_solver_is_told_alike(monkeypatch):
     """Sigmas go from the frame's observation through the request to the solver; celnav's adapter hands them on."""
-    values = dict(zip(SIGMAS, (0.5, 1e-3, 0.3, 2.0, 3.0), strict=True))
+    values = {
+        "utc_sigma_s": 0.5,
+        "focal_sigma": 1e-3,
+        "principal_point_sigma_px": 0.3,
+        "pressure_sigma_hpa": 2.0,
+        "temperature_sigma_c": 3.0,
+        "distortion_sigma": 0.01,
+    }
+    assert values.keys() == set(SIGMAS)
     camera = CameraRecord("pinhole", 1080, 720, 312.0, 312.0, 540.0, 360.0)
     seen = Observation(camera, "2022-01-01T00:00:00Z", np.eye(3), 0.01, math.inf, 900.0, -5.0, **values)
     frame = SimpleNamespace(frame_id="a", observation=seen)
@@ -148,7 +156,7 @@ def test_every_solver_is_told_alike(monkeypatch):
         celnav, "solve", lambda *_, **named: given.update(named) or celnav.Fix.refusal(celnav.Reason.OK, "")
     )
     celnav_solver.CelnavSolver("skybench").solve(shared, got[0])
-    assert given["sigmas"] == celnav.ToldSigmas(*values.values())
+    assert given["sigmas"] == celnav.ToldSigmas(0.5, 1e-3, 0.3, 2.0, 3.0)
 
 
 def test_the_option_names_what_is_wrong():

@@ -17,7 +17,7 @@ from benchmark.errors import ResultsError
 from benchmark.report.marks import find_marks, source_digest
 from benchmark.report.refresh_plan import Job, Place, Standing, make_plan
 from benchmark.report.site.boards import make_board
-from benchmark.report.site.columns import CALIBRATION, FULL
+from benchmark.report.site.columns import CALIBRATION, HEADLINE, MORE
 from benchmark.report.site.tree import read_tree
 from benchmark.run.freshness import Age, State
 from benchmark.run.packing import pack_tree
@@ -144,7 +144,7 @@ def numbers(root: Path) -> list[object]:
     found: list[object] = []
     for group in read_tree(root):
         for entry in make_board(group).entries:
-            printed = [(one.value(entry), one.interval(entry)) for one in (*FULL, *CALIBRATION)]
+            printed = [(one.value(entry), one.interval(entry)) for one in (*HEADLINE, *MORE, *CALIBRATION)]
             found.append((entry.stored.detections, entry.label, entry.rank, printed, entry.worst, entry.reasons))
     return found
 
