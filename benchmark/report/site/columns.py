@@ -79,14 +79,19 @@ def break_words(entry: Entry) -> str:
 
 
 def break_interval(entry: Entry) -> str:
-    """Its interval, an open end as the end of what was tested, and the tested values on both sides of it."""
+    """Its interval, an open end as the end of what was tested."""
     found, tested = entry.break_point, [level.condition for level in entry.levels]
     if not tested or not math.isfinite(found.value):
         return ""
     low = graded(found.low) if math.isfinite(found.low) else f"< {graded(min(tested))}"
     high = graded(found.high) if math.isfinite(found.high) else f"> {graded(max(tested))}"
-    bracket = tested_around(found.value, tested)
-    return f"{low} – {high}" + (f"; tested {graded(bracket[0])} and {graded(bracket[1])}" if bracket else "")
+    return f"{low} – {high}"
+
+
+def break_bracket(entry: Entry) -> str:
+    """The tested values on both sides of it."""
+    bracket = tested_around(entry.break_point.value, [level.condition for level in entry.levels])
+    return f"tested {graded(bracket[0])} and {graded(bracket[1])}" if bracket else ""
 
 
 def _metric(key: str) -> Callable[[Measured], Estimate]:

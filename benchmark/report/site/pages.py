@@ -231,6 +231,7 @@ def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
         script_number=columns.script_number,
         break_words=columns.break_words,
         break_interval=columns.break_interval,
+        break_bracket=columns.break_bracket,
         signed=columns.signed,
         p_value=columns.p_value,
         revision_words=revision_words,
