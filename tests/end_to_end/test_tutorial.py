@@ -64,7 +64,7 @@ def test_the_tutorial_leads_to_a_row_on_the_leaderboard(tool, tmp_path, monkeypa
     assert re.search(r"│ one-star *│ shared *│", printed)
     assert (folder / "results" / "tutorial" / "site" / "solver-one-star.html").is_file()
     assert "one-star" in (folder / "results" / "tutorial" / "leaderboard.svg").read_text(encoding="utf-8")
-    result = next((folder / "results" / "tutorial" / "attitude@1" / "dev" / "own").glob("one-star-*"))
+    result = next((folder / "results" / "tutorial" / "attitude@2" / "dev" / "own").glob("one-star-*"))
     frames = pd.read_parquet(result / "frames.parquet")
     assert len(frames) == 21
     exact = frames[frames["condition"] == 0.0]
