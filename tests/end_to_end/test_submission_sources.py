@@ -46,9 +46,9 @@ def test_a_task(tmp_path):
     truth = open_frames("attitude", FrameChoice("test", 1, data=tmp_path / "data"))
     answers = submit_truth(truth, tmp_path / "answers.csv")
     run("check", answers, "--set", tmp_path / "set")
-    output = run("score", answers, "--truth", "attitude@1", "--name", "mine", "--out", tmp_path / "out", *common)
+    output = run("score", answers, "--truth", "attitude@2", "--name", "mine", "--out", tmp_path / "out", *common)
     assert "7 frames, 7 fixes, 100 % within 10 km" in output
-    (path,) = (tmp_path / "out" / "attitude@1" / "test" / "own").glob("mine-*/frames.parquet")
+    (path,) = (tmp_path / "out" / "attitude@2" / "test" / "own").glob("mine-*/frames.parquet")
     frames = read_frames(path)
     assert measure(frames)["success_1km"].value == 1.0
     assert frames["condition"].tolist() == sorted(frames["condition"])
