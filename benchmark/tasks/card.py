@@ -111,7 +111,7 @@ def _limit(task: Task) -> str:
 def _instruments(task: Task) -> str:
     """How well solvers are told what they are told."""
     given = [
-        f"{words} {_levels(value)}{unit}"
+        f"{words} {_levels(value, unit)}"
         for name, words, unit in _INSTRUMENTS
         if (value := getattr(task.definition.instruments, name)) != 0.0
     ]
@@ -121,7 +121,9 @@ def _instruments(task: Task) -> str:
     return ", told with errors of these standard deviations, which are told too: " + "; ".join(given) + rest
 
 
-def _levels(value: float | tuple[float, ...]) -> str:
-    if isinstance(value, float):
-        return "unknown" if value >= HEADING_UNKNOWN_DEG else f"{value:g}"
-    return ", ".join("unknown" if one >= HEADING_UNKNOWN_DEG else f"{one:g}" for one in value)
+def _levels(value: float | tuple[float, ...], unit: str) -> str:
+    """One value or one of each condition, with the unit after the last that is a number."""
+    levels = value if isinstance(value, tuple) else (value,)
+    numbers = [f"{one:g}" for one in levels if one < HEADING_UNKNOWN_DEG]
+    words = ["unknown"] * (len(numbers) < len(levels))
+    return ", ".join([*numbers[:-1], *(f"{one}{unit}" for one in numbers[-1:]), *words])

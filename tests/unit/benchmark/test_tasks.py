@@ -1,6 +1,7 @@
 """Tasks are frozen: what they mean does not change without a new revision, and what is done is not done again."""
 
 import dataclasses
+import io
 import json
 import math
 import runpy
@@ -8,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -17,7 +19,7 @@ from unit.benchmark.test_solver_programs import PROGRAM
 import celnav
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError, TaskError
-from benchmark.frames.task_frames import wanted_shards
+from benchmark.frames.task_frames import FrameChoice, make_task_frames, wanted_shards
 from benchmark.instruments import told
 from benchmark.protocol import CameraRecord, Observation
 from benchmark.run.provenance import blanks
@@ -25,6 +27,7 @@ from benchmark.solvers.celnav_solver import answer_of
 from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.tasks import definition
 from benchmark.tasks.definition import FOLDER, Instruments, load_task, task_names, widest_half_width_points
+from generator.dataset.archive import read_frames as read_archive
 from generator.seeds import random_stream
 
 FROZEN = {
@@ -214,6 +217,29 @@ def test_a_task_graded_by_what_is_told_has_frames_of_its_own_for_each_condition(
     assert {levels.at(level).utc_sigma_s for level in range(3)} == {0.1}
     (tmp_path / "tiny.task.yaml").write_text(told_task.replace("[0, 0.1, 0.2]", "[0, 0.1]"))
     with pytest.raises(TaskError, match="one value for each of the 3 conditions"):
+        load_task("tiny", tmp_path)
+
+
+def test_solvers_of_a_task_of_photographs_get_the_luma_of_the_jpeg(tmp_path):
+    (tmp_path / "tiny.task.yaml").write_text(TINY.replace("metric:", "image: photo\nmetric:"))
+    with_photo = TINY_SCENARIO + "sensor: {colour: {}, develop: {exposure: 4.0, photo: {quality: 90}}}\n"
+    (tmp_path / "tiny.scenario.yaml").write_text(with_photo)
+    task = load_task("tiny", tmp_path)
+    found = make_task_frames(task, "tiny", FrameChoice(per_condition=1, condition=5.0, data=tmp_path, workers=0))
+    (frame,) = found.frames
+    (archive,) = tmp_path.rglob("*.tar")
+    (stored_frame,) = read_archive(archive)
+    # Pillow's own decoder gives the luma of a JPEG where asked for one channel.
+    jpeg = Image.open(io.BytesIO(stored_frame.members["photo.jpg"]))
+    assert jpeg.mode == "RGB"
+    jpeg.draft("L", jpeg.size)
+    luma = np.asarray(jpeg)
+    seen = np.asarray(Image.open(frame.image_path))
+    assert luma.shape == seen.shape == (180, 270)
+    assert np.abs(seen.astype(int) - luma).max() <= 2  # of 255: Pillow's goes by whole numbers, ours over the colours
+    assert luma.std() > 1
+    (tmp_path / "tiny.scenario.yaml").write_text(TINY_SCENARIO)
+    with pytest.raises(TaskError, match=r"sensor\.develop\.photo"):
         load_task("tiny", tmp_path)
 
 
