@@ -21,12 +21,10 @@ from celnav.history import History
 from celnav.matching.protocol import Observation
 from celnav.position import Weather
 from celnav.sky.utc import Utc
-from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_KM
+from celnav.sky.wgs84 import ECCENTRICITY_SQUARED, ROTATION_RAD_S, SEMI_MAJOR_AXIS_KM
 
 # Within so many standard deviations lies a position of two coordinates but for one case in a thousand.
 _SURE_SIGMAS = math.sqrt(-2 * math.log(1e-3))
-EARTH_RATE_RAD_S = 7.292115e-5
-"""Of the Earth to the stars (IERS Conventions 2010, table 1.2)."""
 # A search at the camera's focal length, and at each factor on it, finds what is off by 6 % to both sides.
 _REACH = 0.06
 _COVERED_SIGMAS = 3.0
@@ -88,7 +86,7 @@ class ToldSigmas:
 
     def loosened(self, attitude: Attitude, camera: Camera) -> Attitude:
         """Return the attitude as a search may take it: a shifted principal point and a wrong time look like a turn."""
-        shift_deg, turn_deg = math.degrees(self.centre_px / camera.f_px), math.degrees(EARTH_RATE_RAD_S * self.utc_s)
+        shift_deg, turn_deg = math.degrees(self.centre_px / camera.f_px), math.degrees(ROTATION_RAD_S * self.utc_s)
         if not (shift_deg or turn_deg):
             return attitude
         return replace(
@@ -106,7 +104,7 @@ class ToldSigmas:
         """Add the time's error to the covariance of a position, east-north, km^2, shape (2, 2)."""
         lat = math.radians(lat_deg)
         radius_km = SEMI_MAJOR_AXIS_KM / math.sqrt(1 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2) * math.cos(lat)
-        return np.asarray(cov_km2 + np.diag([(EARTH_RATE_RAD_S * self.utc_s * radius_km) ** 2, 0.0]))
+        return np.asarray(cov_km2 + np.diag([(ROTATION_RAD_S * self.utc_s * radius_km) ** 2, 0.0]))
 
 
 @dataclass(frozen=True, eq=False)

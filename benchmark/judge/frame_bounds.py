@@ -9,12 +9,8 @@ import numpy as np
 from benchmark.frames.dataset import Frame, true_observation
 from benchmark.frames.record_values import optional_number, read_record
 from benchmark.judge.cramer_rao import AttitudePrior, bound_km
+from benchmark.judge.geodesy import ROTATION_RAD_S, radii_of_curvature_km
 from benchmark.judge.place_information import StarLight, background_variance
-
-EARTH_RATE_RAD_S = 7.292115e-5
-"""Nominal mean angular velocity of the Earth (WGS84, NGA.STND.0036)."""
-EQUATOR_KM, ECCENTRICITY_SQUARED = 6378.137, 6.69437999014e-3
-"""Semi-major axis and first eccentricity squared of WGS84."""
 
 
 def light_of(frame: Frame) -> StarLight | None:
@@ -50,8 +46,7 @@ def light_of(frame: Frame) -> StarLight | None:
 
 def ground_speed_km_s(latitude_deg: float) -> float:
     """Speed of a place on WGS84 about the Earth's axis: the error of a longitude for each second's error of the time."""
-    sine, cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
-    return EARTH_RATE_RAD_S * EQUATOR_KM / math.sqrt(1.0 - ECCENTRICITY_SQUARED * sine**2) * cosine
+    return ROTATION_RAD_S * radii_of_curvature_km(latitude_deg)[0] * math.cos(math.radians(latitude_deg))
 
 
 def bound_of(frame: Frame) -> float | None:

@@ -9,6 +9,8 @@ WGS84_A_KM: float = Geodesic.WGS84.a / 1000.0
 """Equatorial radius."""
 WGS84_E2: float = Geodesic.WGS84.f * (2.0 - Geodesic.WGS84.f)
 """Square of the first eccentricity."""
+ROTATION_RAD_S = 7.292115e-5
+"""Nominal mean angular velocity of the Earth against the stars (WGS84, NGA.STND.0036)."""
 MEAN_RADIUS_KM = WGS84_A_KM * (1.0 - Geodesic.WGS84.f / 3.0)
 """Arithmetic mean radius (2 a + b) / 3, for formulas on a sphere (H. Moritz, Journal of Geodesy 74, 128-133, 2000)."""
 

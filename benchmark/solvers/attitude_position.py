@@ -12,10 +12,10 @@ from celnav.sky.astrometry import aberrate, celestial_to_terrestrial, earth_at, 
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.refraction import unrefract_rays
 from celnav.sky.utc import parse_utc
+from celnav.sky.wgs84 import ROTATION_RAD_S
 
 ROTATION_TOLERANCE = 1e-4
 EARTH_RADIUS_KM = 6371.0
-EARTH_RATE_RAD_S = 7.292115e-5
 _LEAST_RAYS = 3
 """Fewer directions leave a turn open."""
 _GRID = 7
@@ -111,7 +111,7 @@ def covariance_of_attitude(
     about = to_enu @ cov_rad2 @ to_enu.T
     # A turn about north takes the zenith to the east, one about east takes it to the south.
     turned = np.array([[about[1, 1], -about[0, 1]], [-about[0, 1], about[0, 0]]])
-    along_equator = math.cos(math.radians(place[0])) * EARTH_RATE_RAD_S * told.utc_sigma_s
+    along_equator = math.cos(math.radians(place[0])) * ROTATION_RAD_S * told.utc_sigma_s
     vertical = math.radians(told.tilt_sigma_deg)
     return np.asarray(EARTH_RADIUS_KM**2 * (turned + np.diag([vertical**2 + along_equator**2, vertical**2])))
 

@@ -24,11 +24,11 @@ from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.planets import planet_name
 from celnav.sky.star_names import star_name
 from celnav.sky.utc import parse_utc
-from celnav.sky.wgs84 import MEAN_RADIUS_KM
+from celnav.sky.wgs84 import MEAN_RADIUS_KM, ROTATION_RAD_S, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 _KM_PER_DEG = math.radians(MEAN_RADIUS_KM)
-_EQUATOR_KM_PER_S = 2 * math.pi * 6378.137 / 86164.1
+_EQUATOR_KM_PER_S = ROTATION_RAD_S * SEMI_MAJOR_AXIS_KM
 _LABEL = 12
 
 

@@ -20,14 +20,14 @@ from celnav.sky.catalog import StarCatalog, propagate
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import refract
 from celnav.sky.utc import Utc, parse_utc
-from celnav.sky.wgs84 import SEMI_MAJOR_AXIS_KM
+from celnav.sky.wgs84 import ROTATION_RAD_S, SEMI_MAJOR_AXIS_KM
 
 F8 = NDArray[np.float64]
 
 AU_PER_DAY_IN_C = 499.004783836 / 86400.0  # light time of one astronomical unit, in days
 ARCSEC = np.radians(1.0 / 3600.0)
 # Speed of the equator over the speed of light: 0.320 arcsec.
-DIURNAL_ABERRATION = 7.292115e-5 * SEMI_MAJOR_AXIS_KM * 1000 / 299792458.0
+DIURNAL_ABERRATION = ROTATION_RAD_S * SEMI_MAJOR_AXIS_KM * 1000 / 299792458.0
 
 
 @dataclass(frozen=True, eq=False)

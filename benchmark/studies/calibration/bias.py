@@ -25,13 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.judge.cramer_rao import displacement_turns
+from benchmark.judge.geodesy import ROTATION_RAD_S
 from benchmark.studies.calibration.lens import derivatives, project, with_k1
 from generator.scenario.projection import Projection
 
 F8 = NDArray[np.float64]
-
-EARTH_RATE_RAD_S = 7.292115e-5
-"""Turn of the Earth against the stars per second of UT1 (IERS Conventions 2010, table 1.1)."""
 
 Horizon = Literal["whole attitude", "vertical alone"]
 Weights = Literal["pixel", "angle"]
@@ -217,7 +215,7 @@ def clock_misfit(view: View, late_s: float) -> Misfit:
     """
     latitude = math.radians(view.latitude_deg)
     axis = np.array([0.0, math.cos(latitude), math.sin(latitude)])
-    return Misfit(np.zeros((len(view.rays), 2)), EARTH_RATE_RAD_S * late_s * axis)
+    return Misfit(np.zeros((len(view.rays), 2)), ROTATION_RAD_S * late_s * axis)
 
 
 def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> Misfit:
