@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
+from generator.identity.kept import kept
 from generator.light.photometry import GRID_START_NM, GRID_STOP_NM
 from generator.optics.pupil import REFERENCE_NM, pupil_transfer
 from generator.scenario.camera_spec import CameraSpec
@@ -139,6 +140,16 @@ def _tabulated(camera: CameraSpec) -> PsfTable:
     psf = camera.psf
     if psf is None:
         raise ValueError("the camera has no psf section")
+    arrays = kept("psf", (camera,), lambda: _computed(camera, psf))
+    stamps = np.asarray(arrays["stamps"], dtype=np.float32)
+    if stamps.shape[1] > 1:
+        # Stars take the nearest node, so there are enough for the steps between them to be small.
+        stamps = _between_nodes(_between_nodes(stamps, 1), 2)
+    return PsfTable(stamps, np.asarray(arrays["shift"], dtype=np.float64))
+
+
+def _computed(camera: CameraSpec, psf: PsfSpec) -> dict[str, Floats | NDArray[np.float32]]:
+    """Stamps of a camera's nodes, and the shift, as in a :class:`PsfTable`."""
     bands = BAND_COUNT if psf.diffraction is not None or psf.lateral_chromatic_px else 1
     edges = np.linspace(GRID_START_NM, GRID_STOP_NM, bands + 1)
     middles = (edges[1:] + edges[:-1]) / 2
@@ -157,11 +168,7 @@ def _tabulated(camera: CameraSpec) -> PsfTable:
                 if psf.field_gaussian is not None:
                     off_axis_deg = projection.axis_angle_deg(corner * abs(field) / projection.f_px)
                 stamps[band, row, column] = pixel_psf(psf, wavelength, field, camera.pixel_pitch_um, off_axis_deg)
-    if nodes > 1:
-        # Stars take the nearest node, so there are enough for the steps between them to be small.
-        stamps = _between_nodes(_between_nodes(stamps, 1), 2)
-    shift = psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM
-    return PsfTable(stamps, shift)
+    return {"stamps": stamps, "shift": psf.lateral_chromatic_px * (middles - REFERENCE_NM) / CHROMATIC_SPAN_NM}
 
 
 def _between_nodes(stamps: NDArray[np.float32], axis: int) -> NDArray[np.float32]:

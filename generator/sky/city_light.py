@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from generator.identity.kept import kept
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import DEFAULT_ALBEDO, VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir, CityGrid
 from generator.light.baked_maps import city_kernel, city_multiple
@@ -74,6 +75,14 @@ def city_radiance(
     here over the disk, the rest is the baked kernel of a lamp over the disk, both above flat ground. What the Earth's
     curvature does to single scattering multiplies it in each direction; the rest is multiplied by its value at the zenith.
     """
+    inputs = (distance_km, radius_km, horizon_share, atmosphere, albedo)
+    arrays = kept("city", inputs, lambda: {"transfer": _transfer(*inputs)})
+    return np.asarray(arrays["transfer"], dtype=np.float64)
+
+
+def _transfer(
+    distance_km: float, radius_km: float, horizon_share: float | None, atmosphere: Atmosphere, albedo: Albedo
+) -> Floats:
     wavelength, views = np.array(WAVELENGTHS_NM), view_directions(_VIEW_DEG, _RELATIVE_DEG)
     shape = (len(PATTERNS), len(wavelength), len(_VIEW_DEG), len(_RELATIVE_DEG))
     tau = atmosphere.aerosol_tau_550

@@ -12,6 +12,7 @@ from PIL import Image
 
 from generator import mitsuba_runtime
 from generator.errors import DataFileError
+from generator.identity.kept import kept
 from generator.light.atmosphere import Atmosphere
 from generator.light.photometry import ARCSEC2_PER_SR
 from generator.light.stellar_spectra import star_spectra
@@ -68,6 +69,10 @@ def panorama_luminance() -> Floats:
 @functools.cache
 def s10_map() -> NDArray[np.float32]:
     """S10(V) of stars too faint for the catalogue, and diffuse galactic light; layout as :func:`panorama_luminance`."""
+    return np.asarray(kept("milky-way", (), lambda: {"s10": _calibrated()})["s10"], dtype=np.float32)
+
+
+def _calibrated() -> NDArray[np.float32]:
     luminance = panorama_luminance()
     ny, nx = luminance.shape
     turn, polar = (np.arange(nx) + 0.5) * 2 * np.pi / nx, ((np.arange(ny) + 0.5) * np.pi / ny)[:, None]

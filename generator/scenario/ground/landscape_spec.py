@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from generator.ground.linear_picture import read_linear
 from generator.ground.panorama import Bytes, Panorama
 from generator.ground.picture import equirectangular, fisheye, read_picture
-from generator.ground.skylines.draw import skyline_panorama
+from generator.ground.skylines.stored import stored_skyline
 from generator.ground.stellarium.landscape import read_landscape
 from generator.ground.terrain.geotiff import Elevation, ElevationError, read_elevation
 from generator.ground.terrain.hills import terrain_panorama
@@ -114,7 +114,7 @@ def landscape_panorama(spec: LandscapeSpec, seed: int, place: tuple[float, float
         )
         return dataclasses.replace(panorama, white_reflectance=spec.reflectance)
     if spec.file is None:
-        return skyline_panorama(spec.skyline, random_stream(seed, "landscape", spec.variant), spec.glow_cd_m2)
+        return stored_skyline(spec.skyline, seed, spec.variant, spec.glow_cd_m2)
     if spec.is_package:
         panorama = read_landscape(Path(spec.file.location), spec.file.path)
         return dataclasses.replace(panorama, glow_cd_m2=spec.glow_cd_m2, white_reflectance=spec.reflectance)
