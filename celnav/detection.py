@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,15 @@ from celnav.detecting.image_background import (
     as_image,
     background_and_noise,
     grey,
+    outstanding,
     remove_line_offsets,
     repair_defects,
+    take_off,
     typical,
     used_pixels,
 )
+from celnav.detecting.matched_filter import Filtered, matched_filter
+from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.shape_stars import shape_of_bright, shape_of_components
 from celnav.detecting.star_candidates import (
     Components,
@@ -28,11 +32,13 @@ from celnav.detecting.star_candidates import (
     components,
     peaks,
     saturated_cores,
+    saturated_pixels,
     trails,
     without_flanks,
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
-from celnav.detecting.star_shape import Filtered, StarShape, axes, matched_filter
+from celnav.detecting.star_shape import StarShape, axes
+from celnav.detecting.strips import strips
 from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError, DetectionError
 
@@ -171,25 +177,28 @@ def detect(
     counts = pixels
     if original.ndim == 2:
         pixels = level_mosaic(pixels, used, config.tile_px)
-    background, noise = background_and_noise(pixels, used, tiles)
-    light = pixels - background
-    light[~used] = 0.0
-    highest = float(light.max())
+    background, white = background_and_noise(pixels, used, tiles)
+    whole = bool(used.all())
+    saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
+    largest = max(float(pixels.max()), -float(pixels.min()))
+    light = pixels
+    highest = take_off(light, background, used)
     if highest <= 0:
         return nothing
     floor = 1.0
     if not np.issubdtype(original.dtype, np.integer):
-        floor = max(config.float_floor * highest, _FLOAT_ROUNDING * float(np.abs(pixels).max()))
-    floor /= config.seed_sigma
-    noise = np.maximum(noise, np.float32(floor))
-    cores = saturated_cores(counts if used.all() else np.where(used, counts, background), light, config.saturation_dn)
-    light = repair_defects(remove_line_offsets(light, noise, used), noise)
+        floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
+    noise = NoiseMap(white, floor / config.seed_sigma)
+    cores = saturated_cores(saturated, light)
+    light = remove_line_offsets(light, noise, used)
+    far = outstanding(light, noise)
+    repair_defects(light, far)
 
     shape = first_guess = _given_shape(config, pixels.shape)
     known = config.psf_sigma_px is not None or config.streak_px is not None
-    if not known and (seen := shape_of_bright(light, noise, cores)) is not None:
+    if not known and (seen := shape_of_bright(light, far, cores)) is not None:
         shape, known = seen, True
-    found = _search(light, noise, floor, used, shape, config)
+    found = _search(light, noise, used, shape, config)
     if not known:
         # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
         for _ in range(_SHAPE_ROUNDS):
@@ -203,7 +212,7 @@ def detect(
             if sigma is not None and filtered_by is not None and _SERVES[0] < sigma / filtered_by < _SERVES[1]:
                 break
             alike = sigma is not None and filtered_by is not None and 0.5 < sigma / filtered_by < 2
-            found = _search(light, noise, floor, used, shape, config, found.parts if alike else None)
+            found = _search(light, noise, used, shape, config, found.parts if alike else None)
             if alike:
                 break
     kept = np.ones(len(found.uv), dtype=bool)
@@ -219,10 +228,10 @@ def detect(
     stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
     guessed = not known and shape is first_guess
     like_stars = _like_stars(stars, covariance, guessed)
-    bright = _saturated_stars(light, cores, shape, config)
+    cored = _saturated_stars(light, cores, shape, config)
     uv, flux, sigma_px = (
         np.concatenate((core, star[like_stars]))
-        for core, star in zip(bright, (stars.uv, stars.flux, stars.sigma_px), strict=True)
+        for core, star in zip(cored, (stars.uv, stars.flux, stars.sigma_px), strict=True)
     )
     order = np.argsort(-flux, kind="stable")
     return Detections(uv[order], flux[order], pixels.shape, sigma_px[order])
@@ -243,7 +252,7 @@ class _Found:
     """
 
     filtered: Filtered
-    noise: F4
+    noise: NoiseMap
     parts: Components
     uv: F8
     amplitude: F8
@@ -253,8 +262,7 @@ class _Found:
 
 def _search(
     light: F4,
-    noise: F4,
-    floor: float,
+    noise: NoiseMap,
     used: Mask,
     shape: StarShape,
     config: DetectionConfig,
@@ -265,21 +273,33 @@ def _search(
     middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
     extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
     tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
-    effective = noise_ratio(filtered, noise, floor, used, tiles)
-    effective *= noise
-    with np.errstate(divide="ignore", invalid="ignore"):
-        significance = np.divide(filtered.amplitude, effective)
-    if filtered.noise_factor.size > 1:
-        significance /= np.float32(_NOISE_MARGIN) * filtered.noise_factor
-    else:
-        significance *= np.float32(1 / (_NOISE_MARGIN * filtered.noise_factor[0, 0]))
-    at = np.flatnonzero(significance > config.grow_sigma)
-    seeded = significance.ravel()[at] > config.seed_sigma
+    effective = replace(noise, ratio=noise_ratio(filtered, noise, used, tiles))
+    at, significance = _standing_out(filtered, effective, config.grow_sigma)
+    seeded = significance > config.seed_sigma
     if parts is None:
         parts = components(light, at, seeded)
     uv, amplitude, sigma = peaks(filtered, effective, at[seeded], used)
-    nearest = np.rint(uv).astype(np.intp)
-    return _Found(filtered, effective, parts, uv, amplitude, sigma, parts.labels[nearest[:, 1], nearest[:, 0]])
+    return _Found(filtered, effective, parts, uv, amplitude, sigma, parts.holding(uv))
+
+
+def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[NDArray[np.intp], F4]:
+    """Find pixels above `least` standard deviations: indices of the flattened image, and how many they are above, shapes (n,)."""
+    height, width = filtered.amplitude.shape
+    zones = filtered.noise_factor if filtered.noise_factor.size > 1 else None
+    assert noise.ratio is not None
+    scale = _NOISE_MARGIN * least * (1.0 if zones is not None else float(filtered.noise_factor[0, 0]))
+    limits = replace(noise, ratio=noise.ratio.times(scale))
+    found, significance = [], []
+    for top, bottom in strips(height, width):
+        limit = limits.strip(top, bottom)
+        if zones is not None:
+            limit *= zones[top:bottom]
+        amplitude = filtered.amplitude[top:bottom]
+        at = np.flatnonzero(amplitude > limit)
+        with np.errstate(divide="ignore"):
+            significance.append(amplitude.ravel().take(at) / limit.ravel().take(at))
+        found.append(at + top * width)
+    return np.concatenate(found), np.concatenate(significance) * np.float32(least)
 
 
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:

@@ -117,7 +117,7 @@ def _standing(images: list[F4]) -> _Still:
         used = np.ones(size, dtype=bool)
         if (blank := blank_border(pixels, tiles)) is not None:
             used &= ~blank
-        background, noise = background_and_noise(pixels, used, tiles)
+        background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))
         noise = np.maximum(noise, np.float32(1e-6 * max(1.0, float(np.abs(pixels).max()))))
         relative = (pixels - background) / noise
         relative[~used] = 0

@@ -37,8 +37,9 @@ def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
     rows, columns = pixels.shape[0] // _BLOCK_PX, pixels.shape[1] // _BLOCK_PX
     if not rows or not columns:
         return None
-    blocks = pixels[: rows * _BLOCK_PX, : columns * _BLOCK_PX].reshape(rows, _BLOCK_PX, columns, _BLOCK_PX)
-    lowest, highest = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
+    blocks = pixels[: rows * _BLOCK_PX, : columns * _BLOCK_PX].reshape(rows, _BLOCK_PX, columns * _BLOCK_PX)
+    lowest = blocks.min(axis=1).reshape(rows, columns, _BLOCK_PX).min(axis=2)
+    highest = blocks.max(axis=1).reshape(rows, columns, _BLOCK_PX).max(axis=2)
     labels, _ = ndimage.label(lowest == highest, structure=np.ones((3, 3)))
     edges = np.concatenate((labels[0], labels[-1], labels[:, 0], labels[:, -1]))
     painted = np.isin(labels, edges[edges > 0])

@@ -7,14 +7,16 @@ four sets of pixels are brought to one level, tile by tile; a frame whose sets d
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.detecting.image_background import medians
-from celnav.detecting.tiles import Tiles
+from celnav.detecting.tiles import SAMPLES, Tiles
 
 F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _SETS = ((0, 0), (0, 1), (1, 0), (1, 1))
@@ -22,6 +24,7 @@ _SETS = ((0, 0), (0, 1), (1, 0), (1, 1))
 _SIGMAS, _LEAST_PART = 8.0, 0.1
 _CLIP = np.float32(3.0)
 _LEAST_SIDE_PX = 64
+_ENOUGH_TILES = 80
 
 
 def level_mosaic(pixels: F4, used: Mask, tile_px: int) -> F4:
@@ -38,33 +41,52 @@ def level_mosaic(pixels: F4, used: Mask, tile_px: int) -> F4:
     """
     if min(pixels.shape) < _LEAST_SIDE_PX:
         return pixels
-    even = pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2]
-    tiles = Tiles.of((even.shape[0] // 2, even.shape[1] // 2), tile_px)
+    size = pixels.shape[0] // 2, pixels.shape[1] // 2
+    # As many tiles as tell whether there is a pattern.
+    some = _differences(pixels, used, Tiles.of(size, max(tile_px, math.isqrt(size[0] * size[1] // _ENOUGH_TILES))))
+    if not some.known.any():
+        return pixels
+    largest = np.abs(np.median(some.values[:, some.known], axis=1)).max()
+    chance = some.noise / math.sqrt(SAMPLES**2 * int(some.known.sum()))
+    if not largest > max(_SIGMAS * chance, _LEAST_PART * some.noise):
+        return pixels
+    tiles = Tiles.of(size, tile_px)
+    found = _differences(pixels, used, tiles)
+    levelled = pixels.copy()
+    enough = np.where(found.known, SAMPLES**2, 0)
+    for (row, column), difference in zip(_SETS, found.values, strict=True):
+        grid = tiles.smooth(tiles.filled(difference.astype(np.float32), enough))
+        part = levelled[row::2, column::2]
+        pattern = tiles.map_of(grid, extrapolated=False).whole()
+        fill = [(0, whole - own) for whole, own in zip(part.shape, pattern.shape, strict=True)]
+        part -= np.pad(pattern, fill, mode="edge")
+    return levelled
+
+
+@dataclass(frozen=True, eq=False)
+class _Differences:
+    """Levels of the four sets of pixels over their mean, shape (4, tiles); which tiles count; and the noise of a pixel."""
+
+    values: F8
+    known: Mask
+    noise: float
+
+
+def _differences(pixels: F4, used: Mask, tiles: Tiles) -> _Differences:
+    height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
+    whole = bool(used.all())
     levels, scatters, known = [], [], np.ones(tiles.shape[0] * tiles.shape[1], dtype=bool)
     for row, column in _SETS:
-        samples = tiles.spread_samples(even[row::2, column::2])
-        counted = tiles.spread_samples(used[row::2, column::2][: even.shape[0] // 2, : even.shape[1] // 2])
-        known &= counted.all(axis=1)
+        samples = tiles.spread_samples(pixels[row:height:2, column:width:2])
+        counted = np.ones_like(samples, dtype=bool)
+        if not whole:
+            counted = tiles.spread_samples(used[row:height:2, column:width:2])
+            known &= counted.all(axis=1)
         off = samples - medians(samples, counted)[:, None]
         spread = np.float32(1.4826) * medians(np.abs(off), counted)
         kept = counted & (np.abs(off) <= _CLIP * np.maximum(spread, np.float32(1e-6))[:, None] + np.float32(0.5))
         number = np.maximum(kept.sum(axis=1), 1)
         levels.append(np.where(kept, samples, 0).sum(axis=1) / number)
         scatters.append(np.sqrt(np.where(kept, off * off, 0).sum(axis=1) / number))
-    if not known.any():
-        return pixels
-    differences = np.stack(levels) - np.mean(levels, axis=0)
-    noise = float(np.median(np.stack(scatters)[:, known]))
-    size = np.abs(np.median(differences[:, known], axis=1)).max()
-    chance = noise / math.sqrt(samples.shape[1] * int(known.sum()))
-    if not size > max(_SIGMAS * chance, _LEAST_PART * noise):
-        return pixels
-    levelled = pixels.copy()
-    enough = np.where(known, samples.shape[1], 0)
-    for (row, column), difference in zip(_SETS, differences, strict=True):
-        grid = tiles.smooth(tiles.filled(difference.astype(np.float32), enough))
-        part = levelled[row::2, column::2]
-        pattern = tiles.interpolated(grid, extrapolated=False)
-        fill = [(0, whole - own) for whole, own in zip(part.shape, pattern.shape, strict=True)]
-        part -= np.pad(pattern, fill, mode="edge")
-    return levelled
+    noise = float(np.median(np.stack(scatters)[:, known])) if known.any() else 0.0
+    return _Differences(np.stack(levels) - np.mean(levels, axis=0), known, noise)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.image_background import medians
-from celnav.detecting.star_shape import Filtered
-from celnav.detecting.tiles import Tiles
+from celnav.detecting.matched_filter import Filtered
+from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.tiles import TileMap, Tiles
 
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -25,52 +25,69 @@ _HOLLOWS = np.float32(0.25)
 _LEAST_NOISE = np.float32(1e-30)
 
 
-def noise_ratio(filtered: Filtered, noise: F4, floor: float, used: Mask, tiles: Tiles) -> F4:
+def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -> TileMap:
     """How much more the filtered image scatters than white noise would, at least 1.
 
     Parameters
     ----------
     filtered : Filtered
         The image under the matched filter.
-    noise : ndarray, shape (height, width)
-        Standard deviation of its pixels, by the differences of neighbours.
-    floor : float
-        Least noise that is assumed; where it is, there is none to be measured.
+    noise : NoiseMap
+        Standard deviation of its pixels, by the differences of neighbours. Where it is the least that is assumed, there is
+        none to be measured.
     used : ndarray of bool, shape (height, width)
         Pixels that count.
     tiles : Tiles
         Where it is measured.
-
-    Returns
-    -------
-    ndarray of float32, shape (height, width)
     """
-    amplitude = tiles.spread_samples(filtered.amplitude)
-    white = tiles.spread_samples(noise)
-    counted = np.asarray(white > np.float32(1.001 * floor))
+    relative = tiles.spread_samples(filtered.amplitude)
+    white = tiles.spread_samples_of(noise)
+    counted = np.asarray(white > np.float32(1.001 * noise.least))
     if not used.all():
         counted &= tiles.spread_samples(used)
     white = np.maximum(white, _LEAST_NOISE)
     if filtered.noise_factor.size > 1:
-        white = white * tiles.spread_samples(filtered.noise_factor)
+        white *= tiles.spread_samples(filtered.noise_factor)
     else:
-        white = white * filtered.noise_factor[0, 0]
-    relative = np.asarray(amplitude / white, dtype=np.float32)
-    from_median = relative - medians(relative, counted)[:, None]
-    spreads = [_one_sided(sign * from_median, counted, tiles) for sign in (np.float32(1), np.float32(-1))]
+        white *= filtered.noise_factor[0, 0]
+    relative = relative / white
+    number = counted.sum(axis=1)
+    relative[~counted] = np.inf
+    relative.sort(axis=1)
+    spreads = _one_sided(relative, number, tiles)
     alike = np.minimum(*(tiles.smooth(spread) for spread in spreads))
     own = np.minimum(*spreads)
     ratio = np.maximum(alike, own / np.float32(_OWN))
-    return tiles.interpolated(np.sqrt(np.maximum(ratio * ratio - _HOLLOWS, 1)), extrapolated=False)
+    return tiles.map_of(np.sqrt(np.maximum(ratio * ratio - _HOLLOWS, 1)), extrapolated=False)
 
 
-def _one_sided(deviation: F4, counted: Mask, tiles: Tiles) -> F4:
-    """Standard deviation of a normal distribution by one side of it, as a grid of tiles."""
-    side = counted & (deviation > 0)
-    limit = _CLIP * np.float32(1.4826) * medians(deviation, side)
-    side &= deviation <= limit[:, None]
-    number = side.sum(axis=1)
-    inside = deviation * side
-    square = np.einsum("ij,ij->i", inside, inside) / np.maximum(number, 1)
-    spread = np.where(number > 0, np.sqrt(square) / _CLIPPED_NORMAL, np.nan)
-    return tiles.filled(np.asarray(spread, dtype=np.float32), 2 * number)
+def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4, F4]:
+    """Standard deviations of normal distributions by their upper and lower sides, as grids of tiles.
+
+    Parameters
+    ----------
+    ordered : ndarray, shape (tiles, samples)
+        Samples in rising order; what does not count is infinite.
+    number : ndarray of int, shape (tiles,)
+        Samples that count.
+    """
+    row = np.arange(len(ordered))
+    middle = ordered[row, np.minimum(number // 2, ordered.shape[1] - 1)]
+    with np.errstate(invalid="ignore"):  # tiles without any sample are unknown
+        deviation = np.where(number > 0, ordered.T - middle, np.float32(0)).T
+    below = np.count_nonzero(deviation < 0, axis=1)
+    above = np.count_nonzero(deviation > 0, axis=1) - np.where(number > 0, ordered.shape[1] - number, 0)
+    # Upper medians of the deviations of each side.
+    typical = (
+        deviation[row, np.minimum(number - above + above // 2, ordered.shape[1] - 1)],
+        -deviation[row, np.maximum(below - 1 - below // 2, 0)],
+    )
+    spreads = []
+    for side, count, usual in ((deviation, above, typical[0]), (-deviation, below, typical[1])):
+        limit = _CLIP * np.float32(1.4826) * usual
+        inside = np.where((side > 0) & (side <= limit[:, None]), side, np.float32(0))
+        kept = np.count_nonzero(inside, axis=1)
+        square = np.einsum("ij,ij->i", inside, inside) / np.maximum(kept, 1)
+        spread = np.where(count > 0, np.sqrt(square) / _CLIPPED_NORMAL, np.nan)
+        spreads.append(tiles.filled(np.asarray(spread, dtype=np.float32), 2 * kept))
+    return spreads[0], spreads[1]

@@ -59,7 +59,7 @@ def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig
     nothing = np.empty((0, 2)), np.empty(0), size
     if not used.any():
         return nothing
-    background, noise = background_and_noise(pixels, used, Tiles.of(size, config.tile_px))
+    background, noise = (each.whole() for each in background_and_noise(pixels, used, Tiles.of(size, config.tile_px)))
     light = pixels - background
     light[~used] = 0.0
     # Of noise-free images the noise is zero: one step of integers, and what rounding leaves of other numbers.

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.detecting.tiles import Tiles
+from celnav.detecting.strips import strips
+from celnav.detecting.tiles import PixelMap, TileMap, Tiles
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
@@ -16,9 +19,10 @@ LARGEST_VALUE = 1e15
 _CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
 # A row or column is known from so many of the pixels sampled in it.
 _FEWEST_OF_LINE = 12
-_STRIP_PX = 32  # rows at a time, which stay in the processor's cache
 # A star of 0.5 px, the sharpest that a lens makes, puts this part of its middle pixel into the four beside it, at least.
 _SHARPEST = 0.12
+# Pixels this many standard deviations from the background may be defects.
+OUTSTANDING = 5.0
 
 
 def as_image(image: ArrayLike) -> NDArray[np.generic]:
@@ -61,8 +65,8 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     return np.logical_not(ignored)
 
 
-def background_and_noise(pixels: F4, used: Mask, tiles: Tiles) -> tuple[F4, F4]:
-    """Estimate background and noise, both of the image's shape.
+def background_and_noise(pixels: F4, used: Mask, tiles: Tiles) -> tuple[TileMap, TileMap]:
+    """Estimate background and noise.
 
     Clipped means of tiles, and standard deviations of the differences between neighbouring pixels, smoothed by a 3x3
     median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the nearest other's.
@@ -80,8 +84,8 @@ def background_and_noise(pixels: F4, used: Mask, tiles: Tiles) -> tuple[F4, F4]:
     offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(one)), counted)
     level = middle + offset
     return (
-        tiles.interpolated(tiles.smooth(tiles.filled(level, counted.sum(axis=1)))),
-        tiles.interpolated(tiles.smooth(tiles.filled(spread, 2 * both.sum(axis=1))), extrapolated=False),
+        tiles.map_of(tiles.smooth(tiles.filled(level, counted.sum(axis=1)))),
+        tiles.map_of(tiles.smooth(tiles.filled(spread, 2 * both.sum(axis=1))), extrapolated=False),
     )
 
 
@@ -107,20 +111,33 @@ def medians(samples: F4, counted: Mask) -> F4:
     return np.where(number > 0, middles, np.float32(np.nan))
 
 
-def typical(values: F4, used: Mask) -> float:
+def typical(values: PixelMap, used: Mask) -> float:
     """Median of a map over some of its used pixels, of which there is one at least."""
-    some = values[::16, ::16][used[::16, ::16]]
-    return float(np.median(some if len(some) else values[used]))
+    rows, columns = (np.arange(0, side, 16) for side in used.shape)
+    some = values.mesh(rows, columns)[used[::16, ::16]]
+    return float(np.median(some if len(some) else values.at(*np.nonzero(used))))
 
 
-def remove_line_offsets(light: F4, noise: F4, used: Mask) -> F4:
+def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
+    """Subtract the background in place; unused pixels become zero. Returns the highest value that remains."""
+    highest = -np.inf
+    for top, bottom in strips(*pixels.shape):
+        strip = pixels[top:bottom]
+        strip -= background.strip(top, bottom)
+        if not (counted := used[top:bottom]).all():
+            strip[~counted] = 0.0
+        highest = max(highest, float(strip.max()))
+    return highest
+
+
+def remove_line_offsets(light: F4, noise: PixelMap, used: Mask) -> F4:
     """Take off what rows and columns have in common, where that is more than chance leaves.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
         Image less background.
-    noise : ndarray, shape (height, width)
+    noise : PixelMap
         Standard deviation of its pixels.
     used : ndarray of bool, shape (height, width)
         Pixels that count. The light of the others is zero.
@@ -152,27 +169,61 @@ def remove_line_offsets(light: F4, noise: F4, used: Mask) -> F4:
     return light
 
 
-def repair_defects(light: F4, noise: F4) -> F4:
-    """Replace single pixels that no optics could make (hot, dead) by the mean of the four beside them.
+@dataclass(frozen=True, eq=False)
+class Outstanding:
+    """Pixels that differ much from the background, those at the border left out.
+
+    Attributes
+    ----------
+    at : ndarray of int, shape (n,)
+        The pixels as indices of the flattened image, in order.
+    sigma : ndarray, shape (n,)
+        Standard deviation of each.
+    """
+
+    at: NDArray[np.intp]
+    sigma: F4
+
+
+def outstanding(light: F4, noise: PixelMap) -> Outstanding:
+    """Find pixels that differ from the background by `OUTSTANDING` standard deviations."""
+    height, width = light.shape
+    at, sigma = [], []
+    for top, bottom in strips(height, width):
+        own = noise.strip(top, bottom)
+        far = np.abs(light[top:bottom]) > np.float32(OUTSTANDING) * own
+        far[:, [0, -1]] = False
+        if top == 0:
+            far[0] = False
+        if bottom == height:
+            far[-1] = False
+        found = np.flatnonzero(far)
+        at.append(found + top * width)
+        sigma.append(own.ravel().take(found))
+    return Outstanding(np.concatenate(at), np.concatenate(sigma))
+
+
+def repair_defects(light: F4, far: Outstanding) -> None:
+    """Replace, in place, single pixels that no optics could make (hot, dead) by the mean of the four beside them.
 
     A pixel is hot where its neighbours hold less light than those of the sharpest star would, dead where it is far
     below neighbours that are not.
+
+    Parameters
+    ----------
+    light : ndarray, shape (height, width)
+        Image less background.
+    far : Outstanding
+        Pixels that may be defects.
     """
-    repaired = light.copy()
-    for top in range(1, light.shape[0] - 1, _STRIP_PX):
-        bottom = min(top + _STRIP_PX, light.shape[0] - 1)
-        strip = light[top - 1 : bottom + 1]
-        value, sigma = strip[1:-1, 1:-1], noise[top:bottom, 1:-1]
-        beside = strip[:-2, 1:-1] + strip[2:, 1:-1]
-        beside += strip[1:-1, :-2]
-        beside += strip[1:-1, 2:]
-        beside *= np.float32(0.25)
-        far = np.abs(value)
-        far *= np.float32(0.2)
-        at = np.nonzero((far > sigma) & ((beside < _SHARPEST * value + 0.5 * sigma) | (value < 0)))
-        one, four, spread = value[at], beside[at], sigma[at]
-        hot = (one > 0) & (four < _SHARPEST * one + 0.5 * spread)
-        dead = (one < 0) & (four > 0.4 * one)
-        better = np.where(hot, np.minimum(four, spread), np.where(dead, np.maximum(four, 0), one))
-        repaired[top:bottom, 1:-1][at] = better
-    return repaired
+    width, flat = light.shape[1], light.ravel()
+    at, spread = far.at, far.sigma
+    one = flat.take(at)
+    four = flat.take(at - width)
+    for beside in (at + width, at - 1, at + 1):
+        four += flat.take(beside)
+    four *= np.float32(0.25)
+    hot = (one > 0) & (four < np.float32(_SHARPEST) * one + np.float32(0.5) * spread)
+    dead = (one < 0) & (four > np.float32(0.4) * one)
+    flat[at[hot]] = np.minimum(four[hot], spread[hot])
+    flat[at[dead]] = np.maximum(four[dead], 0)

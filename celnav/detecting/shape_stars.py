@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.image_background import Outstanding
+from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_candidates import Components, Cores
-from celnav.detecting.star_shape import LARGEST_VARIANCE, StarShape, adaptive_moments, fit_shape, patches
+from celnav.detecting.star_shape import LARGEST_VARIANCE, StarShape, adaptive_moments, fit_shape, offsets, windows
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -27,29 +29,26 @@ _LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
 _WIDE_VARIANCE, _LARGEST_COMPACT = 6.0, 9.0
 
 
-def shape_of_bright(light: F4, noise: F4, cores: Cores) -> StarShape | None:
+def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | None:
     """Measure the shape on bright maxima of the image itself; None where they are few or do not agree, as streaks do not.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
         Image less background.
-    noise : ndarray, shape (height, width)
-        Standard deviation of its pixels.
+    far : Outstanding
+        All pixels that may be so bright.
     cores : Cores
         Saturated stars, which are left out.
     """
     from scipy.spatial import cKDTree
 
-    width = light.shape[1]
-    bright = light > np.float32(_BRIGHT) * noise
-    bright[[0, -1]] = False
-    bright[:, [0, -1]] = False
-    at = np.flatnonzero(bright)
-    flat = light.ravel()
-    value = flat[at]
+    width, flat = light.shape[1], light.ravel()
+    value = flat.take(far.at)
+    bright = value > np.float32(_BRIGHT) * far.sigma
+    at, value = far.at[bright], value[bright]
     for offset in (-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1):
-        highest = value >= flat[at + offset]
+        highest = value >= flat.take(at + offset)
         at, value = at[highest], value[highest]
     if len(at) < _FEWEST_MAXIMA:
         return None
@@ -78,31 +77,34 @@ def _level_around(light: F4, uv: F8) -> F8:
     columns = np.rint(uv[:, :1] + _RING_PX * np.cos(turn)).astype(np.intp)
     rows = np.rint(uv[:, 1:] + _RING_PX * np.sin(turn)).astype(np.intp)
     height, width = light.shape
-    return np.asarray(np.median(light[rows.clip(0, height - 1), columns.clip(0, width - 1)], axis=1), dtype=np.float64)
+    ring = np.sort(light[rows.clip(0, height - 1), columns.clip(0, width - 1)], axis=1)
+    return (ring[:, (_RING_PLACES - 1) // 2] + ring[:, _RING_PLACES // 2]).astype(np.float64) / 2
 
 
 def _elongation(light: F4, uv: F8) -> F8:
     """Difference of the axes' second moments over their sum, shape (n,), of the light around places, shape (n, 2)."""
-    cut, rows, columns = patches(light, uv, (_WINDOW_PX, _WINDOW_PX))
-    du, dv = columns - uv[:, :1], rows - uv[:, 1:]
+    cut, rows, columns = windows(light, uv, (_WINDOW_PX, _WINDOW_PX))
+    du, dv = offsets(rows, columns, uv)
     window = np.maximum(cut, 0)
-    by_column, by_row = window.sum(axis=1), window.sum(axis=2)
-    total = np.maximum(by_row.sum(axis=1), 1e-30)
-    u, v = (by_column * du).sum(axis=1) / total, (by_row * dv).sum(axis=1) / total
-    uu, vv = (by_column * du * du).sum(axis=1) / total - u * u, (by_row * dv * dv).sum(axis=1) / total - v * v
-    mixed = np.einsum("nrc,nc,nr->n", window, du, dv) / total - u * v
-    return np.asarray(np.hypot(uu - vv, 2 * mixed) / np.maximum(uu + vv, 1e-30))
+    across, down = window.sum(axis=0), window.sum(axis=1)
+    total = np.maximum(down.sum(axis=0), np.float32(1e-30))
+    u, v = (across * du).sum(axis=0) / total, (down * dv).sum(axis=0) / total
+    uu, vv = (across * du * du).sum(axis=0) / total - u * u, (down * dv * dv).sum(axis=0) / total - v * v
+    mixed = (np.einsum("rcn,cn->rn", window, du) * dv).sum(axis=0) / total - u * v
+    return np.asarray(np.hypot(uu - vv, 2 * mixed) / np.maximum(uu + vv, 1e-30), dtype=np.float64)
 
 
 def shape_of_components(
-    light: F4, noise: F4, parts: Components, part_of_peak: NDArray[np.int32], cores: Cores, max_area_px: int
+    light: F4, noise: NoiseMap, parts: Components, part_of_peak: NDArray[np.int32], cores: Cores, max_area_px: int
 ) -> StarShape | None:
     """Measure the shape on bright components that are neither saturated nor, if there are enough others, blended.
 
     Parameters
     ----------
-    light, noise : ndarray, shape (height, width)
-        Image less background, and the standard deviation of its pixels.
+    light : ndarray, shape (height, width)
+        Image less background.
+    noise : NoiseMap
+        Standard deviation of its pixels.
     parts : Components
         What stands out of the noise.
     part_of_peak : ndarray of int32, shape (n,)
@@ -113,11 +115,10 @@ def shape_of_components(
         Larger components are no stars.
     """
     at = np.rint(parts.uv).astype(np.intp)
-    clear = parts.flux > 15 * noise[at[:, 1], at[:, 0]] * np.sqrt(np.maximum(parts.area, 1))
+    clear = parts.flux > 15 * noise.at(at[:, 1], at[:, 0]) * np.sqrt(np.maximum(parts.area, 1))
     clear &= (parts.area >= 5) & (parts.area <= max_area_px)
     if len(cores.uv):
-        nearest = np.rint(cores.uv).astype(np.intp)
-        clear &= ~np.isin(parts.label, parts.labels[nearest[:, 1], nearest[:, 0]])
+        clear &= ~np.isin(parts.label, parts.holding(cores.uv))
     single = clear & (np.bincount(part_of_peak, minlength=int(parts.label.max(initial=0)) + 1)[parts.label] == 1)
     chosen = np.flatnonzero(single if single.sum() > max(20, 0.3 * clear.sum()) else clear)
     dense = parts.flux[chosen] / parts.area[chosen]

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.star_shape import Filtered, StarShape, inverse
+from celnav.detecting.connected import connected
+from celnav.detecting.matched_filter import Filtered
+from celnav.detecting.star_shape import StarShape, inverse
+from celnav.detecting.tiles import PixelMap
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -27,8 +30,10 @@ class Components:
 
     Attributes
     ----------
-    labels : ndarray of int32, shape (height, width)
-        Component of each pixel; 0 for none.
+    pixel, pixel_label : ndarray of int, shape (m,)
+        The pixels above the threshold, as indices of the flattened image, in order; and their components, from 1 on.
+    width : int
+        Of the image.
     uv : ndarray, shape (n, 2)
         Centroids, by light.
     covariance : ndarray, shape (n, 3)
@@ -38,15 +43,26 @@ class Components:
     area : ndarray, shape (n,)
         Pixels.
     label : ndarray, shape (n,)
-        Their numbers in `labels`.
+        Their numbers in `pixel_label`.
     """
 
-    labels: Labels
+    pixel: NDArray[np.intp]
+    pixel_label: Labels
+    width: int
     uv: F8
     covariance: F8
     flux: F8
     area: NDArray[np.int64]
     label: NDArray[np.int64]
+
+    def holding(self, uv: F8) -> Labels:
+        """Components that hold the pixels nearest to positions inside the image, shape (n,); 0 for none."""
+        if not len(self.pixel):
+            return np.zeros(len(uv), dtype=np.int32)
+        nearest = np.rint(uv).astype(np.intp)
+        at = nearest[:, 1] * self.width + nearest[:, 0]
+        place = np.minimum(np.searchsorted(self.pixel, at), len(self.pixel) - 1)
+        return np.where(self.pixel[place] == at, self.pixel_label[place], np.int32(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +96,10 @@ def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
     seeded : ndarray of bool, shape (n,)
         Those above the higher one.
     """
-    from scipy import ndimage
-
-    mask = np.zeros(light.shape, dtype=bool)
-    mask.ravel()[above] = True
-    labels, n = ndimage.label(mask, structure=np.ones((3, 3)))
-    rows, columns = np.divmod(above, labels.shape[1])
-    label, value = labels[rows, columns], np.maximum(light[rows, columns].astype(np.float64), 0.0)
+    width = light.shape[1]
+    label, n = connected(above, width)
+    rows, columns = np.divmod(above, width)
+    value = np.maximum(light.ravel()[above].astype(np.float64), 0.0)
     area = np.bincount(label, minlength=n + 1)
     good = np.bincount(label, weights=seeded, minlength=n + 1) > 0
     flux: F8 = np.bincount(label, weights=value, minlength=n + 1).astype(np.float64, copy=False)
@@ -100,37 +113,38 @@ def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
     du, dv = columns - middle_u[label], rows - middle_v[label]
     covariance = np.column_stack((mean(du * du), mean(du * dv), mean(dv * dv)))
     return Components(
-        np.asarray(labels, dtype=np.int32), np.column_stack((middle_u, middle_v))[good], covariance[good], flux[good],
+        above, label, width, np.column_stack((middle_u, middle_v))[good], covariance[good], flux[good],
         area[good], np.flatnonzero(good),
     )  # fmt: skip
 
 
-def saturated_cores(pixels: F4, light: F4, level: float | None) -> Cores:
-    """Find flat tops: four or more connected pixels within 3 % of the image's highest value, or above a level given."""
-    from scipy import ndimage
+def saturated_pixels(pixels: F4, level: float | None) -> NDArray[np.intp]:
+    """Find the pixels within 3 % of the image's highest value, or above a level given, as indices of the flattened image.
 
+    A bright sky that is saturated altogether, or an image of noise, has none.
+    """
     highest = float(pixels.max())
     least = float(np.median(pixels[::16, ::16]))
     threshold = highest - (1 - _FLAT) * (highest - least) if level is None else level
-    rows, columns = np.divmod(np.flatnonzero(pixels >= threshold), pixels.shape[1])
+    at = np.flatnonzero(pixels >= threshold)
+    if highest <= least or len(at) > 0.01 * pixels.size:
+        return at[:0]
+    return at
+
+
+def saturated_cores(at: NDArray[np.intp], light: F4) -> Cores:
+    """Find flat tops among saturated pixels: four or more that are connected."""
     none = Cores(np.empty((0, 2)), np.empty(0), np.inf)
-    # A bright sky that is saturated altogether, or an image of noise, has no cores.
-    if highest <= least or len(rows) < _LEAST_PLATEAU_PX or len(rows) > 0.01 * pixels.size:
+    if len(at) < _LEAST_PLATEAU_PX:
         return none
-    # Only the rectangle that holds them is labelled.
-    top, left = int(rows.min()), int(columns.min())
-    window = np.zeros((int(rows.max()) - top + 1, int(columns.max()) - left + 1), dtype=bool)
-    window[rows - top, columns - left] = True
-    labels, n = ndimage.label(window, structure=np.ones((3, 3)))
-    label = labels[rows - top, columns - left]
+    label, n = connected(at, light.shape[1])
     area = np.bincount(label, minlength=n + 1)
     flat = np.flatnonzero(area >= _LEAST_PLATEAU_PX)
     if not len(flat):
         return none
+    rows, columns = np.divmod(at, light.shape[1])
     middle = np.column_stack([np.bincount(label, weights=x, minlength=n + 1) for x in (columns, rows)])[flat]
-    return Cores(
-        middle / area[flat, None], np.sqrt(area[flat] / np.pi), float(np.median(light[rows, columns]))
-    )  # fmt: skip
+    return Cores(middle / area[flat, None], np.sqrt(area[flat] / np.pi), float(np.median(light.ravel()[at])))
 
 
 def trails(
@@ -150,8 +164,7 @@ def trails(
     height, columns = filtered.shape
     saturated = set()
     if len(cores.uv):
-        at = np.rint(cores.uv).astype(np.intp)
-        saturated = set(found.labels[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, columns - 1)].tolist())
+        saturated = set(found.holding(np.clip(cores.uv, 0, [columns - 1, height - 1])).tolist())
     chosen = []
     for k in long:
         if int(found.label[k]) in saturated:
@@ -162,20 +175,21 @@ def trails(
         steps = np.linspace(-reach, reach, max(9, int(2 * reach)))
         places = found.uv[k] + steps[:, None, None] * along + np.arange(-2, 3)[None, :, None] * across
         at = np.rint(places).astype(np.intp)
-        ridge = filtered[at[..., 1].clip(0, height - 1), at[..., 0].clip(0, columns - 1)].max(axis=1)
-        if np.percentile(ridge, 20) > 0.5 * np.percentile(ridge, 80) > 0:
+        ridge = np.sort(filtered[at[..., 1].clip(0, height - 1), at[..., 0].clip(0, columns - 1)].max(axis=1))
+        low, high = np.interp([0.2 * (len(ridge) - 1), 0.8 * (len(ridge) - 1)], np.arange(len(ridge)), ridge)
+        if low > 0.5 * high > 0:
             chosen.append(int(found.label[k]))
     return np.array(chosen, dtype=np.int64)
 
 
-def peaks(filtered: Filtered, noise: F4, above: NDArray[np.intp], used: Mask) -> tuple[F8, F8, F8]:
+def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Mask) -> tuple[F8, F8, F8]:
     """Return local maxima of the filtered image among pixels above a threshold, brightest first.
 
     Parameters
     ----------
     filtered : Filtered
         The image under the matched filter.
-    noise : ndarray, shape (height, width)
+    noise : PixelMap
         Standard deviation of white pixels that would make its noise.
     above : ndarray of int, shape (n,)
         The pixels, as indices of the flattened image.
@@ -192,9 +206,9 @@ def peaks(filtered: Filtered, noise: F4, above: NDArray[np.intp], used: Mask) ->
     inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used.ravel()[above]
     at = above[inner]
     flat = amplitude.ravel()
-    value = flat[at]
-    for offset in (-width - 1, -width, -width + 1, -1):
-        good = (value > flat[at + offset]) & (value >= flat[at - offset])
+    value = flat.take(at)
+    for offset in (-1, -width, -width - 1, -width + 1):
+        good = (value > flat.take(at + offset)) & (value >= flat.take(at - offset))
         at, value = at[good], value[good]
     order = np.argsort(-value, kind="stable")
     at, brightness = at[order], value[order].astype(np.float64)
@@ -205,7 +219,7 @@ def peaks(filtered: Filtered, noise: F4, above: NDArray[np.intp], used: Mask) ->
         bend = before - 2 * brightness + after
         place[:, axis] += np.clip(0.5 * (before - after) / np.minimum(bend, -1e-12), -0.5, 0.5)
     factor = filtered.noise_factor
-    sigma = noise[rows, columns] * (factor[rows, columns] if factor.size > 1 else factor[0, 0])
+    sigma = noise.at(rows, columns) * (factor[rows, columns] if factor.size > 1 else factor[0, 0])
     return place, brightness, sigma.astype(np.float64)
 
 

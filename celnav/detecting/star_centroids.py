@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.star_shape import inverse, patches, unlikeness
+from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.star_shape import gaussians, inverse, offsets, windows
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -22,7 +23,7 @@ CENTROID_FLOOR_PX = 0.03
 # Part of a neighbour's light that stays when its model has been taken off.
 _LEFT_OF_NEIGHBOUR = 0.05
 _ROUNDS = 5
-_PATCH_PIXELS = 400_000  # at a time: a few megabytes
+_PATCH_PIXELS = 50_000  # at a time, which stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class Measured:
 
 
 def measure_stars(
-    light: F4, noise: F4, uv: F8, covariance: F8, gain_e_per_unit: float, white: F4 | None = None
+    light: F4, noise: NoiseMap, uv: F8, covariance: F8, gain_e_per_unit: float, white: NoiseMap | None = None
 ) -> Measured:
     """Measure stars at places, shape (n, 2), that are good to a pixel or two.
 
@@ -65,7 +66,7 @@ def measure_stars(
     ----------
     light : ndarray, shape (height, width)
         Image less background.
-    noise : ndarray, shape (height, width)
+    noise : NoiseMap
         Standard deviation of its pixels without stars.
     uv : ndarray, shape (n, 2)
         Where they are.
@@ -73,7 +74,7 @@ def measure_stars(
         Of the star's image: uu, uv, vv, px^2.
     gain_e_per_unit : float
         Electrons that make one unit of the image; infinity leaves the photon noise of the stars out.
-    white : ndarray, shape (height, width), optional
+    white : NoiseMap, optional
         Noise by the differences of neighbouring pixels, where `noise` is that of white pixels that scatter as much under a
         filter; the same unless given.
     """
@@ -114,8 +115,8 @@ def _neighbours(uv: F8, covariance: F8) -> NDArray[np.intp]:
 
 def _measure(
     light: F4,
-    noise: F4,
-    white: F4,
+    noise: NoiseMap,
+    white: NoiseMap,
     uv: F8,
     covariance: F8,
     gain: float,
@@ -125,18 +126,21 @@ def _measure(
     stop: int,
 ) -> Measured:
     """Measure the stars of rows `start` to `stop`; the others stay where they were found."""
-    first = uv[start:stop]
-    shape = covariance[start:stop]
-    cut, rows, columns = patches(light, first, reach)
-    p, q, r = inverse(shape).T
+    first, shape = uv[start:stop], covariance[start:stop]
+    # Windows are numbered last, so that every step passes over all of them in the order of the memory.
+    cut, rows, columns = windows(light, first, reach)
+    inverses = inverse(shape)
+    p, q, r = inverses.T
     area = 2 * np.pi * np.sqrt(shape[:, 0] * shape[:, 2] - shape[:, 1] ** 2)
     low, high = np.searchsorted(neighbours[:, 0], [start, start + len(first)])
     pairs = neighbours[low:high]
     crowd: F8 = np.zeros(len(first))
     if len(pairs):
         own, other = pairs[:, 0] - start, pairs[:, 1]
-        peaks = np.maximum(_values_at(light, uv[other]), 0)
-        _take_off(cut, own, _gaussians(uv[other], covariance[other], rows[own], columns[own]) * peaks[:, None, None])
+        peaks = np.maximum(light[_nearest(light, uv[other])], 0)
+        models = gaussians(inverse(covariance[other]), *offsets(rows[:, own], columns[:, own], uv[other]))
+        models *= peaks
+        _take_off(cut, own, models)
         apart = uv[other] - first[own]
         square = p[own] * apart[:, 0] ** 2 + 2 * q[own] * apart[:, 0] * apart[:, 1] + r[own] * apart[:, 1] ** 2
         crowding = peaks * np.sqrt(square) * np.exp(-0.25 * square)
@@ -145,61 +149,106 @@ def _measure(
     limit = 2 * np.sqrt(np.maximum(shape[:, [0, 2]], 1.0))
     window = cut
     for _ in range(_ROUNDS):
-        du, dv = (columns - at[:, :1])[:, None, :], (rows - at[:, 1:])[:, :, None]
-        window = cut * _window(p, q, r, du, dv)
-        total = _positive(window.sum(axis=(1, 2)))
-        at[:, 0] += 2 * np.sum(window.sum(axis=1) * du[:, 0], axis=1) / total
-        at[:, 1] += 2 * np.sum(window.sum(axis=2) * dv[:, :, 0], axis=1) / total
+        du, dv = offsets(rows, columns, at)
+        window = gaussians(inverses, du, dv)
+        window *= cut
+        by_column, by_row = window.sum(axis=0), window.sum(axis=1)
+        total = _positive(by_row.sum(axis=0))
+        at[:, 0] += 2 * (by_column * du).sum(axis=0) / total
+        at[:, 1] += 2 * (by_row * dv).sum(axis=0) / total
         np.clip(at, first - limit, first + limit, out=at)
     # What wanders off follows a neighbour's light: it stays where it was found.
     wandered = np.any(np.abs(at - first) > 0.75 * limit, axis=1)
     at = np.where(wandered[:, None], first, at)
-    light_under = window.sum(axis=(1, 2))
-    du, dv = columns - at[:, :1], rows - at[:, 1:]
+    light_under = window.sum(axis=(0, 1)).astype(np.float64)
+    du, dv = offsets(rows, columns, at)
     narrow, wide = _relative_axes(window, du, dv, p, q, r)
     flux = np.maximum(2 * light_under, 0.0)
-    pixel = _values_at(noise, at)
+    rows_at, columns_at = _nearest(light, at)
+    pixel = noise.at(rows_at, columns_at).astype(np.float64)
     spread = np.sqrt((shape[:, 0] + shape[:, 2]) / 2)
     sigma = _sigma_px(flux, pixel, shape, area, gain)
     sigma = np.hypot(sigma, _LEFT_OF_NEIGHBOUR * spread * crowd / np.maximum(flux / area, 1e-30))
     sigma = np.hypot(np.minimum(sigma, 1.0 + np.sqrt(shape[:, [0, 2]].max(axis=1))), CENTROID_FLOOR_PX)
     # The variance of sum(w I): sum(w^2) is half of the star's area.
     snr = light_under / np.maximum(np.sqrt(pixel**2 * area / 2 + flux / (3 * gain)), 1e-30)
-    star = _window(p, q, r, du[:, None, :], dv[:, :, None])
-    photons = star * (flux / area / gain)[:, None, None]
+    star = gaussians(inverses, du, dv)
     # Of correlated noise a single pixel has less than the window has: half of it in logarithm.
-    single = pixel * np.maximum(_values_at(white, at), 1e-30)
-    unlike, significance = unlikeness(cut, star, single[:, None, None] + photons)
+    single = pixel * np.maximum(white.at(rows_at, columns_at), 1e-30)
+    unlike, significance = unlikeness(cut, star, single, flux / area / gain)
     return Measured(at, flux, sigma, narrow, wide, snr, unlike, significance)
 
 
-def _values_at(image: F4, uv: F8) -> F8:
-    """Values of the pixels that hold positions, shape (n,)."""
+def _nearest(image: F4, uv: F8) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the pixels that hold positions, shapes (n,)."""
     height, width = image.shape
     nearest = np.rint(uv).astype(np.intp)
-    return image[nearest[:, 1].clip(0, height - 1), nearest[:, 0].clip(0, width - 1)].astype(np.float64)
+    return nearest[:, 1].clip(0, height - 1), nearest[:, 0].clip(0, width - 1)
 
 
-def _positive(total: F8) -> F8:
-    return np.where(total > 0, total, np.inf)
+def unlikeness(cut: F4, star: F4, sky_power: F8, photons: F8) -> tuple[F8, F8]:
+    """How much of the light in windows is not that of a star.
+
+    Parameters
+    ----------
+    cut : ndarray, shape (rows, columns, n)
+        Light; beyond 2.5 standard deviations of the star it does not count.
+    star : ndarray, shape (rows, columns, n)
+        The star's image, with a peak of 1.
+    sky_power, photons : ndarray, shape (n,)
+        Variance of the light of a pixel without stars, and what the star's own adds at its peak.
+
+    Returns
+    -------
+    unlike : ndarray, shape (n,)
+        Root of the power that the star that fits best leaves over beyond noise, over the root of the star's own: 0 for a
+        star, 0.5 and more for the track of a particle, infinity where the star has no light.
+    significance : ndarray, shape (n,)
+        That power in standard deviations of the noise's.
+    """
+    inner = star > np.float32(np.exp(-0.5 * 2.5**2))
+    star = star * inner
+    squares = star * star
+    total, own = _summed(star), _summed(squares)
+    number, left = np.count_nonzero(inner, axis=(0, 1)), cut * inner
+    peak = np.maximum(_summed(left * star) / np.maximum(own, 1e-30), 0.0)
+    left -= star * peak.astype(np.float32)
+    power = _summed(left * left)
+    by_noise = number * sky_power + total * photons
+    spread = np.sqrt(2 * (number * sky_power**2 + 2 * total * sky_power * photons + own * photons**2))
+    excess = np.maximum(power - by_noise, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.sqrt(np.where(peak > 0, excess / (peak**2 * own), np.inf))), np.asarray(
+            excess / np.maximum(spread, 1e-30)
+        )
 
 
-def _take_off(cut: F8, own: NDArray[np.intp], models: F8) -> None:
-    """Subtract models, shape (p, rows, columns), from the windows that they belong to (rows of `cut`, ascending)."""
+def _summed(values: F4) -> F8:
+    """Sums over windows, shape (n,)."""
+    return values.sum(axis=(0, 1)).astype(np.float64)
+
+
+def _positive(total: F4) -> F4:
+    return np.where(total > 0, total, np.float32(np.inf))
+
+
+def _take_off(cut: F4, own: NDArray[np.intp], models: F4) -> None:
+    """Subtract models, shape (rows, columns, p), from windows; they belong to those of `own`, ascending."""
     starts = np.flatnonzero(np.diff(own, prepend=-1))
-    cut[own[starts]] -= np.add.reduceat(models, starts, axis=0)
+    cut[:, :, own[starts]] -= np.add.reduceat(models, starts, axis=2)
 
 
-def _relative_axes(window: F8, du: F8, dv: F8, p: F8, q: F8, r: F8) -> tuple[F8, F8]:
+def _relative_axes(window: F4, du: F4, dv: F4, p: F8, q: F8, r: F8) -> tuple[F8, F8]:
     """Moments of the light under the window along its short and long axis over those expected, shapes (n,).
 
     Light and window of the same Gaussian S: the covariance of their product is S / 2, and these are eigenvalues of twice
     it over S.
     """
-    by_column, by_row = window.sum(axis=1), window.sum(axis=2)
-    total = _positive(by_row.sum(axis=1))
-    uu, vv = np.sum(by_column * du * du, axis=1) / total, np.sum(by_row * dv * dv, axis=1) / total
-    mixed = np.sum(np.einsum("nrc,nc->nr", window, du) * dv, axis=1) / total
+    by_column, by_row = window.sum(axis=0), window.sum(axis=1)
+    total = _positive(by_row.sum(axis=0))
+    uu, vv = (by_column * du * du).sum(axis=0) / total, (by_row * dv * dv).sum(axis=0) / total
+    mixed = ((window * du[None]).sum(axis=1) * dv).sum(axis=0) / total
+    uu, vv, mixed = (each.astype(np.float64) for each in (uu, vv, mixed))
     trace = p * uu + 2 * q * mixed + r * vv
     root = np.sqrt(np.maximum(trace**2 - 4 * (uu * vv - mixed**2) * (p * r - q * q), 0))
     return trace - root, trace + root
@@ -215,17 +264,3 @@ def _sigma_px(flux: F8, noise: F8, shape: F8, area: F8, gain: float) -> F8:
     sky = noise**2 * (area / 2) * axis / 2
     star = flux / gain / 3 * axis / 3
     return np.asarray(2 * np.sqrt(sky + star) / np.maximum(flux / 2, 1e-30))
-
-
-def _window(p: F8, q: F8, r: F8, du: F8, dv: F8) -> F8:
-    """Gaussian windows, shape (n, rows, columns); as a product where none is inclined."""
-    if not np.abs(q).max() > 1e-3 * min(p.min(), r.min()):
-        return np.asarray(np.exp(-0.5 * p[:, None, None] * du * du) * np.exp(-0.5 * r[:, None, None] * dv * dv))
-    p, q, r = p[:, None, None], q[:, None, None], r[:, None, None]
-    return np.asarray(np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv)))
-
-
-def _gaussians(uv: F8, covariance: F8, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> F8:
-    """Gaussians of unit peak on windows of pixels, shape (n, rows, columns)."""
-    p, q, r = inverse(covariance).T
-    return _window(p, q, r, (columns - uv[:, :1])[:, None, :], (rows - uv[:, 1:])[:, :, None])

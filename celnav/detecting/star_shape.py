@@ -1,4 +1,4 @@
-"""The shape of a star's image, and the filter matched to it.
+"""The shape of a star's image.
 
 A star is a Gaussian of any width, length and direction: a point spread function, or the streak that a star leaves while
 the camera moves. Over the frame its covariance is a polynomial of second order in the position, which is exact for the
@@ -10,7 +10,6 @@ Widths are measured by adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,6 @@ LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 400.0  # px^2: half a pixel, and streak
 _ROUND = 1.2
 # One round filter serves shapes whose variances differ by no more than this factor.
 _ONE_FILTER = 2.6
-_ZONE_PX = 180
-_STRIP_PX = 32
 # px^2: the track of a particle is narrower than the image of a star.
 _TRACK_VARIANCE = 0.2
 # A Gaussian of 0.8 px that is laid over stars before they are measured, and its variance: sums over pixels are not the
@@ -126,23 +123,30 @@ def inverse(covariance: F8) -> F8:
     """Return the inverses (uu, uv, vv), shape (n, 3), of covariances; NaN for covariances without width."""
     uu, uv, vv = covariance.T
     determinant = uu * vv - uv * uv
-    return np.asarray(np.column_stack((vv, -uv, uu)) / np.where(determinant > 1e-9, determinant, np.nan)[:, None])
+    return np.asarray(np.stack((vv, -uv, uu), axis=1) / np.where(determinant > 1e-9, determinant, np.nan)[:, None])
 
 
-def patches(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F8, NDArray[np.int64], NDArray[np.int64]]:
-    """Cut windows of 2 reach + 1 pixels (rows, columns) around positions; zero beyond the border.
+def windows(light: F4, uv: F8, reach: tuple[int, int]) -> tuple[F4, NDArray[np.intp], NDArray[np.intp]]:
+    """Cut windows of 2 reach + 1 pixels (rows, columns) around positions, shape (n, 2); zero beyond the border.
 
     Returns
     -------
-    Light, shape (n, rows, columns), and the rows, shape (n, rows), and columns, shape (n, columns), of the pixels.
+    Light, shape (rows, columns, n), and the rows, shape (rows, n), and columns, shape (columns, n), of the pixels.
     """
     height, width = light.shape
-    rows = np.rint(uv[:, 1]).astype(np.int64)[:, None] + np.arange(-reach[0], reach[0] + 1)
-    columns = np.rint(uv[:, 0]).astype(np.int64)[:, None] + np.arange(-reach[1], reach[1] + 1)
-    cut = light[np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]].astype(np.float64)
-    cut *= ((rows >= 0) & (rows < height))[:, :, None]
-    cut *= ((columns >= 0) & (columns < width))[:, None, :]
+    rows = np.rint(uv[:, 1]).astype(np.intp) + np.arange(-reach[0], reach[0] + 1)[:, None]
+    columns = np.rint(uv[:, 0]).astype(np.intp) + np.arange(-reach[1], reach[1] + 1)[:, None]
+    at = np.clip(rows, 0, height - 1)[:, None] * width + np.clip(columns, 0, width - 1)[None]
+    cut = light.ravel().take(at)
+    inside_rows, inside_columns = (rows >= 0) & (rows < height), (columns >= 0) & (columns < width)
+    if not (inside_rows.all() and inside_columns.all()):
+        cut *= inside_rows[:, None] & inside_columns[None]
     return cut, rows, columns
+
+
+def offsets(rows: NDArray[np.intp], columns: NDArray[np.intp], uv: F8) -> tuple[F4, F4]:
+    """Distances of columns and rows, shapes (columns, n) and (rows, n), from positions, shape (n, 2)."""
+    return (columns - uv[:, 0]).astype(np.float32), (rows - uv[:, 1]).astype(np.float32)
 
 
 def adaptive_moments(
@@ -158,22 +162,18 @@ def adaptive_moments(
     from scipy import ndimage
 
     reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 30))
-    cut, rows, columns = patches(light, uv, (reach, reach))
+    cut, rows, columns = windows(light, uv, (reach, reach))
     if level is not None:
-        cut -= level[:, None, None]
-    cut = ndimage.correlate1d(
-        ndimage.correlate1d(cut, _SMOOTHING, axis=1, mode="nearest"), _SMOOTHING, axis=2, mode="nearest"
-    )
+        cut -= level.astype(np.float32)
+    smoothing = ndimage.correlate1d(np.eye(2 * reach + 1, dtype=np.float32), _SMOOTHING, axis=0, mode="nearest")
+    cut = np.matmul(smoothing, np.tensordot(smoothing, cut, axes=1))
     at, covariance = uv.copy(), start + np.array([_SMOOTHED, 0, _SMOOTHED])
     for _ in range(rounds):
-        du, dv = (columns - at[:, :1])[:, None, :], (rows - at[:, 1:])[:, :, None]
-        p, q, r = (value[:, None, None] for value in inverse(covariance).T)
-        window = cut * np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
-        total = window.sum(axis=(1, 2))
-        total = np.where(total > 0, total, np.nan)
-        step = np.column_stack((np.sum(window * du, axis=(1, 2)), np.sum(window * dv, axis=(1, 2)))) / total[:, None]
-        du, dv = du - step[:, :1, None], dv - step[:, 1:, None]
-        seen = np.column_stack([np.sum(window * x, axis=(1, 2)) for x in (du * du, du * dv, dv * dv)]) / total[:, None]
+        total, step, seen = _windowed_moments(cut, *offsets(rows, columns, at), inverse(covariance))
+        total = np.where(total > 0, total, np.nan)[:, None]
+        step /= total
+        u, v = step.T
+        seen = seen / total - np.stack((u * u, u * v, v * v), axis=1)
         at += 2 * np.clip(step, -1, 1)
         # Light and window multiply: their inverse covariances add.
         difference = inverse(seen) - inverse(covariance)
@@ -184,38 +184,35 @@ def adaptive_moments(
     return covariance - np.array([_SMOOTHED, 0, _SMOOTHED])
 
 
-def unlikeness(cut: F8, star: F8, noise_power: F8) -> tuple[F8, F8]:
-    """How much of the light in windows is not that of a star.
+def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
+    """Sum light under Gaussian windows, and its first and second moments; shapes (n,), (n, 2) and (n, 3).
 
     Parameters
     ----------
-    cut : ndarray, shape (n, rows, columns)
-        Light; beyond 2.5 standard deviations of the star it does not count.
-    star : ndarray, shape (n, rows, columns)
-        The star's image, with a peak of 1.
-    noise_power : ndarray, shape (n, rows, columns)
-        Variance of the light without stars.
-
-    Returns
-    -------
-    unlike : ndarray, shape (n,)
-        Root of the power that the star that fits best leaves over beyond noise, over the root of the star's own: 0 for a
-        star, 0.5 and more for the track of a particle, infinity where the star has no light.
-    significance : ndarray, shape (n,)
-        That power in standard deviations of the noise's.
+    cut : ndarray, shape (rows, columns, n)
+        Light.
+    du, dv : ndarray, shapes (columns, n) and (rows, n)
+        Distances of the pixels from the windows' middles.
+    window : ndarray, shape (n, 3)
+        Inverse covariances of the windows.
     """
-    inner = star > np.exp(-0.5 * 2.5**2)
-    star = star * inner
-    own: F8 = np.sum(star * star, axis=(1, 2))
-    peak = np.maximum(np.sum(cut * star, axis=(1, 2)) / np.maximum(own, 1e-30), 0.0)
-    left: F8 = np.sum(np.square((cut - peak[:, None, None] * star) * inner), axis=(1, 2))
-    by_noise: F8 = np.sum(noise_power * inner, axis=(1, 2))
-    spread = np.sqrt(2 * np.sum(np.square(noise_power * inner), axis=(1, 2)))
-    excess = np.maximum(left - by_noise, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.sqrt(np.where(peak > 0, excess / (peak**2 * own), np.inf))), np.asarray(
-            excess / np.maximum(spread, 1e-30)
-        )
+    light = gaussians(window, du, dv)
+    light *= cut
+    across, down = light.sum(axis=0), light.sum(axis=1)
+    mixed = np.einsum("rcn,cn->rn", light, du)
+    first = ((across * du).sum(axis=0), (down * dv).sum(axis=0))
+    second = ((across * du * du).sum(axis=0), (mixed * dv).sum(axis=0), (down * dv * dv).sum(axis=0))
+    total, steps, moments = (np.array(each, dtype=np.float64) for each in (down.sum(axis=0), first, second))
+    return total, steps.T.copy(), moments.T
+
+
+def gaussians(window: F8, du: F4, dv: F4) -> F4:
+    """Gaussians of unit peak, shape (rows, columns, n), of inverse covariances, shape (n, 3), at offsets."""
+    p, q, r = window.T.astype(np.float32)
+    values = np.exp(np.float32(-0.5) * r * dv * dv)[:, None] * np.exp(np.float32(-0.5) * p * du * du)[None]
+    if not np.abs(q).max(initial=0) <= 1e-3 * min(p.min(initial=1), r.min(initial=1)):
+        values *= np.exp((-q * dv)[:, None] * du[None])
+    return values
 
 
 def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:
@@ -250,7 +247,7 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     rest: F8 = np.abs(covariance - middle).sum(axis=1)[both]
     residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
     least = _MILD if best.filter_sigma_px is not None else _STRONG
-    return best if np.median(residual) < least * np.median(rest) else fixed
+    return best if median(residual) < least * median(rest) else fixed
 
 
 def _middle(covariance: F8, start: F8) -> F8:
@@ -278,9 +275,12 @@ def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:
     kept = begun
     coefficients = np.zeros((6, 3))
     for _ in range(6):
-        coefficients = np.asarray(np.linalg.lstsq(terms[kept], covariance[kept], rcond=None)[0], dtype=np.float64)
+        square, right = terms[kept].T @ terms[kept], terms[kept].T @ covariance[kept]
+        coefficients = np.asarray(np.linalg.lstsq(square, right, rcond=None)[0], dtype=np.float64)
         residual: F8 = np.abs(covariance - terms @ coefficients).sum(axis=1)
-        kept = residual <= 3.5 * np.median(residual[begun])
+        before, kept = kept, residual <= 3.5 * median(residual[begun])
+        if (kept == before).all():
+            break
     return coefficients
 
 
@@ -295,7 +295,9 @@ def _near(covariance: F8, middle: F8, factor: float) -> Mask:
 
 def _largest_agreement(covariance: F8) -> Mask:
     """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
-    apart = np.abs(covariance[:, None] - covariance).sum(axis=2)
+    apart = np.zeros((len(covariance), len(covariance)))
+    for moment in covariance.T:
+        apart += np.abs(np.subtract.outer(moment, moment))
     near = apart < _tolerance(covariance)[:, None]
     return np.asarray(near[np.argmax(near.sum(axis=1))])
 
@@ -304,108 +306,13 @@ def _enough(agreeing: Mask) -> bool:
     return bool(agreeing.sum() >= max(_LEAST_AGREEING, _LEAST_SHARE * len(agreeing)))
 
 
+def median(values: F8) -> float:
+    """Median of some numbers; that of NumPy takes many times as long."""
+    middle = len(values) // 2
+    ordered = np.partition(values, (middle - 1, middle))
+    return float(ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2)
+
+
 def _at_least(covariance: F8) -> tuple[float, float, float]:
     uu, uv, vv = (float(value) for value in covariance)
     return max(uu, LEAST_VARIANCE), uv, max(vv, LEAST_VARIANCE)
-
-
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """An image under the matched filter.
-
-    Attributes
-    ----------
-    amplitude : ndarray, shape (height, width)
-        Peak of the star that fits best at each pixel.
-    noise_factor : ndarray, shape (height, width) or (1, 1)
-        Its standard deviation over that of a pixel.
-    """
-
-    amplitude: F4
-    noise_factor: F4
-
-
-def matched_filter(light: F4, shape: StarShape) -> Filtered:
-    """Correlate with the star's image less its mean over a square: constant and sloping backgrounds cancel."""
-    from scipy import ndimage
-
-    sigma = shape.filter_sigma_px
-    if sigma is None:
-        return _filter_by_zones(light, shape)
-    reach = max(2, int(np.ceil(3 * sigma)))
-    offsets = np.arange(-reach, reach + 1)
-    line = np.exp(-0.5 * (offsets / sigma) ** 2)
-    side = 2 * int(np.ceil(7 * sigma)) + 1
-    gain, noise = _response(np.outer(line, line), side**2)
-    scaled = (line / line.sum()).astype(np.float32)
-    summed = _correlated(light, scaled)
-    summed -= ndimage.uniform_filter(light, side, mode="nearest")
-    summed *= np.float32(1 / gain)
-    return Filtered(summed, np.full((1, 1), noise / gain, dtype=np.float32))
-
-
-def _correlated(values: F4, line: F4) -> F4:
-    """Correlate along both axes with a symmetrical line, strip by strip, so that a strip stays in the processor's cache."""
-    reach = len(line) // 2
-    height, width = values.shape
-    result = np.empty_like(values)
-    down = np.empty((_STRIP_PX, width + 2 * reach), dtype=np.float32)
-    pair = np.empty((_STRIP_PX, width), dtype=np.float32)
-    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
-    for top in range(0, height, _STRIP_PX):
-        rows = min(_STRIP_PX, height - top)
-        strip, part = down[:rows], pair[:rows]
-        middle = strip[:, reach : reach + width]
-        np.multiply(padded[top + reach : top + reach + rows], line[reach], out=middle)
-        for k in range(1, reach + 1):
-            above, below = top + reach - k, top + reach + k
-            np.add(padded[above : above + rows], padded[below : below + rows], out=part)
-            part *= line[reach + k]
-            middle += part
-        strip[:, :reach] = middle[:, :1]
-        strip[:, reach + width :] = middle[:, -1:]
-        out = result[top : top + rows]
-        np.multiply(middle, line[reach], out=out)
-        for k in range(1, reach + 1):
-            np.add(strip[:, reach - k : reach - k + width], strip[:, reach + k : reach + k + width], out=part)
-            part *= line[reach + k]
-            out += part
-    return result
-
-
-def _response(star: F8, area: int) -> tuple[float, float]:
-    """Response of the filter to a star of unit peak, and to unit noise."""
-    kernel = star / star.sum()
-    gain = float((kernel * star).sum() - star.sum() / area)
-    return gain, float(np.sqrt((kernel**2).sum() - 1 / area))
-
-
-def _filter_by_zones(light: F4, shape: StarShape) -> Filtered:
-    """Apply the filter of each zone of the frame; one zone where the shape is the same everywhere."""
-    from scipy import ndimage, signal
-
-    height, width = light.shape
-    rows, columns = (max(1, round(n / _ZONE_PX)) if shape.varies else 1 for n in (height, width))
-    row_edges, column_edges = (np.linspace(0, n, k + 1).astype(int) for n, k in ((height, rows), (width, columns)))
-    amplitude, factor = np.empty_like(light), np.empty_like(light)
-    for top, bottom in pairwise(row_edges):
-        for left, right in pairwise(column_edges):
-            covariance = shape.at(np.array([[(left + right - 1) / 2, (top + bottom - 1) / 2]]))
-            p, q, r = inverse(covariance)[0]
-            reach_u, reach_v = (int(np.ceil(3 * np.sqrt(covariance[0, k]))) for k in (0, 2))
-            dv, du = np.mgrid[-reach_v : reach_v + 1, -reach_u : reach_u + 1]
-            star = np.exp(-0.5 * (p * du * du + 2 * q * du * dv + r * dv * dv))
-            side = 2 * int(np.ceil(2.4 * max(reach_u, reach_v))) + 1
-            gain, noise = _response(star, side**2)
-            margin = side // 2
-            above, before = min(margin, top), min(margin, left)
-            window = light[top - above : bottom + margin, left - before : right + margin]
-            padded = np.pad(window, ((reach_v, reach_v), (reach_u, reach_u)), mode="edge")
-            kernel = (star / star.sum()).astype(np.float32)  # symmetrical: convolution is correlation
-            summed = signal.oaconvolve(padded, kernel, mode="valid") - ndimage.uniform_filter(
-                window, side, mode="nearest"
-            )
-            part = slice(above, above + bottom - top), slice(before, before + right - left)
-            amplitude[top:bottom, left:right] = summed[part] / gain
-            factor[top:bottom, left:right] = noise / gain
-    return Filtered(amplitude, factor)

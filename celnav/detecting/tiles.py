@@ -6,8 +6,9 @@ masked, changes nothing farther away.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,19 @@ Value = TypeVar("Value", bound=np.generic)
 SAMPLES = 12
 # A tile is known from as many samples; with fewer it takes the values of the nearest one that is.
 _FEWEST = 12
+
+
+class PixelMap(Protocol):
+    """Values of all pixels that are computed where they are asked for."""
+
+    def strip(self, top: int, bottom: int) -> F4:
+        """Values of the rows from `top` to `bottom`, shape (bottom - top, width)."""
+
+    def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values of single pixels, shape (n,)."""
+
+    def mesh(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values where rows and columns cross, shape (rows, columns)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +67,19 @@ class Tiles:
         """Sample every tile, shape (tiles, 144), at even distances."""
         return self._sampled(image, paired=False)
 
+    def spread_samples_of(self, values: PixelMap) -> F4:
+        """Sample every tile of a map as `spread_samples` does of an image."""
+        return self._by_tile(values.mesh(*self._places(paired=False)))
+
     def _sampled(self, image: NDArray[Value], paired: bool) -> NDArray[Value]:
-        rows, columns = (_places(edges, paired) for edges in (self.row_edges, self.column_edges))
-        cut = image[rows.ravel()[:, None], columns.ravel()[None, :]]
+        rows, columns = self._places(paired)
+        return self._by_tile(image[rows].take(columns, axis=1))
+
+    def _places(self, paired: bool) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """Rows and columns of the samples."""
+        return _places(self.row_edges, paired).ravel(), _places(self.column_edges, paired).ravel()
+
+    def _by_tile(self, cut: NDArray[Value]) -> NDArray[Value]:
         tiled = cut.reshape(self.shape[0], SAMPLES, self.shape[1], SAMPLES).transpose(0, 2, 1, 3)
         return tiled.reshape(self.shape[0] * self.shape[1], SAMPLES * SAMPLES)
 
@@ -86,10 +110,58 @@ class Tiles:
 
         return np.asarray(ndimage.median_filter(grid.astype(np.float32), 3, mode="nearest"))
 
-    def interpolated(self, grid: F4, extrapolated: bool = True) -> F4:
-        """Interpolate a grid of tiles linearly to every pixel; beyond the outer centres as a line, or as a constant."""
-        rows, columns = (_interpolation(edges, extrapolated) for edges in (self.row_edges, self.column_edges))
-        return np.asarray(rows @ (grid.astype(np.float32) @ columns.T), dtype=np.float32)
+    def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
+        """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
+        rows, columns = (_Between.of(edges, extrapolated) for edges in (self.row_edges, self.column_edges))
+        return TileMap(np.asarray(grid, dtype=np.float32), rows, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class TileMap:
+    """A grid of values interpolated linearly to pixels, as they are asked for: a whole map would pass through the memory.
+
+    Attributes
+    ----------
+    grid : ndarray of float32, shape (tile rows, tile columns)
+        Values at the centres of the tiles.
+    """
+
+    grid: F4
+    _rows: _Between
+    _columns: _Between
+
+    @cached_property
+    def _across(self) -> F4:
+        """The values at the tiles' rows and all columns of the image."""
+        return _between(self.grid.T, self._columns.left, self._columns.part).T.copy()
+
+    def strip(self, top: int, bottom: int) -> F4:
+        """Values of the rows from `top` to `bottom`, shape (bottom - top, width)."""
+        left, part = self._rows.left[top:bottom], self._rows.part[top:bottom]
+        first, last = int(left[0]), min(int(left[-1]) + 1, len(self.grid) - 1)
+        weights = np.zeros((bottom - top, last - first + 1), dtype=np.float32)
+        at = np.arange(bottom - top)
+        weights[at, left - first] = 1 - part
+        weights[at, np.minimum(left + 1, last) - first] += part
+        return np.asarray(weights @ self._across[first : last + 1])
+
+    def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values of single pixels, shape (n,)."""
+        above, down = self._rows.left[rows], self._rows.part[rows]
+        below = np.minimum(above + 1, len(self.grid) - 1)
+        return np.asarray((1 - down) * self._across[above, columns] + down * self._across[below, columns])
+
+    def mesh(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values where rows and columns cross, shape (rows, columns)."""
+        return _between(self._across.take(columns, axis=1), self._rows.left[rows], self._rows.part[rows])
+
+    def times(self, factor: float) -> TileMap:
+        """Return the map of all values times a factor."""
+        return replace(self, grid=self.grid * np.float32(factor))
+
+    def whole(self) -> F4:
+        """Values of all pixels, shape (height, width)."""
+        return self.strip(0, len(self._rows.left))
 
 
 def _places(edges: NDArray[np.int_], paired: bool) -> NDArray[np.int_]:
@@ -100,19 +172,26 @@ def _places(edges: NDArray[np.int_], paired: bool) -> NDArray[np.int_]:
     return np.asarray(edges[:-1, None] + np.minimum(inside, size - 1))
 
 
-def _interpolation(edges: NDArray[np.int_], extrapolated: bool) -> F4:
-    """Matrix, shape (pixels, tiles), that interpolates linearly between tile centres."""
-    pixels, tiles = int(edges[-1]), len(edges) - 1
-    weights = np.zeros((pixels, tiles), dtype=np.float32)
-    if tiles == 1:
-        weights[:, 0] = 1
-        return weights
-    centres = (edges[:-1] + edges[1:] - 1) / 2
-    at = np.arange(pixels)
-    left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
-    part = (at - centres[left]) / (centres[left + 1] - centres[left])
-    if not extrapolated:
-        part = np.clip(part, 0, 1)
-    weights[at, left] = 1 - part
-    weights[at, left + 1] = part
-    return weights
+@dataclass(frozen=True, eq=False)
+class _Between:
+    """Between which centres of tiles the pixels along an axis lie: the one before, and how far from it to the next."""
+
+    left: NDArray[np.intp]
+    part: F4
+
+    @classmethod
+    def of(cls, edges: NDArray[np.int_], extrapolated: bool) -> _Between:
+        pixels, tiles = int(edges[-1]), len(edges) - 1
+        if tiles == 1:
+            return cls(np.zeros(pixels, dtype=np.intp), np.zeros(pixels, dtype=np.float32))
+        centres = (edges[:-1] + edges[1:] - 1) / 2
+        at = np.arange(pixels)
+        left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
+        part = (at - centres[left]) / (centres[left + 1] - centres[left])
+        return cls(left, np.asarray(part if extrapolated else np.clip(part, 0, 1), dtype=np.float32))
+
+
+def _between(values: F4, left: NDArray[np.intp], part: F4) -> F4:
+    """Interpolate rows, shape (n, k), to places between them, shape (m, k)."""
+    after = np.minimum(left + 1, len(values) - 1)
+    return np.asarray(values[left] * (1 - part)[:, None] + values[after] * part[:, None])

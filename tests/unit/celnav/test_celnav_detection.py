@@ -10,8 +10,10 @@ from star_images import add_star, add_streak, grid, nearest
 import celnav
 from celnav import detection
 from celnav.detecting.colour_mosaic import level_mosaic
+from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_candidates import Cores, without_flanks
 from celnav.detecting.star_shape import StarShape, fit_shape
+from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError
 
 SIZE = (360, 480)
@@ -349,8 +351,10 @@ def test_a_shape_that_has_no_width_in_the_middle_is_searched_all_the_same():
     light = np.random.default_rng(1).normal(0, 1, (96, 128)).astype(np.float32)
     shape = StarShape(coefficients, light.shape)
     everywhere = np.ones(light.shape, dtype=bool)
-    found = detection._search(light, np.ones_like(light), 0.1, everywhere, shape, celnav.DetectionConfig())
-    assert np.isfinite(found.noise).all()
+    tiles = Tiles.of(light.shape, 32)
+    noise = NoiseMap(tiles.map_of(np.ones(tiles.shape, dtype=np.float32)), 0.1)
+    found = detection._search(light, noise, everywhere, shape, celnav.DetectionConfig())
+    assert np.isfinite(found.noise.strip(0, len(light))).all()
 
 
 def test_a_coloured_sky_over_a_mosaic_hides_no_stars():

@@ -1,0 +1,49 @@
+"""The noise of an image, pixel by pixel: tiles that are interpolated where it is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.detecting.tiles import TileMap
+
+F4 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseMap:
+    """Standard deviation of each pixel.
+
+    Attributes
+    ----------
+    white : TileMap
+        By the differences of neighbours.
+    least : float
+        It is nowhere less.
+    ratio : TileMap or None
+        How much more the image scatters under a filter than white noise would; None: no more.
+    """
+
+    white: TileMap
+    least: float
+    ratio: TileMap | None = None
+
+    def strip(self, top: int, bottom: int) -> F4:
+        """Values of the rows from `top` to `bottom`, shape (bottom - top, width)."""
+        noise = self.white.strip(top, bottom)
+        np.maximum(noise, np.float32(self.least), out=noise)
+        if self.ratio is not None:
+            noise *= self.ratio.strip(top, bottom)
+        return noise
+
+    def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values of single pixels, shape (n,)."""
+        noise = np.maximum(self.white.at(rows, columns), np.float32(self.least))
+        return noise if self.ratio is None else np.asarray(noise * self.ratio.at(rows, columns))
+
+    def mesh(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
+        """Values where rows and columns cross, shape (rows, columns)."""
+        noise = np.maximum(self.white.mesh(rows, columns), np.float32(self.least))
+        return noise if self.ratio is None else np.asarray(noise * self.ratio.mesh(rows, columns))

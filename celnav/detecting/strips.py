@@ -1,0 +1,15 @@
+"""Large images in pieces that stay in the processor's cache while they are worked on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+_BYTES = 1 << 17
+_FEWEST_ROWS, _MOST_ROWS = 8, 64
+
+
+def strips(height: int, width: int) -> Iterator[tuple[int, int]]:
+    """Yield the first row, and the one after the last, of strips of an image in single precision."""
+    rows = min(max(_BYTES // (4 * width), _FEWEST_ROWS), _MOST_ROWS)
+    for top in range(0, height, rows):
+        yield top, min(top + rows, height)

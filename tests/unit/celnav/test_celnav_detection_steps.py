@@ -1,0 +1,111 @@
+"""Steps of the detection that work on pieces of an image, or on lists of pixels, against the same done on the whole image."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import celnav
+from celnav.detecting import matched_filter as filtering
+from celnav.detecting import strips
+from celnav.detecting.connected import connected
+from celnav.detecting.filtered_noise import _one_sided
+from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.star_shape import StarShape
+from celnav.detecting.tiles import Tiles
+
+
+@pytest.mark.parametrize("part", [0.02, 0.3, 0.7])
+@pytest.mark.parametrize("width", [1, 2, 37])
+def test_connected_pixels_are_those_of_scipy(part, width):
+    mask = np.random.default_rng(3).random((23, width)) < part
+    expected, number = ndimage.label(mask, structure=np.ones((3, 3)))
+    label, found = connected(np.flatnonzero(mask), width)
+    assert found == number
+    np.testing.assert_array_equal(label, expected[mask])
+
+
+@pytest.mark.parametrize("sigma_px", [0.6, 1.0, 2.3])
+@pytest.mark.parametrize("block", [(64, 1152), (7, 11)])
+def test_the_filter_in_blocks_is_that_of_the_whole_image(monkeypatch, sigma_px, block):
+    """A Gaussian less its mean over a square, by SciPy, scaled so that a star of unit peak gives one."""
+    monkeypatch.setattr(filtering, "_BLOCK_ROWS", block[0])
+    monkeypatch.setattr(filtering, "_BLOCK_COLUMNS", block[1])
+    light = np.random.default_rng(5).normal(0, 30, (50, 70)).astype(np.float32)
+    found = filtering.matched_filter(light, StarShape.constant(sigma_px**2, 0, sigma_px**2, (50, 70)))
+    reach = max(2, int(np.ceil(3 * sigma_px)))
+    line = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+    side = 2 * int(np.ceil(7 * sigma_px)) + 1
+    star = ndimage.correlate(light.astype(float), np.outer(line, line) / line.sum() ** 2, mode="nearest")
+    expected = star - ndimage.uniform_filter(light.astype(float), side, mode="nearest")
+    gain = (np.outer(line, line) ** 2).sum() / line.sum() ** 2 - line.sum() ** 2 / side**2
+    np.testing.assert_allclose(found.amplitude, expected / gain, atol=2e-4)
+    kernel = np.outer(line, line) / line.sum() ** 2
+    assert found.noise_factor[0, 0] == pytest.approx(np.sqrt((kernel**2).sum() - 1 / side**2) / gain, rel=1e-5)
+
+
+@pytest.mark.parametrize("size", [(20, 300), (97, 131), (640, 64)])
+@pytest.mark.parametrize("extrapolated", [False, True])
+def test_a_map_is_the_same_by_strips_pixels_and_meshes(size, extrapolated):
+    tiles = Tiles.of(size, 32)
+    grid = np.random.default_rng(2).normal(100, 5, tiles.shape).astype(np.float32)
+    values = tiles.map_of(grid, extrapolated)
+    whole = values.whole()
+    assert whole.shape == size
+    by_strips = np.concatenate([values.strip(top, min(top + 9, size[0])) for top in range(0, size[0], 9)])
+    np.testing.assert_allclose(by_strips, whole, rtol=1e-6)
+    rows, columns = np.nonzero(np.ones(size))
+    np.testing.assert_allclose(values.at(rows, columns), whole.ravel(), rtol=1e-6)
+    np.testing.assert_allclose(
+        values.mesh(np.arange(0, size[0], 7), np.arange(0, size[1], 5)), whole[::7, ::5], rtol=1e-6
+    )
+
+
+def test_a_map_is_linear_between_the_centres_of_tiles():
+    tiles = Tiles.of((64, 96), 32)
+    v, u = np.mgrid[0:64, 0:96]
+    centres = 2.0 * np.array([15.5, 47.5])[:, None] - 3.0 * np.array([15.5, 47.5, 79.5])
+    np.testing.assert_allclose(tiles.map_of(centres.astype(np.float32)).whole(), 2.0 * v - 3.0 * u, atol=1e-4)
+    held = tiles.map_of(centres.astype(np.float32), extrapolated=False).whole()
+    assert held.max() == pytest.approx(centres.max())
+    assert held.min() == pytest.approx(centres.min())
+
+
+def test_noise_is_nowhere_below_the_least_and_times_its_ratio():
+    tiles = Tiles.of((64, 64), 32)
+    white = tiles.map_of(np.array([[1.0, 4.0], [1.0, 4.0]], dtype=np.float32), extrapolated=False)
+    noise = NoiseMap(white, 2.0, ratio=tiles.map_of(np.full((2, 2), 3.0, dtype=np.float32)))
+    expected = 3 * np.maximum(white.whole(), 2.0)
+    np.testing.assert_allclose(noise.strip(0, 64), expected, rtol=1e-6)
+    np.testing.assert_allclose(noise.at(np.arange(64), np.arange(64)), np.diag(expected), rtol=1e-6)
+    np.testing.assert_allclose(noise.mesh(np.arange(64), np.arange(64)), expected, rtol=1e-6)
+
+
+def test_scatter_on_both_sides_of_the_median():
+    """A tile of 144 samples tells the width of each side to some 10 %; samples that do not count are left out."""
+    rng = np.random.default_rng(8)
+    tiles = Tiles.of((320, 320), 32)
+    samples = rng.normal(0, 1, (100, 144))
+    samples = np.where(samples > 0, 3 * samples, samples).astype(np.float32)
+    counted = rng.random(samples.shape) < 0.8
+    ordered = np.sort(np.where(counted, samples, np.float32(np.inf)), axis=1)
+    above, below = _one_sided(ordered, counted.sum(axis=1), tiles)
+    assert np.median(above) == pytest.approx(3, rel=0.06)
+    assert np.median(below) == pytest.approx(1, rel=0.06)
+
+
+def test_detections_do_not_depend_on_the_pieces(monkeypatch):
+    """A large frame is worked on in smaller strips than a small one: the stars are the same."""
+    rng = np.random.default_rng(4)
+    image = rng.normal(400, 20, (300, 500))
+    v, u = np.mgrid[0:300, 0:500]
+    for place, peak in zip(rng.uniform(6, [493, 293], (60, 2)), rng.uniform(150, 5000, 60), strict=True):
+        image += peak * np.exp(-0.5 * ((u - place[0]) ** 2 + (v - place[1]) ** 2))
+    image = np.rint(image).astype(np.uint16)
+    once = celnav.detect(image)
+    monkeypatch.setattr(filtering, "_BLOCK_ROWS", 9)
+    monkeypatch.setattr(filtering, "_BLOCK_COLUMNS", 50)
+    monkeypatch.setattr(strips, "_BYTES", 1)
+    again = celnav.detect(image)
+    assert len(once) >= 55
+    np.testing.assert_allclose(again.uv, once.uv, atol=1e-4)
+    np.testing.assert_allclose(again.flux, once.flux, rtol=1e-4)
