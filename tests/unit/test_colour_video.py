@@ -1,6 +1,7 @@
 """Videos of colour cameras: BT.709 against published bars and another converter, the file's own words, and the stack."""
 
 import io
+from fractions import Fraction
 
 import av
 import numpy as np
@@ -11,6 +12,7 @@ from small_scenes import small_scenario
 from generator.errors import ScenarioError
 from generator.frame.record import sensor_object
 from generator.frame.render import render_frame
+from generator.frame.video import codec
 from generator.frame.video.codec import colour_planes, decode, encode, grey
 from generator.frame.video.exposures import grey_sky, in_colour, video_frames
 from generator.scenario.processing.video_spec import H264Spec
@@ -38,6 +40,30 @@ def test_colours_of_test_bars_have_their_published_values(colour) -> None:
     assert planes.shape == (6, 8)
     assert (planes[:4].min(), planes[4].max(), planes[5].min()) == BARS[colour]
     assert planes[:4].max() == planes[:4].min()
+
+
+def test_luma_is_that_of_exact_arithmetic() -> None:
+    """Halves are rounded up; a sum of floating-point numbers lands on either side of them."""
+    frame = np.random.default_rng(1).integers(0, 256, (20, 40, 3)).astype(np.uint8)
+    frame[0] = [13, 0, 121]
+    weights = Fraction(2126, 10000), Fraction(7152, 10000), Fraction(722, 10000)
+    exact = [sum(w * int(x) for w, x in zip(weights, colour, strict=True)) for colour in frame.reshape(-1, 3)]
+    half = Fraction(1, 2)
+    assert exact[0] % 1 == half
+    np.testing.assert_array_equal(grey(frame).ravel(), [int(luma + half) for luma in exact])
+    narrow = [int(16 + 219 * luma / 255 + half) for luma in exact]
+    np.testing.assert_array_equal(colour_planes(frame)[:20].ravel(), narrow)
+
+
+@pytest.mark.parametrize("rate", [{"crf": 23}, {"bitrate_kbit_s": 400}])
+def test_a_video_has_the_same_bytes_on_any_processor(monkeypatch, rate) -> None:
+    """x264 told to do without the processor's extensions, as on a processor that lacks them."""
+    still = np.random.default_rng(5).integers(0, 60, (96, 128))
+    noise = np.random.default_rng(6)
+    frames = [(still + noise.normal(60, 4, still.shape)).astype(np.uint8) for _ in range(25)]
+    here = encode(frames, (96, 128), 25.0, H264Spec(**rate))
+    monkeypatch.setattr(codec, "EVERY_PROCESSOR", f"{codec.EVERY_PROCESSOR}:asm=0")
+    assert encode(frames, (96, 128), 25.0, H264Spec(**rate)) == here
 
 
 def test_another_converter_finds_the_colours_again() -> None:
@@ -81,14 +107,19 @@ def test_white_balance_makes_the_sky_grey_over_the_black_level() -> None:
 def test_a_colour_camera_gives_a_colour_video_and_a_grey_stack() -> None:
     """The stack is that of the luma; its mean follows the expected light of green by the record's own gain."""
     scenario = small_scenario(time__exposure_s=4.0, sensor=VIDEO)
-    frame = render_frame(scenario, 0)
-    assert render_frame(scenario, 0).attached == frame.attached
+    frame, again = render_frame(scenario, 0), render_frame(scenario, 0)
+    spec = frame.plan.spec.sensor.video
+    pure = np.array(list(video_frames(frame.plan, spec)))
+    # Where the files differ, these tell whether light, pictures or coding do.
+    np.testing.assert_array_equal(again.expected.electrons, frame.expected.electrons)
+    np.testing.assert_array_equal(list(video_frames(again.plan, spec)), pure)
+    assert encode(pure, (180, 270), 10.0, spec.h264) == frame.attached["video.mp4"]
+    assert again.attached == frame.attached
     with av.open(io.BytesIO(frame.attached["video.mp4"])) as container:
         shown = [picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)]
     assert len(shown) == 40
     medians = np.median(shown, axis=(0, 1, 2))
     assert medians.max() - medians.min() <= 2
-    pure = np.array(list(video_frames(frame.plan, frame.plan.spec.sensor.video)))
     assert pure.shape == (40, 180, 270, 3)
     with fits.open(io.BytesIO(frame.attached["stack.fits"])) as file:
         np.testing.assert_array_equal(file["AVEPIXEL"].data, frame.dn)

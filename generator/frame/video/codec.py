@@ -24,23 +24,25 @@ ENCODER = "libx264"
 PIXEL_FORMAT = "yuv420p"
 NEUTRAL = 128
 """Both differences of colour of a grey picture."""
-LUMA = np.array([0.2126, 0.7152, 0.0722])
-"""Weights of red, green, blue."""
+LUMA, LUMA_UNIT = (2126, 7152, 722), 10000
+"""Weights of red, green, blue, and their sum. Whole numbers: sums of fractions round by the order in which a library adds."""
 BLACK, LUMA_RANGE, COLOUR_RANGE = 16, 219, 224
-BLUE_DIFFERENCE, RED_DIFFERENCE = 1.8556, 1.5748
-"""Ranges of blue and of red less luma."""
+BLUE_DIFFERENCE, RED_DIFFERENCE = 18556, 15748
+"""Ranges of blue and of red less luma, in units of LUMA_UNIT."""
 BT709 = 1
 NARROW = 1
 """libav's numbers of the matrix, the primaries and the curve of BT.709, and of the narrow range."""
 ROWS_AT_ONCE = 64
 """Rows converted in one step: what they need fits into the processor's cache."""
+EVERY_PROCESSOR = "cpu-independent=1"
+"""Without it, x264 spreads the macroblock tree's costs by instructions of the processor at hand, whose results differ."""
 
 
 def encode(frames: Iterable[Picture], shape: tuple[int, int], frames_per_s: float, spec: H264Spec) -> bytes:
     """An MP4 file of frames (height, width) or (height, width, 3), height and width even as in `shape`.
 
     One thread and no frames that refer to later ones, as cameras code: the same frames give the same bytes with the same
-    build of x264.
+    build of x264, on any processor.
 
     Raises
     ------
@@ -55,17 +57,9 @@ def encode(frames: Iterable[Picture], shape: tuple[int, int], frames_per_s: floa
             f"sensor.video.codec: this PyAV has no {ENCODER}; install the wheel of PyPI, or set codec: none"
         )
     rate = Fraction(frames_per_s).limit_denominator(1000)
-    options = {"preset": "veryfast", "threads": "1", "bf": "0", "refs": "1", "sc_threshold": "0"}
-    options["g"] = str(spec.keyframe_every)
-    if spec.bitrate_kbit_s is None:
-        options["crf"] = str(spec.crf)
-    else:
-        # The buffer of a second is what a camera at a constant bit rate allows itself.
-        bits = str(round(1000 * spec.bitrate_kbit_s))
-        options |= {"b": bits, "maxrate": bits, "bufsize": bits}
     stored = io.BytesIO()
     with av.open(stored, "w", format="mp4") as container:
-        stream: Any = container.add_stream(ENCODER, rate=rate, options=options)
+        stream: Any = container.add_stream(ENCODER, rate=rate, options=encoder_options(spec))
         stream.pix_fmt = PIXEL_FORMAT
         height, width = shape
         stream.height, stream.width = height, width
@@ -84,6 +78,17 @@ def encode(frames: Iterable[Picture], shape: tuple[int, int], frames_per_s: floa
     return stored.getvalue()
 
 
+def encoder_options(spec: H264Spec) -> dict[str, str]:
+    """Options of libav's encoder."""
+    options = {"preset": "veryfast", "threads": "1", "bf": "0", "refs": "1", "sc_threshold": "0"}
+    options |= {"g": str(spec.keyframe_every), "x264-params": EVERY_PROCESSOR}
+    if spec.bitrate_kbit_s is None:
+        return options | {"crf": str(spec.crf)}
+    # The buffer of a second is what a camera at a constant bit rate allows itself.
+    bits = str(round(1000 * spec.bitrate_kbit_s))
+    return options | {"b": bits, "maxrate": bits, "bufsize": bits}
+
+
 def colour_planes(frame: Picture) -> Picture:
     """Luma over blue and red difference, (3 height / 2, width), of a frame (height, width, 3): the layout of yuv420p."""
     height, width = frame.shape[:2]
@@ -91,19 +96,32 @@ def colour_planes(frame: Picture) -> Picture:
     differences = planes[height:].reshape(2, height // 2, width // 2)
     for start in range(0, height, ROWS_AT_ONCE):
         rows = slice(start, min(start + ROWS_AT_ONCE, height))
-        light = frame[rows] / np.float64(255)
-        luma = light @ LUMA
-        planes[rows] = np.rint(BLACK + LUMA_RANGE * luma)
+        luma = _luma(frame[rows])
+        planes[rows] = _quotient(LUMA_RANGE * luma, 255 * LUMA_UNIT) + BLACK
         halves = slice(rows.start // 2, rows.stop // 2)
         for plane, channel, span in ((0, 2, BLUE_DIFFERENCE), (1, 0, RED_DIFFERENCE)):
-            difference = (light[..., channel] - luma).reshape(-1, 2, width // 2, 2).mean(axis=(1, 3)) / span
-            differences[plane, halves] = np.rint(NEUTRAL + COLOUR_RANGE * difference)
+            difference = np.int32(LUMA_UNIT) * frame[rows, :, channel] - luma
+            four = difference.reshape(-1, 2, width // 2, 2).sum(axis=(1, 3), dtype=np.int64)
+            differences[plane, halves] = _quotient(COLOUR_RANGE * four, 4 * 255 * span) + NEUTRAL
     return planes
 
 
 def grey(frame: Picture) -> Picture:
     """Luma of a frame from 0 to 255, (height, width)."""
-    return frame if frame.ndim == 2 else np.rint(frame @ LUMA).astype(np.uint8)
+    return frame if frame.ndim == 2 else _quotient(_luma(frame), LUMA_UNIT).astype(np.uint8)
+
+
+def _luma(frame: Picture) -> NDArray[np.int32]:
+    """Luma of a frame (height, width, 3) from 0 to 255 LUMA_UNIT."""
+    red, green, blue = (np.int32(weight) * frame[..., channel] for channel, weight in enumerate(LUMA))
+    luma: NDArray[np.int32] = red + green + blue
+    return luma
+
+
+def _quotient(values: NDArray[Any], divisor: int) -> NDArray[Any]:
+    """Whole numbers divided by another, rounded, halves up."""
+    quotient: NDArray[Any] = (2 * values + divisor) // (2 * divisor)
+    return quotient
 
 
 def _whole_range(luma: Picture) -> Picture:
