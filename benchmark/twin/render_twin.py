@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from benchmark.twin.alignment import align, directions
+from benchmark.twin.cloud_draw import choose_draw, cloud_of
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import fit_focus, focused_psf
 from benchmark.twin.ground import widened
@@ -38,6 +39,7 @@ from generator.frame.scene import ExpectedFrame, render_expected
 from generator.optics.wings import profile
 from generator.scenario.file import Scenario
 from generator.scenario.lens.stray_light_spec import BloomSpec
+from generator.sky.clouds import CloudField
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -100,6 +102,9 @@ def make_twin(
     real = Seen(np.where(real.cells < 0.8 * full, real.cells, np.nan), real.stars)
     skies = _Skies(scene, photograph, alignment.R_cam, rows["star_id"], view, sky)
 
+    def overcast(draw: int) -> CloudField:
+        return cloud_of(scenario_of(alignment.R_cam, Weather(cloud_tau=1.0, cloud_cover=1.0, cloud_draw=draw)))
+
     def fit(names: tuple[str, ...]) -> Fit:
         start = first_guess(names).cloudless
         expected = render_expected(plan_frame(scenario_of(alignment.R_cam, start), 0), False, False)
@@ -108,7 +113,8 @@ def make_twin(
         stars = star_light(dn, np.where(np.isfinite(real.stars)[:, None], uv, np.nan)).flux
         reference = skies.seen(start)
         # The dimming of stars by cloud is compared whichever they are.
-        unit = np.where(stars > 0, stars, np.nan) if "cloud_cover" in names else np.ones_like(stars)
+        clouded = "cloud_cover" in names
+        unit = np.where(stars > 0, stars, np.nan) if clouded else np.ones_like(stars)
 
         def shown(weather: Weather) -> Seen:
             now = skies.seen(weather)
@@ -116,7 +122,13 @@ def make_twin(
             return Seen(cells * now.cells / reference.cells, light / unit)
 
         known = np.where(np.isfinite(cells * reference.cells), real.cells, np.nan)
-        return fit_weather(Seen(known, real.stars / unit), names, shown)
+        before = Weather()
+        if clouded:
+            seen = np.isfinite(real.stars / unit) & (least < unit)
+            enu = directions(rows["azimuth_deg"][seen], rows["altitude_deg"][seen])
+            drawn = choose_draw(enu, (real.stars / unit)[seen], (least / unit)[seen], overcast)
+            before = Weather(cloud_tau=drawn.mean_depth, cloud_cover=drawn.cover, cloud_draw=drawn.draw)
+        return fit_weather(Seen(known, real.stars / unit), names, shown, before)
 
     names = numbers_of(scene)
     fitted = fit(tuple(name for name in names if name in CLOUDLESS))
@@ -188,7 +200,14 @@ class _Skies:
 
     def seen(self, weather: Weather) -> Seen:
         """What the small twin shows; electrons of a pixel, and of stars."""
-        (airglow, rest), electrons = self._parts(weather.aerosol_tau_550, weather.cloud_tau, weather.cloud_cover)
+        (airglow, rest), electrons = self._parts(
+            Weather(
+                aerosol_tau_550=weather.aerosol_tau_550,
+                cloud_tau=weather.cloud_tau,
+                cloud_cover=weather.cloud_cover,
+                cloud_draw=weather.cloud_draw,
+            )
+        )
         light = rest + (weather.airglow_factor or 1.0) * airglow
         if self._scene.cities:
             light = light + (weather.city_factor or 1.0) * self._cities()
@@ -205,11 +224,8 @@ class _Skies:
         _, expected = self._render(first_guess(CLOUDLESS), ("skyglow",))
         return np.asarray(expected.sky_electrons, dtype=np.float32)
 
-    def _render_parts(
-        self, aerosol_tau_550: float | None, cloud_tau: float | None, cloud_cover: float | None
-    ) -> tuple[list[NDArray[np.float32]], Floats]:
+    def _render_parts(self, air: Weather) -> tuple[list[NDArray[np.float32]], Floats]:
         """Light of airglow and of the rest of a sky without cities, and the stars' electrons."""
-        air = Weather(aerosol_tau_550=aerosol_tau_550, cloud_tau=cloud_tau, cloud_cover=cloud_cover)
         _, glowing = self._render(air, ("airglow",))
         plan, others = self._render(air, REST)
         table = star_table(plan, others)
@@ -251,7 +267,9 @@ def small_wings(bloom: BloomSpec) -> dict[str, float]:
 
 def numbers_of(scene: Scene) -> tuple[str, ...]:
     """Names of the weather's numbers that a scene leaves open: those of cities only where it has some."""
-    names = tuple(field.name for field in dataclasses.fields(Weather) if field.name != "focus_factor")
+    names = tuple(
+        field.name for field in dataclasses.fields(Weather) if field.name not in ("focus_factor", "cloud_draw")
+    )
     return names if scene.cities else tuple(name for name in names if name != "city_factor")
 
 

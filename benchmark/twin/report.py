@@ -28,6 +28,7 @@ WEATHER = {
     "aerosol_tau_550": "aerosol",
     "cloud_tau": "cloud",
     "cloud_cover": "cover",
+    "cloud_draw": "draw",
     "city_factor": "cities",
     "focus_factor": "focus",
     "zenith_mag_arcsec2": "zenith, mag",

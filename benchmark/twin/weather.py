@@ -1,7 +1,8 @@
 """The weather of a twin: at most four numbers, fitted to the sky's light and to the stars of the photograph.
 
-Where the gaps of a cloud lie is chance. A sky with cloud is compared with its twin by the light of the cells at each altitude
-and by the dimming of stars, both in the order of their size.
+Where the gaps of a cloud lie is chance. Of many patterns of one cloud that is taken which dims the photograph's stars best,
+one by one; depth and cover are then fitted to the light of the cells at each altitude and to the dimming of stars, both in
+the order of their size.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ START = {
     "city_factor": 1.0,
 }
 CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
-CLOUDED = ("airglow_factor", "cloud_tau", "cloud_cover", "city_factor")
-"""Numbers of a sky with cloud, under which the air is the scene's."""
-CLOUD = {"altitude_km": 9.0, "outer_scale_km": 50.0, "spectral_slope": -3.3, "wind_m_s": 25.0}
-"""A veil of high cloud, wide and smooth, chosen on one photograph of docs/realism.md, 001: with bands of the kind cirrus its
-neighbours were correlated by 0.76, where the photograph has 0.20."""
+CLOUDED = ("airglow_factor", "cloud_tau", "cloud_cover")
+"""Numbers of a sky with cloud, to which the draw of its pattern comes; air and cities are the scene's."""
+CLOUD = {"altitude_km": 9.0, "outer_scale_km": 50.0, "spectral_slope": -11 / 3, "wind_m_s": 25.0}
+"""A veil of high cloud. Its slope is that of columns through turbulence in three dimensions, whose power falls as
+k^(-11/3) (Obukhov 1949, Corrsin 1951; Tatarski 1961, "Wave Propagation in a Turbulent Medium"), below the thickness of
+cirrus, 2.4 km (Sassen & Campbell 2001, J. Atmos. Sci. 58, 481)."""
 MOST_HAZE = 0.4
 """Aerosol depth above which a sky with cloud is tried: dust storms and smoke aside, more is cloud."""
 CLOUDY_MISFIT = 0.15
@@ -66,6 +68,8 @@ class Weather:
         Optical depth of aerosol.
     cloud_tau, cloud_cover : float or None
         Of a layer of cirrus: mean optical depth over the whole sky, and the part of the sky that it covers.
+    cloud_draw : int or None
+        Which of its patterns (:mod:`benchmark.twin.cloud_draw`).
     city_factor : float or None
         Light of the scene's cities over what the scene says.
     focus_factor : float or None
@@ -76,13 +80,14 @@ class Weather:
     aerosol_tau_550: float | None = None
     cloud_tau: float | None = None
     cloud_cover: float | None = None
+    cloud_draw: int | None = None
     city_factor: float | None = None
     focus_factor: float | None = None
 
     @property
     def cloudless(self) -> Weather:
         """The same without cloud."""
-        return dataclasses.replace(self, cloud_tau=None, cloud_cover=None)
+        return dataclasses.replace(self, cloud_tau=None, cloud_cover=None, cloud_draw=None)
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
         """A scenario's tree with this weather."""
@@ -95,6 +100,8 @@ class Weather:
             sky["clouds"] = CLOUD | {"mean_optical_depth": round(self.cloud_tau, 4)}
             if self.cloud_cover is not None:
                 sky["clouds"]["coverage"] = round(self.cloud_cover, 4)
+            if self.cloud_draw is not None:
+                sky["clouds"]["draw"] = self.cloud_draw
         if self.city_factor is not None and sky.get("cities"):
             sky["cities"] = [
                 city | {"upward_mlm": round(city.get("upward_mlm", 100.0) * self.city_factor, 4)}
@@ -146,16 +153,15 @@ class Fit:
     weather : Weather
     typical_miss, star_miss : float
         Medians of the cells' and of the stars' misses, without sign, in the logarithm.
+    misfit : float
+        Means of both together; single stars vary twice as much as cells. Most stars of a clouded sky are seen neither in the
+        photograph nor in the twin, so that medians do not tell two skies apart.
     """
 
     weather: Weather
     typical_miss: float
     star_miss: float
-
-    @property
-    def misfit(self) -> float:
-        """Both together; single stars vary twice as much as cells."""
-        return self.typical_miss + self.star_miss / 2
+    misfit: float
 
     @property
     def clouded(self) -> bool:
@@ -169,7 +175,9 @@ def first_guess(names: tuple[str, ...]) -> Weather:
     return Weather(**{name: START[name] for name in names})
 
 
-def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Seen]) -> Fit:
+def fit_weather(
+    real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Seen], known_before: Weather = Weather()
+) -> Fit:
     """Find the weather whose twin has the photograph's sky and stars.
 
     Parameters
@@ -180,8 +188,11 @@ def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Se
         Fields of `Weather` to fit, at most four.
     twin : function
         Of a weather: what its twin shows, in the same cells and of the same stars.
+    known_before : Weather
+        Numbers that are not fitted here, and those that the fit starts from.
     """
-    start = np.array([START[name] for name in names])
+    known_values = dataclasses.asdict(known_before)
+    start = np.array([known_values[name] or START[name] for name in names])
     if "cloud_cover" in names:
         known, shown = real, twin
         real = real.in_order(known)
@@ -193,7 +204,7 @@ def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Se
 
     def weather_at(point: Floats) -> Weather:
         values = start * np.exp(np.clip(point, low, high) - OFFSET)
-        return Weather(**dict(zip(names, values.tolist(), strict=True)))
+        return dataclasses.replace(known_before, **dict(zip(names, values.tolist(), strict=True)))
 
     def misses(point: Floats) -> Floats:
         made = twin(weather_at(point))
@@ -219,7 +230,12 @@ def fit_weather(real: Seen, names: tuple[str, ...], twin: Callable[[Weather], Se
     weather = weather_at(found.x)
     made = twin(weather)
     cells, stars = _misses(made.cells, real.cells), _misses(made.stars, real.stars)
-    return Fit(weather, float(np.median(np.abs(cells))), float(np.median(np.abs(stars))))
+    return Fit(
+        weather,
+        float(np.median(np.abs(cells))),
+        float(np.median(np.abs(stars))),
+        float(np.mean(np.abs(cells)) + np.mean(np.abs(stars)) / 2),
+    )
 
 
 def _misses(made: Floats, real: Floats) -> Floats:

@@ -161,7 +161,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     air = refracting_air(spec.atmosphere)
     passage = scenario.passage(index)
     under = None if passage is None else _under_clouds(passage)
-    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under, _through(spec))
+    sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under, through_clouds(spec))
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
     drift, told_camera, told_motion = None, None, None
@@ -251,7 +251,7 @@ def _under_clouds(passage: Passage) -> UnderClouds:
     return UnderClouds(first % 1.0 + passage.middle_s / SECONDS_PER_DAY, passage.moved_km, int(first // 1))
 
 
-def _through(spec: FrameSpec) -> ThroughClouds:
+def through_clouds(spec: FrameSpec) -> ThroughClouds:
     """A star's image reaches two standard deviations of the point spread from its middle (86 % of a Gaussian's light)."""
     return ThroughClouds(spec.shutter_s, 2 * equivalent_sigma_px(spec.camera) / spec.camera.projection.f_px)
 

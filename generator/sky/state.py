@@ -147,7 +147,7 @@ def _pattern(spec: CloudSpec, seed: int, night: int) -> CloudPattern:
         spec.coverage,
         spec.spectral_slope,
         spec.outer_scale_km,
-        random_stream(seed, "clouds", night),
+        random_stream(seed, f"clouds {spec.draw}" if spec.draw else "clouds", night),
         texture,
     )
 
@@ -165,7 +165,8 @@ def mean_depth(spec: CloudSpec, seed: int, night: int) -> float:
 def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: ThroughClouds | None = None) -> CloudField:
     """The scenario's cloud where the wind has carried it.
 
-    All frames of a scenario share one field (stream ``clouds``); cloud of a kind is another one each day of UTC.
+    All frames of a scenario share one field (stream ``clouds``, of another draw ``clouds N``); cloud of a kind is another one
+    each day of UTC.
     """
     carried_km = spec.wind_m_s * under.wind_days * SECONDS_PER_DAY / 1000
     turn = np.radians(spec.wind_azimuth_deg)

@@ -30,6 +30,8 @@ class CloudSpec(Strict):
     """Exponent of the two-dimensional power spectrum of the Gaussian field behind the cloud."""
     outer_scale_km: Annotated[float, Field(gt=0.5, le=100)] = 20.0
     """Outer scale, above which the power spectrum is flat, km."""
+    draw: Annotated[int, Field(ge=0, le=9999)] = 0
+    """Which pattern of these statistics: each number is another one, of the same seed."""
     wind_m_s: Annotated[float, Field(ge=0, le=150)] = 0.0
     """Speed of the layer, m/s."""
     wind_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 90.0

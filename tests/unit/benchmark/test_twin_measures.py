@@ -147,12 +147,13 @@ def test_a_weather_is_found_from_sky_and_stars() -> None:
     assert found.weather.city_factor == pytest.approx(2.0, rel=0.1)
     assert found.weather.cloud_tau is None
     assert found.typical_miss < 0.04
-    assert found.misfit == found.typical_miss + found.star_miss / 2
+    # Means of normal misses without sign: 0.8 of their deviations, half of the stars'.
+    assert found.misfit == pytest.approx(0.8 * (0.03 + 0.1 / 2), rel=0.2)
     assert not found.clouded
 
 
 def test_thick_haze_and_misses_are_cloud() -> None:
-    clear = Fit(Weather(aerosol_tau_550=0.1), 0.05, 0.1)
+    clear = Fit(Weather(aerosol_tau_550=0.1), 0.05, 0.1, 0.1)
     assert not clear.clouded
     assert dataclasses.replace(clear, weather=Weather(aerosol_tau_550=0.8)).clouded
     assert dataclasses.replace(clear, typical_miss=0.2).clouded
@@ -180,8 +181,8 @@ def test_a_cloud_is_found_wherever_its_gaps_lie() -> None:
 
 
 def test_a_cloud_of_a_weather_is_a_veil_with_its_cover() -> None:
-    clouds = Weather(cloud_tau=1.2, cloud_cover=0.7).over({})["sky"]["clouds"]
-    assert clouds == CLOUD | {"mean_optical_depth": 1.2, "coverage": 0.7}
+    clouds = Weather(cloud_tau=1.2, cloud_cover=0.7, cloud_draw=5).over({})["sky"]["clouds"]
+    assert clouds == CLOUD | {"mean_optical_depth": 1.2, "coverage": 0.7, "draw": 5}
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.15])
