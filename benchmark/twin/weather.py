@@ -172,7 +172,8 @@ class Fit:
 
 def first_guess(names: tuple[str, ...]) -> Weather:
     """The weather that a fit of these numbers starts from."""
-    return Weather(**{name: START[name] for name in names})
+    given: dict[str, Any] = {name: START[name] for name in names}
+    return Weather(**given)
 
 
 def fit_weather(
