@@ -1,9 +1,11 @@
 """Two jobs of one dataset in an object store, against one: python tools/measure_scaling.py --frames 200 --turns 3.
 
 Each turn runs one job that makes the first half of the shards, then two jobs at the same time that make a half each
-(`skybench generate --shards`, one process a job), whole processes with their start. Printed: frames a second, the ratio of
-the two rates turn by turn, and the requests and bytes that the store saw. The store is moto's server on this machine, which
-has its share of the processor time. Needs the extra `cluster` of pyproject.toml, and moto.
+(`skybench generate --shards`, one process a job), whole processes with their start; then the same into a local folder, which
+tells what the machine itself gives. Printed: frames a second, the ratio of the two rates turn by turn, processor time of the
+jobs and of the store, and the requests and bytes that the store saw. The store is moto's server on this machine, whose work
+keeps a core from two jobs, but hardly from one: the most that two can reach beside it is printed too. Needs the extra
+`cluster` of pyproject.toml, and moto.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import resource
 import socket
 import statistics
 import subprocess
@@ -18,12 +21,15 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import yaml
 
 from generator.dataset.layout import natural_shard_size
 from generator.scenario.shipped import find_scenario
+from generator.speed.load import cores
 
 REQUEST = re.compile(r'"(GET|PUT|POST|HEAD|DELETE) ([^ "]*)')
 COMMAND = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
@@ -47,11 +53,34 @@ def start(scenario: Path, out: str, shards: str, environment: dict[str, str]) ->
     return subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.DEVNULL, env=environment)
 
 
-def timed(jobs: list[subprocess.Popen[bytes]], began: float) -> float:
+@dataclass(frozen=True)
+class Timed:
+    """Seconds from the start of jobs to the end of the last, and their processor time with that of their workers."""
+
+    seconds: float
+    processor_s: float
+
+
+def timed(scenario: Path, out: str, parts: tuple[str, ...], environment: dict[str, str]) -> Timed:
+    """Run a job for each part of the shards, all at the same time."""
+    before, began = processor_s(), time.monotonic()
+    jobs = [start(scenario, out, part, environment) for part in parts]
     for job in jobs:
         if job.wait():
             raise SystemExit("a job failed")
-    return time.monotonic() - began
+    return Timed(time.monotonic() - began, processor_s() - before)
+
+
+def processor_s() -> float:
+    """Processor time of the processes that this one has waited for."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def store_s(server: subprocess.Popen[bytes]) -> float:
+    """Processor time of the store."""
+    used = psutil.Process(server.pid).cpu_times()
+    return float(used.user + used.system)
 
 
 def free_port() -> int:
@@ -86,19 +115,26 @@ def main() -> None:
             try:
                 wait_for(port)
                 subprocess.run([sys.executable, "-c", MAKE_BUCKET], check=True, env=environment)
-                ratios = []
+                ratios: dict[str, list[float]] = {"store": [], "folder": [], "most": []}
+                parts = f"0:{count // 2}", f"{count // 2}:{count}"
                 for turn in range(arguments.turns):
-                    began = time.monotonic()
-                    one_s = timed([start(scenario, f"s3://skies/one-{turn}", f"0:{count // 2}", environment)], began)
-                    began = time.monotonic()
-                    out = f"s3://skies/two-{turn}"
-                    parts = f"0:{count // 2}", f"{count // 2}:{count}"
-                    two_s = timed([start(scenario, out, part, environment) for part in parts], began)
-                    ratios.append(2 * one_s / two_s)
-                    print(
-                        f"one job {half / one_s:.2f} frames/s, two jobs {2 * half / two_s:.2f}: {ratios[-1]:.2f}",
-                        flush=True,
-                    )
+                    for place, root in (("store", "s3://skies"), ("folder", str(Path(scratch) / "skies"))):
+                        served = store_s(server)
+                        one = timed(scenario, f"{root}/one-{turn}", parts[:1], environment)
+                        between = store_s(server)
+                        two = timed(scenario, f"{root}/two-{turn}", parts, environment)
+                        used = between - served, store_s(server) - between
+                        ratios[place].append(2 * one.seconds / two.seconds)
+                        print(
+                            f"{place}: one job {half / one.seconds:.2f} frames/s, two jobs {2 * half / two.seconds:.2f}: "
+                            f"{ratios[place][-1]:.2f}; processor time of the jobs {one.processor_s:.1f} and "
+                            f"{two.processor_s:.1f} s, of the store {used[0]:.1f} and {used[1]:.1f} s",
+                            flush=True,
+                        )
+                        if place == "store":
+                            # No two jobs end before the cores have done the work of both and of the store.
+                            soonest = (two.processor_s + used[1]) / cores()
+                            ratios["most"].append(2 * one.seconds / soonest)
                 size = subprocess.run([sys.executable, "-c", MEASURE], check=True, env=environment, capture_output=True)
             finally:
                 server.kill()
@@ -108,7 +144,9 @@ def main() -> None:
             method for method, path in REQUEST.findall(log.read_text(errors="replace")) if "skies" in path
         )
         shards = 3 * (count // 2) * arguments.turns
-        print(f"two jobs over one: median {statistics.median(ratios):.2f}")
+        median = {name: statistics.median(values) for name, values in ratios.items()}
+        print(f"two jobs over one: store {median['store']:.2f}, local folder {median['folder']:.2f} (medians)")
+        print(f"with the store's work on the same {cores()} cores, two jobs can reach {median['most']:.2f} of one")
         print(
             f"{int(size.stdout) / frames / 1e6:.2f} MB a frame; requests a shard of {arguments.frames // count} frames:"
         )

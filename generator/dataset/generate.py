@@ -8,7 +8,6 @@ from pathlib import Path
 
 from generator.dataset.card import write_card
 from generator.dataset.croissant import write_croissant
-from generator.dataset.images import check_codec
 from generator.dataset.inputs import stored_inputs
 from generator.dataset.layout import CARD, CROISSANT, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import make_manifest, manifest_of, write_manifest
@@ -71,7 +70,6 @@ def generate(
     first, stop = frames or (0, scenario.frame_count)
     shards = divide(scenario, spec, first, stop)
     own = part.of(shards)
-    check_codec(spec.codec)
     check_photo(scenario.frame(first).sensor)
     target = open_target(str(out))
     mended = list(open_dataset_target(target, scenario, text))

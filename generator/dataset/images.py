@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from typing import Any
 
+import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -37,15 +37,10 @@ def encode(dn: NDArray[np.uint16], codec: str) -> bytes:
     dn : (height, width) uint16 array
     codec : str
         ``png`` or ``jxl``.
-
-    Raises
-    ------
-    GeneratorError
-        As :func:`check_codec`.
     """
     if codec == "png":
         return png_bytes(dn)
-    return bytes(_imagecodecs().jpegxl_encode(dn, effort=JXL_EFFORT, lossless=True))
+    return bytes(imagecodecs.jpegxl_encode(dn, effort=JXL_EFFORT, lossless=True))
 
 
 def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDArray[np.uint16]:
@@ -63,20 +58,19 @@ def decode(data: bytes, codec: str, shape: tuple[int, int] | None = None) -> NDA
     Raises
     ------
     GeneratorError
-        As :func:`check_codec`; or the image is damaged, of another size, or not of 16 bits.
+        The image is damaged, of another size, or not of 16 bits.
     """
     if codec == "png":
         with _png(data, shape, DEPTHS) as image:
             return np.array(image, dtype=np.uint16)
-    codecs = _imagecodecs()
     if shape is None:
         shape = jxl_shape(data)
         if max(shape) > LARGEST_SIDE_PX:
             raise GeneratorError(f"a JPEG XL of {shape[1]} x {shape[0]} pixels, more than {LARGEST_SIDE_PX} a side")
     try:
         # The decoder compares the header with the array before it unpacks anything.
-        return np.asarray(codecs.jpegxl_decode(data, out=np.empty(shape, dtype=np.uint16)), dtype=np.uint16)
-    except (codecs.JpegxlError, ValueError, RuntimeError) as error:
+        return np.asarray(imagecodecs.jpegxl_decode(data, out=np.empty(shape, dtype=np.uint16)), dtype=np.uint16)
+    except (imagecodecs.JpegxlError, ValueError, RuntimeError) as error:
         raise GeneratorError(f"not a JPEG XL image of {shape[1]} x {shape[0]} pixels ({error})") from error
 
 
@@ -123,23 +117,3 @@ def _png(data: bytes, shape: tuple[int, int] | None, modes: Collection[str]) -> 
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         # Pillow reports a cut-off or corrupted stream as any of these.
         raise GeneratorError(f"damaged PNG ({error})") from error
-
-
-def check_codec(codec: str) -> None:
-    """Refuse a codec that cannot be used here.
-
-    Raises
-    ------
-    GeneratorError
-        JPEG XL is asked for, but the package imagecodecs is missing.
-    """
-    if codec == "jxl":
-        _imagecodecs()
-
-
-def _imagecodecs() -> Any:
-    try:
-        import imagecodecs
-    except ImportError as error:
-        raise GeneratorError("codec jxl needs the package imagecodecs: pip install 'skybench[jxl]'") from error
-    return imagecodecs

@@ -83,13 +83,6 @@ def test_jpeg_xl_holds_the_same_numbers(dataset, scenario_path, tmp_path) -> Non
     assert problems(tmp_path / "jxl") == []
 
 
-def test_jpeg_xl_without_its_package_says_so_at_once(scenario_path, tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "imagecodecs", None)
-    with pytest.raises(GeneratorError, match=r"pip install 'skybench\[jxl\]'"):
-        generate(load_scenario(scenario_path), scenario_path.read_text(), tmp_path / "jxl", DatasetSpec(codec="jxl"))
-    assert not (tmp_path / "jxl").exists()
-
-
 def test_parts_make_the_whole(dataset, scenario_path, tmp_path) -> None:
     scenario, text = load_scenario(scenario_path), scenario_path.read_text()
     first = generate(scenario, text, tmp_path / "parts", SPEC, part=Part(0, 2))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from generator.dataset.images import encode
 from generator.dataset.reader import Dataset, Frame, decode_member, read_shard
 from generator.errors import GeneratorError
 
@@ -109,9 +110,6 @@ def test_a_manifest_cannot_lead_out_of_the_folder(small_set, tmp_path) -> None:
 
 def test_a_jpeg_xl_dataset_reads_the_same(small_set, tmp_path) -> None:
     """The codec shows in the suffix alone."""
-    pytest.importorskip("imagecodecs", reason="imagecodecs is not installed: pip install 'skybench[jxl]'")
-    from generator.dataset.images import encode
-
     image = Dataset.open(small_set)[0].image
     np.testing.assert_array_equal(decode_member("jxl", encode(image, "jxl")), image)
 

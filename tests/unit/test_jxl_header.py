@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import imagecodecs
 import numpy as np
 import pytest
 
@@ -10,7 +11,6 @@ from generator.dataset.reader import decode_member
 from generator.errors import GeneratorError
 from generator.reading.jxl_header import CODESTREAM, CONTAINER, jxl_shape
 
-imagecodecs = pytest.importorskip("imagecodecs")
 # Every form of the header: one side or both in eights of pixels, each of the seven ratios, 9 and 13 bits.
 SHAPES = ((1, 1), (8, 8), (8, 16), (256, 264), (257, 1), (48, 64), (100, 120), (9, 12), (100, 150), (90, 160), (100, 125),
           (100, 200), (513, 9000), (9000, 300))  # fmt: skip
