@@ -271,7 +271,7 @@ class Camera:
         return np.asarray(np.sqrt(np.linalg.norm(np.cross(along_u, along_v), axis=1)))
 
     def in_frame(self, uv: NDArray[np.float64], margin_px: float = 0.0) -> NDArray[np.bool_]:
-        """Tell which positions, shape (n, 2), lie in the frame widened by `margin_px`; shape (n,)."""
+        """Tell which positions, shape (n, 2), lie in the frame widened by `margin_px`; shape (n,). NaN does not."""
         u, v = uv[:, 0], uv[:, 1]
         inside_u = (u >= -0.5 - margin_px) & (u <= self.width - 0.5 + margin_px)
         return np.asarray(inside_u & (v >= -0.5 - margin_px) & (v <= self.height - 0.5 + margin_px))

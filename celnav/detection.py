@@ -283,7 +283,7 @@ def _search(
 
 
 def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[NDArray[np.intp], F4]:
-    """Find pixels above `least` standard deviations: indices of the flattened image, and how many they are above, shapes (n,)."""
+    """Find pixels above `least` standard deviations: indices of the flattened image, and their own number; shapes (n,)."""
     height, width = filtered.amplitude.shape
     zones = filtered.noise_factor if filtered.noise_factor.size > 1 else None
     assert noise.ratio is not None

@@ -13,7 +13,7 @@ from celnav.camera import Camera
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.horizon import horizontal_frame
 from celnav.identification.identify import Question
-from celnav.identification.pairing import candidate_pairs
+from celnav.identification.pairing import candidate_pairs, first_of_each, nowhere_far_off
 from celnav.identification.verification import Alignment, field_cone, rotation_of
 from celnav.problem import Problem
 from celnav.sky.astrometry import DIURNAL_ABERRATION, earth_at, terrestrial_stars
@@ -91,7 +91,7 @@ def visible_stars(
         dirs = _with_diurnal_aberration(dirs, rotation.T @ horizontal_frame(problem.attitude)[:, 2])
     ideal = camera.project(dirs @ rotation.T)
     centre = np.array([camera.cx_px, camera.cy_px])
-    predicted = np.nan_to_num(centre + math.exp(alignment.log_f) * (ideal - centre), nan=-1e6)
+    predicted = nowhere_far_off(centre + math.exp(alignment.log_f) * (ideal - centre))
     detection, star, distance = candidate_pairs(prepared.uv, predicted, radius)
     near_radius = max(3.0 * alignment.sigma_px, 1.0)
     seen = np.zeros(len(rows), dtype=bool)
@@ -130,8 +130,9 @@ def seen_planets(
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
     # Each planet has its nearest detection, and of planets in conjunction the nearest has the one detection of both.
-    order = order[np.sort(np.unique(planet[order], return_index=True)[1])]
-    order = order[np.unique(seen[order], return_index=True)[1]]
+    order = order[first_of_each(planet[order])]
+    order = order[first_of_each(seen[order])]
+    order = order[np.argsort(seen[order])]
     seen, planet = free[seen[order]], visible[planet[order]]
     pairs = np.column_stack((prepared.rows[seen], planet_ids()[planet])).astype(np.int64)
     return pairs, prepared.uv[seen] - predicted[planet]
@@ -141,7 +142,7 @@ def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArra
     """Tell which ideal projections, shape (n, 2), fall into the frame with the focal length that was found."""
     centre = np.array([camera.cx_px, camera.cy_px])
     predicted = centre + math.exp(log_f) * (ideal - centre)
-    return np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e6), margin_px)
+    return camera.in_frame(predicted, margin_px)
 
 
 def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
@@ -177,8 +178,8 @@ def describe(
     # a detection and a star that are claimed twice belong to the likeliest pair.
     likely = np.flatnonzero(adjusted.weight > 0.5)
     likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
-    likely = likely[np.sort(np.unique(adjusted.star[likely], return_index=True)[1])]
-    sure = np.sort(likely[np.unique(adjusted.detection[likely], return_index=True)[1]])
+    likely = likely[first_of_each(adjusted.star[likely])]
+    sure = np.sort(likely[first_of_each(adjusted.detection[likely])])
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial

@@ -22,7 +22,7 @@ from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.identify import Question
 from celnav.identification.neighbourhood import BELIEVED_SIGMAS, neighbourhood, open_region
-from celnav.identification.pairing import candidate_pairs
+from celnav.identification.pairing import candidate_pairs, nowhere_far_off
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
@@ -39,6 +39,7 @@ F8 = NDArray[np.float64]
 # Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
 LOWEST_ALTITUDE_DEG = -5.0
 _BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
+_USUAL_PRIORS = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05)}
 # Part of the effort that other focal lengths may take together.
 MOST_FOCAL_EFFORT = 0.9
 
@@ -255,7 +256,7 @@ class SkybenchSolver:
                 break
             turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px
             radius = pairing_radius(sigma)
-            detection, star, _ = candidate_pairs(prepared.uv, np.nan_to_num(after, nan=-1e6), radius)
+            detection, star, _ = candidate_pairs(prepared.uv, nowhere_far_off(after), radius)
             pairs = detection, star
         if mode != "auto" or problem.sigmas.focal > 0 or adjusted is None:
             return adjusted
@@ -263,8 +264,9 @@ class SkybenchSolver:
         return adjusted if clearly_off else without_focal(adjusted)
 
     def _priors(self, problem: Problem) -> CameraPriors:
-        usual = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05), "full": self.config.priors}
-        held, told = usual[self.config.calibrate], problem.sigmas
+        held, told = _USUAL_PRIORS.get(self.config.calibrate, self.config.priors), problem.sigmas
+        if not told.focal and not told.centre_px:
+            return held
         return replace(held, focal=told.focal or held.focal, centre_px=told.centre_px or held.centre_px)
 
     def _contradiction(self, problem: Problem, place: Place) -> str:

@@ -235,7 +235,7 @@ class _Search:
         question = self.question
         bright = np.arange(min(len(question.uv), 300))
         scale = question.camera.radians_per_px(question.uv[bright])
-        sharp = bright[scale <= self.config.sharp_scale * np.nanmedian(scale)] if len(bright) else bright
+        sharp = bright[scale <= self.config.sharp_scale * _median_of_known(scale)] if len(bright) else bright
         rows = np.concatenate((sharp, np.arange(len(bright), len(question.uv))))
         orders = [_Order(rows, True)]
         high = high_detections(question.camera, question.rays[rows], question.up)
@@ -403,3 +403,10 @@ class _Search:
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return found
         return None
+
+
+def _median_of_known(values: F8) -> float:
+    """Median of the values that are not NaN; NaN where all are."""
+    known = np.sort(values)  # NaN come last
+    n = len(values) - int(np.isnan(values).sum())
+    return float(known[(n - 1) // 2] + known[n // 2]) / 2 if n else math.nan

@@ -40,6 +40,20 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Ro
     return detection, star, distances
 
 
+def first_of_each(numbers: NDArray[np.integer]) -> Rows:
+    """Where each of some numbers, not negative and small, occurs first, in the order of these places."""
+    if not len(numbers):
+        return np.empty(0, dtype=np.intp)
+    first = np.full(int(numbers.max()) + 1, -1, dtype=np.intp)
+    first[numbers[::-1]] = np.arange(len(numbers) - 1, -1, -1)  # of values for one place the last stays
+    return np.flatnonzero(first[numbers] == np.arange(len(numbers)))
+
+
+def nowhere_far_off(predicted: F8) -> F8:
+    """Return positions, shape (n, 2), with those that do not exist (NaN) beyond any frame."""
+    return np.where(np.isnan(predicted), -1e6, predicted)
+
+
 def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Rows]:
     """Return the rows of `seen` (n, 2) and `predicted` (k, 2) that are each other's nearest within a radius."""
     detection, star, distance = candidate_pairs(seen, predicted, radius_px)
@@ -47,9 +61,9 @@ def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Row
     detection, star = detection[by_distance], star[by_distance]
     # The first pair of each in this order is the nearest one.
     nearest_to_detection = np.zeros(len(detection), dtype=bool)
-    nearest_to_detection[np.unique(detection, return_index=True)[1]] = True
+    nearest_to_detection[first_of_each(detection)] = True
     nearest_to_star = np.zeros(len(detection), dtype=bool)
-    nearest_to_star[np.unique(star, return_index=True)[1]] = True
+    nearest_to_star[first_of_each(star)] = True
     mutual = np.flatnonzero(nearest_to_detection & nearest_to_star)
     mutual = mutual[np.argsort(detection[mutual])]
     return detection[mutual], star[mutual]

@@ -161,7 +161,7 @@ def verify(
         ideal = camera.project(dirs)
         factor = math.exp(log_f)
         predicted = centre + factor * (ideal - centre)
-        inside = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), radius)
+        inside = camera.in_frame(predicted, radius)
         kept = np.flatnonzero(inside)
         detection, star = mutual_nearest(uv, predicted[kept], radius)
         star = kept[star]
@@ -223,8 +223,7 @@ def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> 
     predicted = camera.project(xyz[rows] @ rotation.T)
     # Refinement moves a corner by as much as the largest change of the focal length does, and the field by its turn.
     margin = math.expm1(MOST_LOG_F) * math.hypot(camera.width, camera.height) / 2 + 2 * tolerance_px
-    near = np.isfinite(predicted[:, 0]) & camera.in_frame(np.nan_to_num(predicted, nan=-1e9), margin)
-    return np.asarray(rows[near])
+    return np.asarray(rows[camera.in_frame(predicted, margin)])
 
 
 def _local_density(seen: F8, predicted: F8, radius_px: float) -> F8:

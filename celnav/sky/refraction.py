@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.sky.ray_integral import air_at, ray_bending_rad
+from celnav.sky.ray_integral import Air, air_at, ray_bending_rad
 
 # Below it the formula leaves its range (its pole is at -4.4 deg); the refraction there is held at this altitude's.
 LOWEST_ALTITUDE_DEG = -1.0
@@ -106,9 +108,14 @@ def refraction_rad(
         air = air_at(pressure_hpa, temperature_c, relative_humidity, wavelength_um)
         altitude = np.pi / 2 - apparent_zenith_distance_rad[low]
         seam = np.radians(LOWEST_ALTITUDE_OF_SERIES_DEG)
-        difference = bending[low] - ray_bending_rad(np.array([seam]), air)
+        difference = bending[low] - _bending_at_seam(air)
         bending[low] = ray_bending_rad(altitude, air) + difference * np.maximum(altitude, 0) / seam
     return bending
+
+
+@lru_cache(maxsize=8)
+def _bending_at_seam(air: Air) -> float:
+    return float(ray_bending_rad(np.array([np.radians(LOWEST_ALTITUDE_OF_SERIES_DEG)]), air)[0])
 
 
 def unrefract_rays(
