@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 import celnav
 from benchmark.fields.solver_bars import attitude_of, camera_of, measure, solve_field
 from benchmark.fields.solver_fields import Condition, make_field
-from benchmark.fields.solver_table import image_of
+from benchmark.fields.solver_times import image_of
 from benchmark.judge.geodesy import geodesic_km
 from celnav.identification import identify
 from celnav.sequences.track import KM_PER_DEG, Track, moved, offset_km
