@@ -41,7 +41,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.plugins.camera import FLOAT64, NightSkyCamera
+from generator.plugins.camera import FLOAT64, FilmPoints, NightSkyCamera
 from generator.plugins.film_response import WAVELENGTH_GROUPS, FilmResponse, film_response
 from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.foreground import lit_directions
@@ -141,34 +141,32 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         planes = channels if pattern is None else 1
         if environment is None:
             return dr.zeros(mi.TensorXf, (height, width, planes)), dr.ones(mi.TensorXf, (height, width))
-        pixel = dr.arange(mi.UInt32, width * height)
-        position = mi.Point2f(mi.Float(pixel % width) + 0.5, mi.Float(pixel // width) + 0.5)
-        film_position = position / mi.ScalarVector2f(width, height)
-        free = self._uncovered(scene, camera, film_position)
+        pixel, points = dr.arange(mi.UInt32, width * height), FilmPoints.middles(width, height)
+        free = self._uncovered(scene, camera, points)
         image = [dr.zeros(mi.Float, width * height) for _ in range(planes)]
         seen = None if pattern is None else (pattern, mi.Int32(pixel % width), mi.Int32(pixel // width))
         if self.landscape is not None:
-            free = free * self._add_landscape(image, camera, film_position, free, seen)
+            free = free * self._add_landscape(image, camera, points, free, seen)
         terms = [mi.Float(channel) for channel in self.response(camera).of(environment.spectra.host())]
         if self.landscape is None:
-            self._add_moments(image, environment, camera, film_position, terms, free, seen)
+            self._add_moments(image, environment, camera, points, terms, free, seen)
         else:
             # Where a landscape hides the sky, it is not looked at.
             open_sky = dr.compress(free > 0)
             if dr.width(open_sky):
                 part = [dr.zeros(mi.Float, dr.width(open_sky)) for _ in range(planes)]
                 those = None if seen is None else (seen[0], *(dr.gather(mi.Int32, each, open_sky) for each in seen[1:]))
-                place, share = dr.gather(mi.Point2f, film_position, open_sky), dr.gather(mi.Float, free, open_sky)
-                self._add_moments(part, environment, camera, place, terms, share, those)
+                share = dr.gather(mi.Float, free, open_sky)
+                self._add_moments(part, environment, camera, points.of(open_sky), terms, share, those)
                 for plane, light in zip(image, part, strict=True):
                     dr.scatter_add(plane, light, open_sky)
         if scene.shapes() and self.lit_samples:
             for look in range(self.coverage_moments):
-                ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
+                ray, etendue = camera.line_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), points)
                 etendue /= self.coverage_moments
                 for weight, direction in lit_directions(scene, ray, self.lit_samples):
                     self.add_sky(image, environment.coefficients(direction), terms, etendue * weight, seen)
-        ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
+        ray, etendue = camera.line_ray(dr.opaque(FLOAT64, 0.5), points)
         cover = dr.select((ray.d.z >= environment.lowest_sine) & (etendue > 0), 1 - free, 1) + dr.zeros(
             mi.Float, width * height
         )
@@ -178,27 +176,27 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         self,
         image: list[Any],
         camera: NightSkyCamera,
-        film_position: Any,
+        points: FilmPoints,
         free: Any,
         seen: tuple[Pattern, Any, Any] | None,
     ) -> Any:
         """Add the landscape's light to planes where no geometry covers it (`free`); the part of each pixel it leaves."""
         assert self.landscape is not None
         landscape = self.landscape
-        middle, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), film_position)
+        middle, etendue = camera.line_ray(dr.opaque(FLOAT64, 0.5), points)
         near = landscape.around(camera.swept_rad + camera.pixel_rad)
         chosen = dr.compress(dr.gather(mi.Float, near, landscape.cell(middle.d)) > 0)
-        left = dr.full(mi.Float, 1, dr.width(film_position))
+        left = dr.full(mi.Float, 1, dr.width(points.line))
         if not dr.width(chosen):
             return left
-        position = dr.gather(mi.Point2f, film_position, chosen)
+        those = points.of(chosen)
         # Each look is at a moment and a place in the pixel of its own.
         looks = len(PIXEL_SAMPLES) * math.ceil(self.coverage_moments / len(PIXEL_SAMPLES))
         means: list[Any] = []
         for look in range(looks):
             u, v = PIXEL_SAMPLES[look % len(PIXEL_SAMPLES)]
             offset = mi.Vector2f(dr.opaque(mi.Float, u / camera.width), dr.opaque(mi.Float, v / camera.height))
-            ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / looks), position + offset)
+            ray, _ = camera.line_ray(dr.opaque(FLOAT64, (look + 0.5) / looks), those.moved(offset))
             found = landscape.at(ray.d)
             means = [
                 dr.fma(value, 1 / looks, so_far)
@@ -221,14 +219,14 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         image: list[Any],
         environment: Any,
         camera: NightSkyCamera,
-        film_position: Any,
+        points: FilmPoints,
         terms: list[Any],
         free: Any,
         seen: tuple[Pattern, Any, Any] | None,
     ) -> None:
         """Add the sky's light at all moments at which it is looked at, by the part of pixels that is `free`."""
         for look in range(self.sky_moments):
-            ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), film_position)
+            ray, etendue = camera.line_ray(dr.opaque(FLOAT64, (look + 0.5) / self.sky_moments), points)
             etendue *= free / self.sky_moments
             self.add_sky(image, environment.coefficients(ray.d), terms, etendue, seen)
 
@@ -253,13 +251,13 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         image[:] = [so_far + light for so_far, light in zip(image, lights, strict=True)]
         dr.eval(image)
 
-    def _uncovered(self, scene: Any, camera: NightSkyCamera, film_position: Any) -> Any:
+    def _uncovered(self, scene: Any, camera: NightSkyCamera, points: FilmPoints) -> Any:
         """Fraction of the exposure (Float) during which no geometry covers each pixel."""
         if not scene.shapes():
             return mi.Float(1)
         free = mi.Float(0)
         for look in range(self.coverage_moments):
-            ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), film_position)
+            ray, _ = camera.line_ray(dr.opaque(FLOAT64, (look + 0.5) / self.coverage_moments), points)
             free += dr.select(scene.ray_test(ray), 0, mi.Float(1 / self.coverage_moments))
             dr.eval(free)
         return free
