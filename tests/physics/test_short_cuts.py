@@ -8,7 +8,7 @@ from small_scenes import small_scenario
 from generator import plugins
 from generator.frame.plan import field_radius_deg, plan_frame
 from generator.frame.record import _around, _brightness_order
-from generator.frame.scene import frame_layers, render_expected, scene_dict
+from generator.frame.scene import camera_dict, frame_layers, render_expected, scene_dict
 from generator.frame.star_truth import share_within
 from generator.light.atmosphere import Atmosphere, optical_depth
 from generator.light.photometry import GRID_NM
@@ -51,6 +51,29 @@ def test_table_of_star_electrons_against_each_star_s_own_integral(mi) -> None:
         for number in range(4):
             wanted = light[:, band == number] @ response.electrons[:, band == number].T
             np.testing.assert_allclose(found[:, :, number], wanted, rtol=tolerance)
+
+
+@pytest.mark.parametrize("sensor", [{}, {"rolling_shutter": {"line_time_us": 200}}], ids=["global", "rolling"])
+def test_rotations_once_a_line_give_the_rays_of_each_place(mi, sensor) -> None:
+    """To the bit, also of places beside the pixels' middles and of a choice of pixels."""
+    import drjit as dr
+
+    from generator.plugins.camera import FLOAT64, FilmPoints
+
+    plan = plan_frame(small_scenario(sensor=sensor, motion={"rate_deg_s": [9.0, -4.0, 20.0], "samples": 8}), 0)
+    camera = mi.load_dict(camera_dict(plan))
+    assert camera.keyframes == 8
+    chosen = mi.UInt32(np.arange(5, camera.width * camera.height, 3))
+    whole = FilmPoints.middles(camera.width, camera.height)
+    for points in (whole, whole.of(chosen).moved(mi.Vector2f(0.25 / camera.width, -0.25 / camera.height))):
+        for share in (0.125, 0.5):
+            by_line = camera.line_ray(dr.opaque(FLOAT64, share), points)
+            each = camera.pixel_ray(dr.opaque(FLOAT64, share), points.position)
+            for one, other in zip(by_line, each, strict=True):
+                pair = [np.array(part.d if hasattr(part, "d") else part) for part in (one, other)]
+                np.testing.assert_array_equal(*pair)
+            time = np.broadcast_to(np.array(each[0].time), dr.width(points.line))
+            np.testing.assert_array_equal(np.array(by_line[0].time), time)
 
 
 def test_the_sky_as_the_camera_s_channels_see_it_is_the_spectral_sky(mi) -> None:
