@@ -191,8 +191,7 @@ def detect(
     noise = NoiseMap(white, floor / config.seed_sigma)
     cores = saturated_cores(saturated, light)
     light = remove_line_offsets(light, noise, used)
-    far = outstanding(light, noise)
-    repair_defects(light, far)
+    far = repair_defects(light, outstanding(light, noise))
 
     shape = first_guess = _given_shape(config, pixels.shape)
     known = config.psf_sigma_px is not None or config.streak_px is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -177,18 +177,23 @@ class Outstanding:
     ----------
     at : ndarray of int, shape (n,)
         The pixels as indices of the flattened image, in order.
+    value, beside : ndarray, shape (n,)
+        Light of each, and the mean of the four beside it.
     sigma : ndarray, shape (n,)
         Standard deviation of each.
     """
 
     at: NDArray[np.intp]
+    value: F4
+    beside: F4
     sigma: F4
 
 
 def outstanding(light: F4, noise: PixelMap) -> Outstanding:
     """Find pixels that differ from the background by `OUTSTANDING` standard deviations."""
     height, width = light.shape
-    at, sigma = [], []
+    flat = light.ravel()
+    parts = []
     for top, bottom in strips(height, width):
         own = noise.strip(top, bottom)
         far = np.abs(light[top:bottom]) > np.float32(OUTSTANDING) * own
@@ -198,12 +203,15 @@ def outstanding(light: F4, noise: PixelMap) -> Outstanding:
         if bottom == height:
             far[-1] = False
         found = np.flatnonzero(far)
-        at.append(found + top * width)
-        sigma.append(own.ravel().take(found))
-    return Outstanding(np.concatenate(at), np.concatenate(sigma))
+        at = found + top * width
+        beside = flat.take(at - width)
+        for neighbour in (at + width, at - 1, at + 1):
+            beside += flat.take(neighbour)
+        parts.append((at, flat.take(at), beside * np.float32(0.25), own.ravel().take(found)))
+    return Outstanding(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def repair_defects(light: F4, far: Outstanding) -> None:
+def repair_defects(light: F4, far: Outstanding) -> Outstanding:
     """Replace, in place, single pixels that no optics could make (hot, dead) by the mean of the four beside them.
 
     A pixel is hot where its neighbours hold less light than those of the sharpest star would, dead where it is far
@@ -215,15 +223,17 @@ def repair_defects(light: F4, far: Outstanding) -> None:
         Image less background.
     far : Outstanding
         Pixels that may be defects.
+
+    Returns
+    -------
+    Outstanding
+        With the light that they have now.
     """
-    width, flat = light.shape[1], light.ravel()
-    at, spread = far.at, far.sigma
-    one = flat.take(at)
-    four = flat.take(at - width)
-    for beside in (at + width, at - 1, at + 1):
-        four += flat.take(beside)
-    four *= np.float32(0.25)
-    hot = (one > 0) & (four < np.float32(_SHARPEST) * one + np.float32(0.5) * spread)
-    dead = (one < 0) & (four > np.float32(0.4) * one)
-    flat[at[hot]] = np.minimum(four[hot], spread[hot])
-    flat[at[dead]] = np.maximum(four[dead], 0)
+    hot = (far.value > 0) & (far.beside < np.float32(_SHARPEST) * far.value + np.float32(0.5) * far.sigma)
+    dead = (far.value < 0) & (far.beside > np.float32(0.4) * far.value)
+    value = far.value.copy()
+    value[hot] = np.minimum(far.beside[hot], far.sigma[hot])
+    value[dead] = np.maximum(far.beside[dead], 0)
+    changed = hot | dead
+    light.ravel()[far.at[changed]] = value[changed]
+    return replace(far, value=value)

@@ -44,9 +44,8 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
     from scipy.spatial import cKDTree
 
     width, flat = light.shape[1], light.ravel()
-    value = flat.take(far.at)
-    bright = value > np.float32(_BRIGHT) * far.sigma
-    at, value = far.at[bright], value[bright]
+    bright = far.value > np.float32(_BRIGHT) * far.sigma
+    at, value = far.at[bright], far.value[bright]
     for offset in (-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1):
         highest = value >= flat.take(at + offset)
         at, value = at[highest], value[highest]

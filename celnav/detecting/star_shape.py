@@ -209,10 +209,14 @@ def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
 def gaussians(window: F8, du: F4, dv: F4) -> F4:
     """Gaussians of unit peak, shape (rows, columns, n), of inverse covariances, shape (n, 3), at offsets."""
     p, q, r = window.T.astype(np.float32)
-    values = np.exp(np.float32(-0.5) * r * dv * dv)[:, None] * np.exp(np.float32(-0.5) * p * du * du)[None]
-    if not np.abs(q).max(initial=0) <= 1e-3 * min(p.min(initial=1), r.min(initial=1)):
-        values *= np.exp((-q * dv)[:, None] * du[None])
-    return values
+    across, down = np.float32(-0.5) * p * du * du, np.float32(-0.5) * r * dv * dv
+    if np.abs(q).max(initial=0) <= 1e-3 * min(p.min(initial=1), r.min(initial=1)):
+        return np.asarray(np.exp(down)[:, None] * np.exp(across)[None])
+    # Of an inclined one the factors by themselves exceed single precision.
+    exponent = (-q * dv)[:, None] * du[None]
+    exponent += across[None]
+    exponent += down[:, None]
+    return np.asarray(np.exp(exponent, out=exponent))
 
 
 def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None:

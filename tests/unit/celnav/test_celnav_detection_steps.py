@@ -10,7 +10,7 @@ from celnav.detecting import strips
 from celnav.detecting.connected import connected
 from celnav.detecting.filtered_noise import _one_sided
 from celnav.detecting.noise_map import NoiseMap
-from celnav.detecting.star_shape import StarShape
+from celnav.detecting.star_shape import StarShape, gaussians, inverse, offsets, windows
 from celnav.detecting.tiles import Tiles
 
 
@@ -109,3 +109,19 @@ def test_detections_do_not_depend_on_the_pieces(monkeypatch):
     assert len(once) >= 55
     np.testing.assert_allclose(again.uv, once.uv, atol=1e-4)
     np.testing.assert_allclose(again.flux, once.flux, rtol=1e-4)
+
+
+@pytest.mark.parametrize("covariance", [(1.0, 0.0, 1.5), (4.0, 3.0, 4.0), (0.25, 0.0, 0.25), (60.0, 59.5, 60.0)])
+def test_gaussians_of_any_inclination(covariance):
+    """Far from the middle of a long one the factors along the axes overflow where their product does not."""
+    uv = np.array([[40.3, 30.8], [12.0, 9.0]])
+    light = np.ones((60, 80), dtype=np.float32)
+    cut, rows, columns = windows(light, uv, (20, 24))
+    assert cut.shape == (41, 49, 2)
+    np.testing.assert_array_equal(cut[:, :, 0], 1)
+    np.testing.assert_array_equal(cut[:, :, 1] > 0, (rows[:, 1] >= 0)[:, None] & (columns[:, 1] >= 0))
+    found = gaussians(inverse(np.tile(covariance, (2, 1))), *offsets(rows, columns, uv))
+    du, dv = columns - uv[:, 0], rows - uv[:, 1]
+    p, q, r = np.linalg.inv([covariance[:2], covariance[1:]])[[0, 0, 1], [0, 1, 1]]
+    expected = np.exp(-0.5 * (p * du[None] ** 2 + 2 * q * du[None] * dv[:, None] + r * dv[:, None] ** 2))
+    np.testing.assert_allclose(found, expected, atol=2e-5)
