@@ -16,8 +16,8 @@ import celnav
 from benchmark.protocol import Answer, CameraRecord, Detections, Observation
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.pinhole import PERSPECTIVE, pinhole_view
+from benchmark.solvers.told_errors import EARTH_RADIUS_KM, covariance_of_told
 
-EARTH_RADIUS_KM = 6371.0
 FISHEYE_K1 = 0.1
 """Of the law on which fisheyes are laid; without a coefficient it takes the focal length from the size of the image."""
 
@@ -66,10 +66,19 @@ class ZenithFixer:
             fix = zenith.resolve_from_centroids(centroids, camera.f_px, 0.0, 0.0, up, utc, _catalogue(), **lens)
         except zenith.ZenithError as error:
             return Answer(ok=False, reason=str(error))
-        # Its covariance is north before east, in radians squared. It names stars, but not which detections they are.
-        (north, both), (_, east) = np.asarray(fix.covariance, dtype=np.float64)
-        cov_km2 = EARTH_RADIUS_KM**2 * np.array([[east, both], [both, north]])
+        # It names stars, but not which detections they are.
+        cov_km2 = position_covariance(fix.covariance, float(fix.latitude_deg), observation)
         return Answer(True, "", float(fix.latitude_deg), float(fix.longitude_deg), cov_km2)
+
+
+def position_covariance(stated_rad2: Any, latitude_deg: float, told: Observation) -> NDArray[np.float64]:
+    """East-north covariance of the position, km^2, of its own and of what is told of vertical and time.
+
+    Its own is of north before east on a sphere, in radians squared, of independent errors of half a pixel of each star's
+    altitude, at least 1 arcmin; it takes vertical and time for exact.
+    """
+    (north, both), (_, east) = np.asarray(stated_rad2, dtype=np.float64)
+    return EARTH_RADIUS_KM**2 * np.array([[east, both], [both, north]]) + covariance_of_told(latitude_deg, told)
 
 
 def _as_its_lens(

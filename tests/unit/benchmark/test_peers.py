@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from PIL import Image
+from unit.benchmark.exact_fields import FISHEYE, PINHOLE, PLACE, image_of, stars_in, told
 
 import celnav
 from benchmark.judge.geodesy import geodesic_km
@@ -21,13 +22,8 @@ from benchmark.solvers.definition import FOLDER, environments_folder
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.pinhole import WIDEST_DEG, pinhole_view
 from benchmark.solvers.star_naming import named_matches, star_ids_at
-from celnav.sky.astrometry import apparent_enu
 from celnav.sky.catalog import load_catalog, propagate
 
-UTC = "2021-03-20T22:15:07.25Z"
-PLACE = (52.0, 4.36)
-PINHOLE = CameraRecord("pinhole", 640, 480, 554.26, 554.26, 319.5, 239.5)
-FISHEYE = CameraRecord("equisolid", 900, 900, 300.0, 300.0, 449.5, 449.5)
 PEERS = {
     "tetra3rs": ("tetra3rs", "Tetra3rs"),
     "ruststartracker": ("ruststartracker", "RustStarTracker"),
@@ -41,41 +37,6 @@ def peer(library):
     folder, name = PEERS[library]
     module = __import__(f"benchmark.solvers.{folder}.adapter", fromlist=[name])
     return getattr(module, name)()
-
-
-def told(camera, altitude_deg=75.0):
-    azimuth, altitude = np.radians([70.0, altitude_deg])
-    boresight = np.array([np.sin(azimuth) * np.cos(altitude), np.cos(azimuth) * np.cos(altitude), np.sin(altitude)])
-    right = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
-    R_cam = np.array([right, np.cross(boresight, right), boresight])
-    return Observation(camera, UTC, R_cam)
-
-
-def stars_in(observation, faintest=5.5):
-    """Star ids, exact pixels and fluxes of the frame, brightest first."""
-    stars = load_catalog()
-    stars = stars.take(stars.v_mag < faintest)
-    enu = apparent_enu(
-        stars, UTC, *PLACE, pressure_hpa=observation.pressure_hpa, temperature_c=observation.temperature_c
-    )
-    lens = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
-    uv = lens.project(enu @ observation.R_cam.T)
-    seen = np.isfinite(uv[:, 0]) & lens.in_frame(np.nan_to_num(uv, nan=-1e6)) & (enu[:, 2] > 0.1)
-    return stars.star_id[seen], uv[seen], 10.0 ** (-0.4 * stars.v_mag[seen])
-
-
-def image_of(observation, sigma_px=1.2, faintest=6.0):
-    """Their light through a Gaussian point spread, in 16 bits on a noisy sky."""
-    _, uv, flux = stars_in(observation, faintest)
-    height, width = observation.camera.height, observation.camera.width
-    light = np.random.default_rng(3).normal(400.0, 8.0, (height, width))
-    v, u = np.mgrid[-6:7, -6:7]
-    for (x, y), brightness in zip(uv, flux, strict=True):
-        column, row = round(x), round(y)
-        if 6 <= column < width - 6 and 6 <= row < height - 6:
-            spread = np.exp(-((u + column - x) ** 2 + (v + row - y) ** 2) / (2.0 * sigma_px**2))
-            light[row - 6 : row + 7, column - 6 : column + 7] += 4e5 * brightness * spread
-    return np.clip(np.round(light), 0, 65535).astype(np.uint16)
 
 
 @pytest.mark.parametrize(("library", "limit_km"), [("tetra3rs", 0.15), ("ruststartracker", 0.05), ("zenith", 0.35)])
@@ -162,6 +123,32 @@ def test_zenith_fixer_as_its_quickstart_fixes_a_scene_of_its_own():
         Points(np.array([one[:2] for one in found]), np.array([one[2] for one in found])), observation
     )
     assert geodesic_km(own.latitude_deg, own.longitude_deg, answer.lat_deg, answer.lon_deg) < 0.02
+
+
+@pytest.mark.parametrize("latitude_deg", [0.5, 75.0])
+def test_zenith_fixers_covariance_is_the_ellipse_that_it_prints(latitude_deg):
+    """`ellipse_2sigma_nm`: semi-axes in nautical miles and the azimuth of the longer one; told errors are added to it."""
+    peer("zenith")
+    import zenith
+
+    from benchmark.solvers.zenith_fixer.adapter import position_covariance
+
+    utc = (2026, 7, 14, 21, 0, 0.0)
+    stars, date = zenith.bundled_catalog(), zenith.julian_date(*utc)
+    scene = zenith.synthesize_scene(
+        stars, latitude_deg, -0.1, date, 10.0, 1280, 960, 1400.0, 5.5, 0.0, 0.0, 40.0, 7
+    )  # fmt: skip
+    fix = zenith.resolve_fix(scene.pixels, 1400.0, 640.0, 480.0, scene.up_cam, utc, stars)
+    cov_km2 = position_covariance(fix.covariance, latitude_deg, told(PINHOLE))
+    variances, axes = np.linalg.eigh(cov_km2)
+    longer_nm, shorter_nm, azimuth_deg = fix.ellipse_2sigma_nm
+    np.testing.assert_allclose(2.0 * np.sqrt(variances) / 1.852, [shorter_nm, longer_nm], rtol=2e-3)
+    east, north = axes[:, 1]
+    assert np.degrees(np.arctan2(east, north)) % 180.0 == pytest.approx(azimuth_deg % 180.0, abs=0.01)
+    tilted = dataclasses.replace(told(PINHOLE), tilt_sigma_deg=0.1, utc_sigma_s=1.0)
+    added = position_covariance(fix.covariance, latitude_deg, tilted) - cov_km2
+    tilt_km, time_km = 6371.0 * np.radians(0.1), 0.4646 * np.cos(np.radians(latitude_deg))
+    np.testing.assert_allclose(added, np.diag([tilt_km**2 + time_km**2, tilt_km**2]), rtol=1e-3, atol=1e-12)
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
