@@ -1,6 +1,6 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries, the first with the library's defaults. Prints a Markdown table: frames within 10 km of the truth,
+Each peer has five tries, ruststartracker eight, the first with the library's defaults. Prints a Markdown table: frames within 10 km of the truth,
 and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra `peers` and ruststartracker.
 """
 
@@ -47,9 +47,12 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
     "ruststartracker": {
         "defaults": RustStarTracker(**_USUAL, min_matches=10),
         "to the brightest pixel in 100,000": RustStarTracker(**_USUAL, min_matches=10, brightest_quantile=0.99999),
-        "8 matches": RustStarTracker(**_USUAL),
-        "8 matches, to the brightest pixel in 1,000": RustStarTracker(**_USUAL, brightest_quantile=0.999),
-        "8 matches, 3 to 100 px, threshold 0.995": RustStarTracker(),
+        "8 matches": RustStarTracker(**_USUAL, min_matches=8),
+        "8 matches, to the brightest pixel in 1,000": RustStarTracker(**_USUAL, min_matches=8, brightest_quantile=0.999),
+        "8 matches, 3 to 100 px, threshold 0.995": RustStarTracker(min_matches=8),
+        "9 matches, 3 to 100 px, threshold 0.995": RustStarTracker(min_matches=9),
+        "10 matches, 3 to 100 px, threshold 0.995": RustStarTracker(),
+        "12 matches, 3 to 100 px, threshold 0.995": RustStarTracker(min_matches=12),
     },
     "zenith-fixer": {
         "60, sigma 1.0 px": ZenithFixer(psf_sigma_px=1.0),

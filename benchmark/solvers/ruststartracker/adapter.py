@@ -57,7 +57,7 @@ class RustStarTracker:
     """
 
     candidates: int = 30
-    min_matches: int = 8
+    min_matches: int = 10
     brightest_quantile: float = 0.9999
     threshold_quantile: float = 0.995
     extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
