@@ -66,6 +66,9 @@ class ToldSigmas:
         Of each of the principal point's coordinates.
     pressure_hpa, temperature_c : float
         Of the air's.
+    distortion : float
+        Of the lens's first radial term k1: stars move from the principal point by k1 r^2 of their distance, r being the
+        distance over the focal length.
     """
 
     utc_s: float = bounded(0.0, 0, 86400)
@@ -73,15 +76,24 @@ class ToldSigmas:
     centre_px: float = bounded(0.0, 0, 1e4)
     pressure_hpa: float = bounded(0.0, 0, 500)
     temperature_c: float = bounded(0.0, 0, 100)
+    distortion: float = bounded(0.0, 0, 1)
 
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def focal_factors(self, usual: tuple[float, ...]) -> tuple[float, ...]:
-        """Return factors on the focal length to search at, nearest first, so that three standard deviations are covered."""
-        if _COVERED_SIGMAS * self.focal <= _REACH:
+    def distortion_at_corner(self, camera: Camera) -> float:
+        """Return the standard deviation of the distortion at half the frame's diagonal, relative to the distance."""
+        return self.distortion * (math.hypot(camera.width, camera.height) / (2 * camera.f_px)) ** 2
+
+    def focal_factors(self, usual: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
+        """Return factors on the focal length to search at, nearest first, so that three standard deviations are covered.
+
+        Over the frame, half of the distortion at its corner acts like a wrong focal length.
+        """
+        sigma = math.hypot(self.focal, self.distortion_at_corner(camera) / 2)
+        if _COVERED_SIGMAS * sigma <= _REACH:
             return usual
-        steps = math.ceil(round((_COVERED_SIGMAS * self.focal - _REACH) / (2 * _REACH), 6))
+        steps = math.ceil(round((_COVERED_SIGMAS * sigma - _REACH) / (2 * _REACH), 6))
         return tuple(math.exp(sign * 2 * _REACH * step) for step in range(1, steps + 1) for sign in (-1, 1))
 
     def loosened(self, attitude: Attitude, camera: Camera) -> Attitude:

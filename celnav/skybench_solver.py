@@ -132,7 +132,7 @@ class SkybenchSolver:
             )
         with clock.stage("identify"):
             factors = () if self.config.calibrate == "none" else self.config.focal_factors
-            factors = problem.sigmas.focal_factors(factors)
+            factors = problem.sigmas.focal_factors(factors, problem.observation.camera)
             effort = Effort(self.config.max_work, clock.started_s + self._time_limit_s(problem))
             found = identify_at_focal_lengths(
                 prepared.question,
@@ -258,16 +258,21 @@ class SkybenchSolver:
             radius = pairing_radius(sigma)
             detection, star, _ = candidate_pairs(prepared.uv, nowhere_far_off(after), radius)
             pairs = detection, star
-        if mode != "auto" or problem.sigmas.focal > 0 or adjusted is None:
+        if mode != "auto" or problem.sigmas.focal > 0 or problem.sigmas.distortion > 0 or adjusted is None:
             return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
 
     def _priors(self, problem: Problem) -> CameraPriors:
         held, told = _USUAL_PRIORS.get(self.config.calibrate, self.config.priors), problem.sigmas
-        if not told.focal and not told.centre_px:
+        if not told.focal and not told.centre_px and not told.distortion:
             return held
-        return replace(held, focal=told.focal or held.focal, centre_px=told.centre_px or held.centre_px)
+        return replace(
+            held,
+            focal=told.focal or held.focal,
+            centre_px=told.centre_px or held.centre_px,
+            distortion=told.distortion_at_corner(problem.observation.camera) or held.distortion,
+        )
 
     def _contradiction(self, problem: Problem, place: Place) -> str:
         """Describe the contradiction between the position and the caller's knowledge; empty without one."""

@@ -60,6 +60,7 @@ class CelnavSolver:
                 observation.principal_point_sigma_px,
                 observation.pressure_sigma_hpa,
                 observation.temperature_sigma_c,
+                observation.distortion_sigma,
             ),
         )
         return answer_of(fix)

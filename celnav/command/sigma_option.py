@@ -12,13 +12,14 @@ _FIELDS = {
     "centre": "centre_px",
     "pressure": "pressure_hpa",
     "temperature": "temperature_c",
+    "distortion": "distortion",
 }
 
 
 def read_sigmas(text: str | None) -> ToldSigmas:
-    """Read the option's value, such as ``time=0.5,focal=0.001,centre=1,pressure=2,temperature=2``.
+    """Read the option's value, such as ``time=0.5,focal=0.001,centre=1,pressure=2,temperature=2,distortion=0.01``.
 
-    Seconds, a part of the focal length, pixels, hPa and K; what is not named is 0, and None names nothing.
+    Seconds, a part of the focal length, pixels, hPa, K and k1; what is not named is 0, and None names nothing.
 
     Raises
     ------

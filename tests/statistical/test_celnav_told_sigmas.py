@@ -97,8 +97,42 @@ def test_a_focal_length_within_ten_per_cent_is_found():
     wide = celnav.ToldSigmas(focal=0.1)
     fixes = [solve_drawn(WIDE, number, wide, 0.005, math.inf)[1] for number in range(8)]
     assert all(fix.ok for fix in fixes)
-    assert wide.focal_factors((0.88, 1.13)) == pytest.approx(np.exp([-0.12, 0.12, -0.24, 0.24]))
-    assert celnav.ToldSigmas(focal=0.01).focal_factors((0.88, 1.13)) == (0.88, 1.13)
+    camera = camera_of(WIDE)
+    assert wide.focal_factors((0.88, 1.13), camera) == pytest.approx(np.exp([-0.12, 0.12, -0.24, 0.24]))
+    assert celnav.ToldSigmas(focal=0.01).focal_factors((0.88, 1.13), camera) == (0.88, 1.13)
+
+
+def solve_distorted(number, sigma, told):
+    """k1, drawn with a standard deviation, its value in the fix, and the fix's error, km; the lens is told as a pinhole."""
+    field, camera = make_field(TILTED, SEED, number), camera_of(TILTED)
+    k1 = sigma * np.random.default_rng([SEED, number, 11]).normal()
+    centre = np.array([camera.cx_px, camera.cy_px])
+    away = field.uv - centre
+    uv = centre + away * (1 + k1 * np.einsum("ni,ni->n", away, away) / camera.f_px**2)[:, None]
+    fix = celnav.solve(
+        uv, camera, field.utc, celnav.Attitude.with_sigma(field.R_cam, tilt_deg=0.005, heading_deg=0.2), flux=field.flux,
+        pressure_hpa=PRESSURE_HPA, temperature_c=TEMPERATURE_C,
+        sigmas=celnav.ToldSigmas(distortion=sigma) if told else None,
+    )  # fmt: skip
+    assert fix.ok, fix.message
+    half_diagonal = math.hypot(camera.width, camera.height) / 2
+    found = math.nan if fix.calibration.q1 is None else fix.calibration.q1.value * (camera.f_px / half_diagonal) ** 2
+    return k1, found, math.hypot(*east_north_km(field.lat_deg, field.lon_deg, fix.lat_deg, fix.lon_deg))
+
+
+def test_a_distortion_that_is_told_to_be_unknown_is_found():
+    """k1 of 0.1 (1 sigma) moves the corners of 60 x 42 deg by 5 %; with 0.2 px of noise it is found to 0.005."""
+    told, silent = (np.array([solve_distorted(n, 0.1, said) for n in range(8)]) for said in (True, False))
+    assert np.abs(told[:, 1] - told[:, 0]).max() < 0.005 < 0.05 < np.abs(told[:, 0]).max()
+    assert 2 * np.median(told[:, 2]) < np.median(silent[:, 2])
+
+
+def test_the_search_takes_half_of_the_corners_distortion_for_a_focal_length():
+    """A square of 90 deg has its corners at r^2 = 2: k1 of 0.1 moves them by 20 %; the search covers thrice half of it."""
+    camera = celnav.Camera.from_dict({"model": "pinhole", "width": 1000, "height": 1000, "f_px": 500.0})
+    assert celnav.ToldSigmas(distortion=0.1).distortion_at_corner(camera) == pytest.approx(0.2, rel=0.01)
+    likewise = celnav.ToldSigmas(focal=0.1).focal_factors((), camera)
+    assert celnav.ToldSigmas(distortion=0.1).focal_factors((), camera) == pytest.approx(likewise)
 
 
 @pytest.mark.parametrize("solver", ["skybench", "thesis-adaptive"])
@@ -156,12 +190,13 @@ def test_every_solver_is_told_alike(monkeypatch):
         celnav, "solve", lambda *_, **named: given.update(named) or celnav.Fix.refusal(celnav.Reason.OK, "")
     )
     celnav_solver.CelnavSolver("skybench").solve(shared, got[0])
-    assert given["sigmas"] == celnav.ToldSigmas(0.5, 1e-3, 0.3, 2.0, 3.0)
+    assert given["sigmas"] == celnav.ToldSigmas(0.5, 1e-3, 0.3, 2.0, 3.0, 0.01)
 
 
 def test_the_option_names_what_is_wrong():
     assert read_sigmas("time=0.5, focal=0.001,centre=1,pressure=2,temperature=2") == ROUGH
     assert read_sigmas(None) == celnav.ToldSigmas()
+    assert read_sigmas("distortion=0.03") == celnav.ToldSigmas(distortion=0.03)
     for text, words in (("time", "must be a number"), ("width=1", "one of time"), ("time=1,time=2", "at most once"),
                         ("centre=-1", "from 0"), ("focal=nan", "finite")):  # fmt: skip
         with pytest.raises(ConfigError, match=words):
