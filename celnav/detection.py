@@ -319,7 +319,7 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
     """Positions, fluxes and standard deviations of saturated stars, from all their light, the flat top included."""
     small = np.pi * cores.radius_px**2 <= config.max_area_px
     uv, radius = cores.uv[small], cores.radius_px[small]
-    places, fluxes = [], []
+    places, fluxes, radii = [], [], []
     height, width = light.shape
     spread = np.sqrt(shape.at(uv)[:, [0, 2]].mean(axis=1)) if len(uv) else np.empty(0)
     for place, r, s in zip(uv, radius, spread, strict=True):
@@ -329,11 +329,15 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
         columns = np.arange(max(column - reach, 0), min(column + reach + 1, width))[None, :]
         part = light[rows, columns].astype(np.float64)
         window = part * np.exp(-0.5 * ((columns - place[0]) ** 2 + (rows - place[1]) ** 2) / (r + s) ** 2)
-        total = max(float(window.sum()), 1e-30)
-        places.append([place[0] + float((window * (columns - place[0])).sum()) / total,
-                       place[1] + float((window * (rows - place[1])).sum()) / total])  # fmt: skip
+        total = float(window.sum())
+        moved = np.array([(window * (columns - place[0])).sum(), (window * (rows - place[1])).sum()])
+        # Where a bright sky reaches the full scale, a core need not stand out of it, and is no star.
+        if not np.abs(moved).max() < total * (r + s):
+            continue
+        places.append(place + moved / total)
         fluxes.append(max(float(part.sum()), cores.level * np.pi * r * r))
-    return np.array(places).reshape(-1, 2), np.array(fluxes), np.hypot(0.1, 0.1 * radius)
+        radii.append(r)
+    return np.array(places).reshape(-1, 2), np.array(fluxes), np.hypot(0.1, 0.1 * np.array(radii))
 
 
 def as_positions(uv: ArrayLike) -> F8:

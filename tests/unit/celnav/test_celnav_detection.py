@@ -344,6 +344,18 @@ def test_a_saturated_star_may_stand_without_any_peak():
     assert without_flanks(np.empty((0, 2)), nothing, nothing, 5.0, shape, cores).shape == (0,)
 
 
+def test_full_scale_that_does_not_stand_out_of_the_sky_is_no_star():
+    """A bright corner of a meteor camera's frame reached 255 among fixed dark pixels: cores without light lay 1e31 px off."""
+    light = np.full((64, 64), -0.5, np.float32)
+    light[31, 32] = -20.0
+    add_star(light, 15.2, 40.1, 400.0, 1.2)
+    cores = Cores(np.array([[15.0, 40.0], [31.0, 31.0]]), np.array([1.5, 1.5]), 4.0)
+    shape = StarShape.constant(1.4, 0.0, 1.4, light.shape)
+    uv, flux, sigma = detection._saturated_stars(light, cores, shape, celnav.DetectionConfig())
+    assert uv == pytest.approx(np.array([[15.2, 40.1]]), abs=0.1)
+    assert len(flux) == len(sigma) == 1
+
+
 def test_a_shape_that_has_no_width_in_the_middle_is_searched_all_the_same():
     """A polynomial through few stars may be negative where there are none; a roof under a fisheye made one."""
     coefficients = np.zeros((6, 3))
