@@ -157,7 +157,7 @@ def _probe(
     longest : (n,) array
         Longest step, px, between two of `checks` evenly spaced shares of the exposure.
     """
-    probes, of_star = _probes(camera, middle)
+    probes, of_star = _probes(camera, middle, reach_px + FAR_PX)
     u, v = _tracks(camera, emitter, probes, FEW_SHARES)
     low, high = (np.stack([f.reduce(u, axis=1), f.reduce(v, axis=1)]) for f in (np.fmin, np.fmax))
     excursion, longest = np.zeros(len(probes)), np.zeros(len(probes))
@@ -171,14 +171,22 @@ def _probe(
     return SAFETY * excursion[of_star] + SLACK_PX, SAFETY * longest[of_star]
 
 
-def _probes(camera: NightSkyCamera, middle: Placed) -> tuple[Rows, NDArray[np.intp]]:
-    """The outermost star of each cell, where images move fastest, and the number of each star's probe among them."""
+def _probes(camera: NightSkyCamera, middle: Placed, counted_px: float) -> tuple[Rows, NDArray[np.intp]]:
+    """The outermost star of each cell, where images move fastest, and the number of each star's probe among them.
+
+    Cells on the rim hold all stars beyond. Those farther from the frame than `counted_px`, whose steps do not count, stand
+    for a cell only where it holds no other.
+    """
     columns, rows = (
         np.clip(np.nan_to_num(position) * (cells / size), 0, cells - 1).astype(np.intp)
         for position, size, cells in ((middle.u, camera.width, PROBES[0]), (middle.v, camera.height, PROBES[1]))
     )
     distance = np.hypot(middle.u - camera.width / 2, middle.v - camera.height / 2)
-    outermost = np.argsort(-np.nan_to_num(distance, nan=-1.0), kind="stable")
+    beyond = np.maximum(
+        np.abs(middle.u - camera.width / 2) - camera.width / 2, np.abs(middle.v - camera.height / 2) - camera.height / 2
+    )
+    distance = np.where(beyond < counted_px, distance, -distance)
+    outermost = np.argsort(-np.nan_to_num(distance, nan=-np.inf), kind="stable")
     _, first, cell = np.unique((rows * PROBES[0] + columns)[outermost], return_index=True, return_inverse=True)
     of_star = np.empty(len(distance), np.intp)
     of_star[outermost] = cell.ravel()
