@@ -74,7 +74,7 @@ def test_a_dataset_of_a_task_is_known(small_set) -> None:
     assert task_of(manifest) is None
     assert task_of(of_task(manifest, "bortle", "dev", stop=3)) is None
     found = task_of(of_task(manifest, "motion", "test"))
-    assert (found.task.label, found.split) == ("motion@1", "test")
+    assert (found.task.label, found.split) == ("motion@2", "test")
 
 
 def test_tasks_of_a_repository(tmp_path) -> None:
