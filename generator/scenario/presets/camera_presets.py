@@ -218,7 +218,7 @@ PRESETS: dict[str, CameraPreset] = {
             "pupil": "cosine",
             "aperture_mm": 4.2,
             "transmission": 0.72,
-            "psf_sigma_px": 0.9,
+            "psf_sigma_px": 0.8,
             "bloom": {"share": 0.2, "core_px": 4.0, "slope": 2.4},
         },
         sensor={
