@@ -19,7 +19,8 @@ REFUSAL_S = 0.5
 def calibration_s() -> float:
     """Processor time of a fixed loop of array operations like the solver's, the least of five, seconds.
 
-    Some 6 ms on a core of 2025, 25 ms on older ones. Times divided by it compare between machines, and between a busy hour and an idle one.
+    Some 6 ms on a core of 2025, 25 ms on older ones. Times divided by it compare between machines, and between a busy hour
+    and an idle one.
     """
     rng = np.random.default_rng(1)
     values = rng.random(20_000, dtype=np.float32) + 0.5
