@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shlex
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ def skybench_app() -> Any:
     return app
 
 
+@functools.cache
 def commands_that_exist() -> dict[str, Any]:
     """Every command of `skybench` by its words; groups are left out."""
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 
 from benchmark.stats.clustered import Resamples, percentile_interval
 from benchmark.stats.frame_metrics import column, sites, succeeded
@@ -143,6 +142,9 @@ def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8,
 def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
     """Least-squares fit of proportions that do not rise, for each row.
 
+    At each level the least, over first levels up to it, of the highest share of all blocks of levels from there that reach it
+    (Ayer et al. 1955, see :func:`break_point`).
+
     Parameters
     ----------
     hits, counts : ndarray, shape (k, n_levels)
@@ -152,14 +154,19 @@ def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
     fitted, counts : ndarray, shape (k, n_levels)
         Levels without frames take no part in the fit; they have count 0 and a fitted value of no meaning.
     """
-    fitted = np.full(hits.shape, math.nan)
-    for row, tested in zip(range(len(hits)), counts > 0, strict=True):
-        successes, frames = hits[row, tested], counts[row, tested]
-        if len(frames):
-            blocks = isotonic_regression(successes / frames, weights=frames, increasing=False).blocks
-            # From sums of whole numbers, so that a block whose share is one half has exactly that.
-            share = np.add.reduceat(successes, blocks[:-1]) / np.add.reduceat(frames, blocks[:-1])
-            fitted[row, tested] = np.repeat(share, np.diff(blocks))
+    tested = counts > 0
+    # From sums of whole numbers, so that a block whose share is one half has exactly that.
+    hits_before, counts_before = (np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0))) for each in (hits, counts))
+    fitted = np.full(hits.shape, math.inf)
+    for first in range(hits.shape[1]):
+        with np.errstate(invalid="ignore"):
+            share = (hits_before[:, first + 1 :] - hits_before[:, first, None]) / (
+                counts_before[:, first + 1 :] - counts_before[:, first, None]
+            )
+        share[np.isnan(share)] = -math.inf
+        highest = np.maximum.accumulate(share[:, ::-1], axis=1)[:, ::-1]
+        fitted[:, first:] = np.minimum(fitted[:, first:], np.where(tested[:, first, None], highest, math.inf))
+    fitted[~tested] = math.nan
     return fitted, counts
 
 

@@ -1,5 +1,6 @@
 """The README and the documents do what they say: code, commands, output."""
 
+import functools
 import io
 import json
 import re
@@ -281,6 +282,7 @@ def printed(line: str) -> str:
     return result.stdout
 
 
+@functools.cache
 def help_of(program: str, command: str) -> str:
     """What the help of a command prints."""
     code = f"import sys; from {program}.cli import main; sys.argv = ['x', {command!r}, '--help']; main()"

@@ -17,7 +17,9 @@ import pytest
 import yaml
 from PIL import Image
 from small_scenes import BASE
+from typer.testing import CliRunner, Result
 
+from benchmark.cli.app import app
 from generator.imu.table import IMU_SCHEMA
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +30,11 @@ def skybench(*arguments: str, **environment: str) -> subprocess.CompletedProcess
     code = "import sys; from benchmark.cli.app import main; sys.argv[0] = 'skybench'; main()"
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, capture_output=True, text=True, env=os.environ | environment, check=False, cwd=ROOT)
+
+
+def here(*arguments: str, **environment: str) -> Result:
+    """The same command in this process, where no second interpreter has to start."""
+    return CliRunner().invoke(app, list(arguments), env=environment, catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -148,8 +155,8 @@ def test_a_frame_can_be_made_again_alone(folder) -> None:
 
 def test_bad_scenario_is_one_line_and_exit_2(tmp_path) -> None:
     (tmp_path / "bad.yaml").write_text(yaml.safe_dump(SCENARIO | {"skyy": 1}))
-    run = skybench("render", str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "out"))
-    assert run.returncode == 2
+    run = here("render", str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "out"))
+    assert run.exit_code == 2
     assert run.stderr.count("\n") == 1
     assert "bad.yaml: skyy: unknown key" in run.stderr
     assert not (tmp_path / "out").exists()
@@ -157,8 +164,8 @@ def test_bad_scenario_is_one_line_and_exit_2(tmp_path) -> None:
 
 def test_folder_of_something_else_is_left_alone(folder, tmp_path) -> None:
     (tmp_path / "thesis.pdf").write_text("mine")
-    run = skybench("render", str(folder.parent / "scene.yaml"), "--out", str(tmp_path))
-    assert run.returncode == 2
+    run = here("render", str(folder.parent / "scene.yaml"), "--out", str(tmp_path))
+    assert run.exit_code == 2
     assert "thesis.pdf" in run.stderr
     assert (tmp_path / "thesis.pdf").read_text() == "mine"
 
@@ -166,8 +173,8 @@ def test_folder_of_something_else_is_left_alone(folder, tmp_path) -> None:
 def test_time_outside_the_earth_orientation_table(tmp_path) -> None:
     late = SCENARIO | {"time": {"utc_start": "1961-01-01T00:00:00Z", "exposure_s": 1.0}}
     (tmp_path / "late.yaml").write_text(yaml.safe_dump(late))
-    run = skybench("render", str(tmp_path / "late.yaml"), "--out", str(tmp_path / "out"))
-    assert run.returncode == 2
+    run = here("render", str(tmp_path / "late.yaml"), "--out", str(tmp_path / "out"))
+    assert run.exit_code == 2
     assert "Earth orientation table" in run.stderr
     assert "Traceback" not in run.stderr
 
@@ -277,11 +284,11 @@ def test_a_signal_says_that_the_same_command_continues(tmp_path, command, moment
 
 
 def test_doctor_is_content_here() -> None:
-    run = skybench("doctor", COLUMNS="160")
-    assert run.returncode == 0, run.stdout
+    run = here("doctor", COLUMNS="160")
+    assert run.exit_code == 0, run.stdout
     for word in ("Python", "variant", "LLVM", "GPU", "memory", "YBSC", "Hipparcos"):
         assert word in run.stdout
 
 
 def test_help_has_examples() -> None:
-    assert "skybench render 00_hello --out out/hello" in skybench("render", "--help", COLUMNS="200").stdout
+    assert "skybench render 00_hello --out out/hello" in here("render", "--help", COLUMNS="200").stdout

@@ -31,7 +31,7 @@ from benchmark.stats.power import minimum_detectable_difference
 FALSE_ALARM = 1e-4
 LIMIT = stats.norm.isf(FALSE_ALARM)
 SEED = 314159
-TRIALS = 1000
+TRIALS = 500
 RESAMPLES = 600
 
 
@@ -147,7 +147,7 @@ def test_expected_calibration_error(kind):
     fine = (np.arange(200_000) + 0.5) / 200_000
     gap = (CHANCES[kind](fine) - fine).reshape(10, -1).mean(axis=1)
     found, mean_gap = [], []
-    for _ in range(400):
+    for _ in range(200):
         frames = confident_frames(rng, 50, 5, CHANCES[kind])
         drawn = Resamples.of(frames["site"], RESAMPLES, int(rng.integers(2**31)))
         found.append(calibration_error(frames, drawn))
@@ -160,7 +160,7 @@ def test_expected_calibration_error(kind):
 def test_risk_coverage_area():
     rng = rng_for(7)
     # Accepted above c the risk is the mean of 1 - u over u in (c, 1), which is (1 - c)/2; its mean over c is 1/4.
-    found = [risk_coverage(confident_frames(rng, 40, 4, CHANCES["calibrated"])).area for _ in range(300)]
+    found = [risk_coverage(confident_frames(rng, 40, 4, CHANCES["calibrated"])).area for _ in range(150)]
     assert_covers(found, 0.25)
 
 
@@ -232,7 +232,7 @@ def test_rank_intervals_hold_together():
     shifts = np.array([0.9, 0.0, 0.0, -0.9])
     true_ranks = [1, 2, 2, 4]  # a tie shares the better rank, and its interval must reach both
     held = separated = 0
-    trials = 80
+    trials = 50
     for _ in range(trials):
         right = equal_solvers(rng, 60, 2, 4, shifts)
         tables = {f"s{i}": frame_table(site, right[i]) for i in range(4)}

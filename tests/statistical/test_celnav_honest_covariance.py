@@ -109,7 +109,7 @@ def test_the_field_that_was_put_in_is_found():
 def test_a_calibration_s_uncertainty_enters():
     """Lenses drawn from the covariance that the solver is told, the attitude known apart from the lens.
 
-    The mean of 40 fields lies between 1.1 and 3.1 with probability 0.997; without the covariance it is 12.
+    The mean of 20 fields lies between 0.9 and 3.6 with probability 0.997; without the covariance it is 12.
     """
     true, size = np.array([330.0, 612.0, 441.0, -0.012, 0.004, -0.003]), (1200, 900)
     names = ("f_px", "cx_px", "cy_px", "k1", "k2", "k3")
@@ -119,7 +119,7 @@ def test_a_calibration_s_uncertainty_enters():
     utc = "2021-08-05T05:30:00+00:00"
     enu, v_mag = apparent_stars(utc, 5.0)
     told, exact = [], []
-    for number in range(40):
+    for number in range(20):
         rng = np.random.default_rng([number, 8])
         drawn = rng.multivariate_normal(np.zeros(6), cov)
         R_cam = rotation_of(rng.normal(0, 0.06, 3)) @ np.diag([-1.0, -1.0, 1.0])
@@ -140,7 +140,7 @@ def test_a_calibration_s_uncertainty_enters():
             fix = celnav.solve(frame.detections, camera, utc, celnav.Attitude.up(R_cam[:, 2]), solver)
             squares.append(squared_error(fix, LAT_DEG, LON_DEG))
     assert np.mean(exact) > 8
-    assert 1.1 < np.mean(told) < 3.1
+    assert 0.9 < np.mean(told) < 3.6
 
 
 def refracted(field, camera, part):

@@ -62,10 +62,10 @@ def test_deep_tables_continue_the_others():
 def test_a_detection_has_one_name_and_a_star_one_detection():
     """Noise of three pixels mixes the stars of doubles."""
     condition, named = Condition("noisy", 15, 6.0, noise_px=3.0), 0
-    for number in range(60):
+    for number in range(20):
         field = make_field(condition, SEED, number)
         fix = celnav.solve(field.uv, camera_of(condition), field.utc, attitude_of(condition, field), flux=field.flux)
         for column in fix.matches.T:
             assert len(np.unique(column)) == len(column)
         named += len(fix.matches)
-    assert named > 500
+    assert named > 170

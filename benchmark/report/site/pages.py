@@ -302,11 +302,18 @@ def _success_panel(board: Board, entry: Entry, style: Style) -> Markup:
     return charts.success_curve(entry.label, style, entry.levels, others, board.task)
 
 
-def _thinned(curve: RiskCoverage, most: int = 30) -> list[tuple[float, float]]:
-    """Points of the curve, the last fix and the last frame among them."""
+def _thinned(curve: RiskCoverage, most: int = 20) -> list[tuple[float, float]]:
+    """Points of the curve, the last fix and the last frame among them; of level parts their ends."""
     n = len(curve.coverage)
-    kept = sorted({*range(0, n, max(1, n // most)), *({curve.n_fixes - 1, n - 1} - {-1})})
-    return [(float(curve.coverage[place]), float(curve.risk[place])) for place in kept]
+    ends = {curve.n_fixes - 1, n - 1} - {-1}
+    kept = sorted({*range(0, n, max(1, n // most)), *ends})
+    risk = curve.risk
+    turns = [
+        place
+        for before, place, after in zip([None, *kept], kept, [*kept[1:], None], strict=False)
+        if place in ends or before is None or after is None or not risk[before] == risk[place] == risk[after]
+    ]
+    return [(float(curve.coverage[place]), float(risk[place])) for place in turns]
 
 
 def _differences(board: Board) -> list[dict[str, Any]]:

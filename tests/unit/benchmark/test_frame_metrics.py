@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import isotonic_regression
 
 from benchmark.errors import ResultsError
 from benchmark.stats.break_point import break_point, crossing, discrimination, isotonic
@@ -391,6 +392,22 @@ def test_the_sample_size_of_a_paired_study():
     assert design_effect([1, 1, 1, -1, 0], ["x", "x", "y", "z", "z"]) == pytest.approx((4 + 1 + 1) / 4)
     tables = two([1] * 70 + [0] * 30, [1] * 50 + [0] * 30 + [1] * 20)
     assert detectable(compare(tables)) == pytest.approx(minimum_detectable_difference(100, 0.4))
+
+
+@pytest.mark.parametrize("levels", [1, 2, 7])
+def test_isotonic_regression_is_that_of_scipy(levels):
+    """To the last bit, which decides whether a share is one half; levels without frames are left out."""
+    rng = np.random.default_rng(levels)
+    counts = rng.integers(0, 9, (300, levels)) * rng.integers(0, 2, (300, levels)).astype(float)
+    hits = np.floor(rng.uniform(size=counts.shape) * (counts + 1))
+    fitted, _ = isotonic(hits, counts)
+    for row, tested in enumerate(counts > 0):
+        successes, frames = hits[row, tested], counts[row, tested]
+        if not len(frames):
+            continue
+        first = isotonic_regression(successes / frames, weights=frames, increasing=False).blocks
+        share = np.add.reduceat(successes, first[:-1]) / np.add.reduceat(frames, first[:-1])
+        np.testing.assert_array_equal(fitted[row, tested], np.repeat(share, np.diff(first)))
 
 
 def test_isotonic_regression_by_hand():
