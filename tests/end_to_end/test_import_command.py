@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from photograph_files import standin, write_camera, write_ff, write_fits
 from typer.testing import CliRunner
 
@@ -18,6 +19,8 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output if result.exit_code else result.stdout
 
 
+# A chain of five commands.
+@pytest.mark.journey
 def test_photographs_are_imported_verified_solved_reported_and_shown(tmp_path: Path) -> None:
     photos, camera = tmp_path / "photos", write_camera(tmp_path / "camera.json")
     photos.mkdir()

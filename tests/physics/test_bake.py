@@ -89,6 +89,8 @@ def test_a_city_s_multiply_scattered_light_is_mitsuba_s() -> None:
     np.testing.assert_allclose(ours, mean, rtol=0.04)
 
 
+# Makes parts of the shipped maps again.
+@pytest.mark.journey
 @pytest.mark.parametrize(("task", "index"), [("moon", (1, 3, 5)), ("city", (1, 6, 9))])
 def test_shipped_maps_are_what_the_bake_makes(task, index) -> None:
     """One piece of the random walks again: bit for bit what the map was made from."""

@@ -27,18 +27,18 @@ def lit(u: float = 500.0, v: float = 500.0, electrons: float = LIGHT, seed: int 
 
 
 def test_the_light_is_what_the_law_gives_on_average() -> None:
-    """Mean over 8 domes of 20,000 scratches: per area, by the angle from the source, and nothing outside the image circle.
+    """Mean over 4 domes of 20,000 scratches: per area, by the angle from the source, and nothing outside the image circle.
 
-    A ring holds some 3,000 lit streaks of exponential strength; five standard errors are 15 %, a false alarm of 1e-6.
+    A ring holds some 1,500 lit streaks of exponential strength; five standard errors are 21 %, a false alarm of 1e-6.
     """
-    picture = np.mean([lit(number=20_000, seed=seed) for seed in range(8)], axis=0)
+    picture = np.mean([lit(number=20_000, seed=seed) for seed in range(4)], axis=0)
     radius = np.hypot(np.arange(1000) - 499.5, (np.arange(1000) - 499.5)[:, None])
     for inner, outer in ((60, 120), (120, 220), (220, 420)):
         here = (radius >= inner) & (radius < outer)
         shining = math.radians(25.0) * math.sqrt(2 * math.pi) / (2 * math.pi)
         fall = (1 + (radius[here] / 337.0 / math.radians(25.0)) ** 2) ** -2
         wanted = 20_000 / 1000**2 * shining * 1.4e-5 * LIGHT * fall.mean()
-        assert picture[here].mean() == pytest.approx(wanted, rel=0.15)
+        assert picture[here].mean() == pytest.approx(wanted, rel=0.21)
     assert picture[radius > 545].max() == 0
 
 

@@ -180,6 +180,8 @@ def test_walks_hold_the_light_scattered_twice() -> None:
             assert mean[view, k, 0] == pytest.approx(twice, rel=4 * relative + 0.02), (altitude, k)
 
 
+# Makes a part of the shipped walks again.
+@pytest.mark.journey
 def test_shipped_walks_are_what_the_bake_makes() -> None:
     """One piece of the random walks again: bit for bit what the map was made from."""
     index = (0, 1, 3, 8)
