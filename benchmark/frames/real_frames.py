@@ -56,6 +56,8 @@ def make_real_frames(
     files = [sources_folder(task, choice.data) / source.file for source in definition.sources]
     try:
         told = read_told(task.camera_file)
+        if definition.attitude == "night":
+            told = told.for_another_night()
         import_photographs(
             Import(definition.name, files, task.place, told), folder / UNPACKED, True, lambda made: progress(1)
         )

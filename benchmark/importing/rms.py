@@ -88,7 +88,7 @@ def calibrate_night(folder: Path, place: Place) -> ToldCamera:
         found = celnav.calibrate(chosen, place.latitude_deg, place.longitude_deg, height_m=place.height_m)
     except celnav.CelnavError as error:
         raise PhotographError(f"{path}: {error}; give --camera") from error
-    return ToldCamera(found.camera, found.mount.R_cam, found.mount.tilt_sigma_deg, found.mount.heading_sigma_deg)
+    return ToldCamera.calibrated(found)
 
 
 def _place_of_config(path: Path) -> Place | None:

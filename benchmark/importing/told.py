@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 import celnav
 from benchmark.errors import PhotographError
+from celnav.calibrating.mount_times import AttitudeInTime, attitude_at, read_measured
 from celnav.command.attitude_option import read_attitude
 from celnav.command.camera_file import read_camera_file
+from celnav.sky.utc import parse_utc
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +29,39 @@ class ToldCamera:
         ENU to camera.
     tilt_sigma_deg, heading_sigma_deg : float
         Standard deviations of the attitude; an infinite one: the heading is not known.
+    measured : tuple of AttitudeInTime
+        Attitudes of the calibration's frames, by which that of other frames of the same night is better known; none where
+        one attitude is told whatever the time.
     """
 
     camera: celnav.Camera
     R_cam: NDArray[np.float64]
     tilt_sigma_deg: float
     heading_sigma_deg: float
+    measured: tuple[AttitudeInTime, ...] = ()
+
+    @classmethod
+    def calibrated(cls, found: celnav.CameraCalibration) -> ToldCamera:
+        """What a calibration says, for any time."""
+        mount = found.mount
+        return cls(
+            found.camera, mount.R_cam, mount.tilt_sigma_deg, mount.heading_sigma_deg, tuple(found.attitudes_in_time)
+        )
+
+    def at(self, utc_mid: str) -> ToldCamera:
+        """What is told of a photograph: the attitude predicted for its time."""
+        if not self.measured:
+            return self
+        known = attitude_at(self.measured, parse_utc(utc_mid), self._for_another_night)
+        return told_by(self.camera, known)
+
+    def for_another_night(self) -> ToldCamera:
+        """The same with one attitude for all times."""
+        return replace(self, measured=())
+
+    @property
+    def _for_another_night(self) -> celnav.Attitude:
+        return celnav.Attitude.with_sigma(self.R_cam, tilt_deg=self.tilt_sigma_deg, heading_deg=self.heading_sigma_deg)
 
     @property
     def sigma_px(self) -> float:
@@ -46,6 +75,10 @@ class ToldCamera:
             "R_cam": np.asarray(self.R_cam).tolist(),
             "tilt_sigma_deg": self.tilt_sigma_deg,
             "heading_sigma_deg": None if math.isinf(self.heading_sigma_deg) else self.heading_sigma_deg,
+            "measured": [
+                [np.asarray(one.R_cam).tolist(), one.tilt_sigma_deg, one.heading_sigma_deg, list(one.mjd)]
+                for one in self.measured
+            ],
         }
 
 
@@ -60,12 +93,14 @@ def read_told(camera_file: Path, attitude: str | None = None) -> ToldCamera:
     try:
         camera = read_camera_file(camera_file).camera
         known = celnav.Attitude.from_json(camera_file) if attitude is None else read_attitude(attitude)
+        source = camera_file if attitude is None else Path(attitude)
+        measured = read_measured(source) if source.is_file() else ()
     except celnav.CelnavError as error:
         hint = "; give --attitude, or make the file by `celnav calibrate`, which finds it" if attitude is None else ""
         raise PhotographError(f"{error}{hint}") from error
     if known is None:
         raise PhotographError("--attitude unknown: a position needs the vertical; give at least an altitude and a roll")
-    return told_by(camera, known)
+    return replace(told_by(camera, known), measured=measured)
 
 
 def told_by(camera: celnav.Camera, known: celnav.Attitude) -> ToldCamera:

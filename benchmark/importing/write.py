@@ -30,7 +30,7 @@ from generator.frame.verify import problems
 from generator.reading.record import FORMAT
 from generator.stored_files import stored_file
 
-IMPORT_FORMAT = 1
+IMPORT_FORMAT = 2
 """Rises with every change of what an import makes of the same files."""
 
 
@@ -140,10 +140,11 @@ def _import_one(
         sky = known_sky(given.place, photograph.utc_mid, photograph.exposure_s)
     except PhotographError as error:
         raise PhotographError(f"{path}: {error}") from error
-    pointing = find_pointing(photograph.pixels, given.told, sky)
+    told = given.told.at(photograph.utc_mid)
+    pointing = find_pointing(photograph.pixels, told, sky)
     name = frame_id(index)
     rows = star_rows(photograph.pixels, camera, pointing, sky, (index, name), photograph.bits, given.gain_e_per_dn)
-    record = _record(given, photograph, sky, pointing, rows) | {
+    record = _record(given, told, photograph, sky, pointing, rows) | {
         "frame_id": name,
         "index": index,
         "scenario": {"name": given.name, "sha256": identity, "seed": 0},
@@ -157,9 +158,11 @@ def _import_one(
     return made, rows, [f"{name}.png", f"{name}.json"]
 
 
-def _record(given: Import, photograph: Photograph, sky: KnownSky, pointing: Pointing, rows: pa.Table) -> dict[str, Any]:
+def _record(
+    given: Import, told: ToldCamera, photograph: Photograph, sky: KnownSky, pointing: Pointing, rows: pa.Table
+) -> dict[str, Any]:
     """The frame record (docs/dataset_format.md); null is what nobody knows of a photograph."""
-    place, told, state = given.place, given.told, sky.state
+    place, state = given.place, sky.state
     camera = camera_object(told.camera)
     unknown = dict.fromkeys
     return {

@@ -65,6 +65,8 @@ class RealTaskDefinition(Strict):
     camera: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.camera\.json$")]
     """File beside this one: what solvers are told."""
     calibrated_on: str
+    attitude: Literal["night", "time"] = "night"
+    """What is told of the mount: its attitude for another night, or predicted for the time of each photograph."""
     site: Site
     condition: Condition
     address: Annotated[str, Field(pattern=r"^https://[!-~]+/$")] | None = None
@@ -152,7 +154,8 @@ def load_real_task(name: str) -> RealTask:
     # Where photographs are fetched from does not change them.
     kept = {key: value for key, value in tree.items() if key not in ("address", "origin", "credit")}
     kept["sources"] = [{key: each[key] for key in each if key != "address"} for each in tree["sources"]]
-    meaning = json.dumps([kept, {key: told[key] for key in ("camera", "attitude")}], sort_keys=True)
+    keys = ("camera", "attitude") if definition.attitude == "night" else ("camera", "attitude", "calibration")
+    meaning = json.dumps([kept, {key: told[key] for key in keys}], sort_keys=True)
     return RealTask(definition, camera_file, hashlib.sha256(meaning.encode()).hexdigest())
 
 

@@ -138,19 +138,23 @@ class CameraCalibration:
         mount = self.mount
         return Attitude.with_sigma(mount.R_cam, tilt_deg=mount.tilt_sigma_deg, heading_deg=mount.heading_sigma_deg)
 
-    def attitude_at(self, utc: str | datetime | Utc) -> Attitude:
-        """The mount's attitude at a time: beside the calibration's frames better known than for another night."""
+    @cached_property
+    def attitudes_in_time(self) -> tuple[AttitudeInTime, ...]:
+        """The attitudes that were fitted, each with the times of its frames."""
         times: dict[int, list[FrameAttitude]] = {}
         for one in self.attitudes:
             group = next(g for g, rotation in enumerate(self.R_by_group) if np.array_equal(rotation, one.R_cam))
             times.setdefault(group, []).append(one)
-        measured = [
+        return tuple(
             AttitudeInTime(
                 group[0].R_cam, group[0].tilt_sigma_deg, group[0].heading_sigma_deg, tuple(one.utc.mjd for one in group)
             )
             for group in times.values()
-        ]
-        return attitude_at(measured, parse_utc(utc), self.attitude)
+        )
+
+    def attitude_at(self, utc: str | datetime | Utc) -> Attitude:
+        """The mount's attitude at a time: beside the calibration's frames better known than for another night."""
+        return attitude_at(self.attitudes_in_time, parse_utc(utc), self.attitude)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the calibration as JSON can hold it; `celnav solve` reads its camera and its attitude."""

@@ -109,11 +109,22 @@ def read_attitude_at(path: str | Path, utc: Utc) -> Attitude:
         When the file holds no attitude, or a frame's is malformed.
     """
     there = Attitude.from_json(path)
+    return attitude_at(read_measured(path), utc, there)
+
+
+def read_measured(path: str | Path) -> tuple[AttitudeInTime, ...]:
+    """Read the attitudes of a calibration's frames from a JSON file that holds an attitude; none of any other file.
+
+    Raises
+    ------
+    AttitudeError
+        When a frame's is malformed.
+    """
     record = json.loads(Path(path).read_text(encoding="utf-8"))
     calibration = record.get("calibration") if isinstance(record, dict) else None
     frames = calibration.get("frames") if isinstance(calibration, dict) else None
     if not isinstance(frames, list) or len(frames) > MOST_FRAMES:
-        return there
+        return ()
     by_attitude: dict[Attitude, list[float]] = {}
     for number, frame in enumerate(frames):
         what = f"attitude file {path}: calibration frame {number}"
@@ -126,7 +137,6 @@ def read_attitude_at(path: str | Path, utc: Utc) -> Attitude:
         known = Attitude.with_sigma(frame["R_cam"], tilt_deg=tilt, heading_deg=heading)
         mjd = finite_number(frame.get("utc_mjd"), f"{what}: utc_mjd", AttitudeError)
         by_attitude.setdefault(known, []).append(mjd)
-    measured = [
+    return tuple(
         AttitudeInTime(known.R_cam, known.tilt_deg, known.heading_deg, tuple(mjd)) for known, mjd in by_attitude.items()
-    ]
-    return attitude_at(measured, utc, there)
+    )

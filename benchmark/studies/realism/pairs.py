@@ -123,7 +123,7 @@ def _calibrated(path: Path, place: Place) -> ToldCamera:
         )
     except celnav.CelnavError as error:
         raise PhotographError(f"{path}: cannot be calibrated on ({error})") from error
-    return ToldCamera(found.camera, found.mount.R_cam, found.mount.tilt_sigma_deg, found.mount.heading_sigma_deg)
+    return ToldCamera.calibrated(found)
 
 
 def _twin(scene: Scene, path: Path, work: Path) -> tuple[Path, dict[str, Any]]:

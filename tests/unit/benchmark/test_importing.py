@@ -44,6 +44,7 @@ from benchmark.importing.write import Import, import_photographs
 from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.geodesy import geodesic_km
 from benchmark.judge.star_id import score_matches
+from celnav.sky.utc import parse_utc
 from generator.errors import GeneratorError
 from generator.frame.record import STAR_SCHEMA
 from generator.frame.verify import problems
@@ -286,6 +287,27 @@ def test_a_camera_without_attitude_has_a_remedy(tmp_path: Path) -> None:
     assert read_told(path, "zenith-north-up").R_cam.tolist() == np.array(MOUNT.rows).tolist()
     with pytest.raises(PhotographError, match="vertical"):
         read_told(path, "unknown")
+
+
+def test_the_attitude_told_is_that_for_the_time_of_the_photograph(tmp_path: Path) -> None:
+    turned = Rotation.from_euler("x", 0.03, degrees=True).as_matrix() @ R_MOUNT
+    camera = write_camera(tmp_path / "camera.json")
+    record = json.loads(camera.read_text())
+    record["attitude"] |= {"tilt_sigma_deg": 0.05, "heading_sigma_deg": 0.05}
+    frame = {"R_cam": turned.tolist(), "tilt_sigma_deg": 0.001, "heading_sigma_deg": 0.001}
+    record["calibration"] = {"frames": [frame | {"utc_mjd": parse_utc(UTC_MID).mjd - 10 / 1440}]}
+    camera.write_text(json.dumps(record))
+    told = read_told(camera)
+    assert angle_deg(told.R_cam, R_MOUNT) < 1e-6
+    soon, later = told.at(UTC_MID), told.at("2030-01-01T00:00:00Z")
+    assert angle_deg(soon.R_cam, turned) < 1e-6
+    assert 0.001 < soon.tilt_sigma_deg < 0.012
+    assert (angle_deg(later.R_cam, R_MOUNT) < 1e-6, later.tilt_sigma_deg) == (True, 0.05)
+    assert told.for_another_night().at(UTC_MID).tilt_sigma_deg == 0.05
+    import_photographs(Import("night", [write_fits(tmp_path / "a.fits")], PLACE, told), tmp_path / "out")
+    (observed,) = open_dataset(tmp_path / "out").frames
+    assert observed.observation.tilt_sigma_deg == pytest.approx(soon.tilt_sigma_deg)
+    assert angle_deg(observed.observation.R_cam, turned) < 1e-6
 
 
 NIGHT = "FF_XX0001_20200115_195954_880_0000000.fits"  # 256 frames at 25 a second: its middle is at 20:00:00

@@ -27,7 +27,7 @@ from benchmark.tasks.definition import task_names
 
 FROZEN = {
     "allsky-real@1": "09fa5f97e78a3177a907f812564b3bc1ae43fa13f073853ec9e432b272668097",
-    "meteor-real@1": "1cd589e979a22b72ca2122b587c030b4f14b318246ce307941e5d109298855d4",
+    "meteor-real@2": "899810405393702c73291e3425788fc2ed3c8a3b2f640552441d056488e46078",
 }
 SHIPPED = Path(__file__).parents[2] / "data" / "allsky"
 
