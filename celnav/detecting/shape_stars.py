@@ -21,8 +21,8 @@ _AROUND_PX, _EACH = 56.0, 2
 _BRIGHT, _ALONE_PX = 20.0, 6.0
 # Maxima that are considered at most, and fewest of which a shape is believed.
 _MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 12
-# Of the ring around a star where its light has gone.
-_RING_PX, _RING_PLACES = 8.0, 40
+# Of the ring around a star where its light has gone; how often the light there scatters goes into a star's peak, at least.
+_RING_PX, _RING_PLACES, _OVER_RING = 8.0, 40, 6.0
 # Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
 _LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
 # Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
@@ -62,22 +62,37 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
     uv, value = uv[alone], value[alone]
     if len(uv) < _FEWEST_MAXIMA:
         return None
+    # Trees, walls and edges of clouds scatter around their own maxima; stars, streaks and tracks stand by themselves.
+    level, scatter = _ring_around(light, uv)
+    single = value - level > _OVER_RING * scatter
+    uv, value, level = uv[single], value[single], level[single]
+    if len(uv) < _FEWEST_MAXIMA:
+        return None
     chosen = _brightest_around(uv, value.astype(np.float64))[:_STARS]
     if np.mean(_elongation(light, uv[chosen]) > _LONG) > _MOST_LONG:
         return None
     begun = np.tile([1.0, 0.0, 1.0], (len(chosen), 1))
-    covariance = adaptive_moments(light, uv[chosen], begun, _LARGEST_COMPACT, level=_level_around(light, uv[chosen]))
+    covariance = adaptive_moments(light, uv[chosen], begun, _LARGEST_COMPACT, level=level[chosen])
     return fit_shape(covariance, uv[chosen], (light.shape[0], light.shape[1]))
 
 
-def _level_around(light: F4, uv: F8) -> F8:
-    """Median light on a ring around places, shape (n, 2): what tiles leave of clouds and glare would widen stars."""
+def _ring_around(light: F4, uv: F8) -> tuple[F8, F8]:
+    """Level and scatter of the light on a ring around places, shape (n, 2), by median and median deviation, shapes (n,).
+
+    What tiles leave of clouds and glare is in the level: it would widen stars.
+    """
     turn = np.linspace(0, 2 * np.pi, _RING_PLACES, endpoint=False)
     columns = np.rint(uv[:, :1] + _RING_PX * np.cos(turn)).astype(np.intp)
     rows = np.rint(uv[:, 1:] + _RING_PX * np.sin(turn)).astype(np.intp)
     height, width = light.shape
-    ring = np.sort(light[rows.clip(0, height - 1), columns.clip(0, width - 1)], axis=1)
-    return (ring[:, (_RING_PLACES - 1) // 2] + ring[:, _RING_PLACES // 2]).astype(np.float64) / 2
+    ring = np.sort(light[rows.clip(0, height - 1), columns.clip(0, width - 1)].astype(np.float64), axis=1)
+    level = _middle_of(ring)
+    return level, 1.4826 * _middle_of(np.sort(np.abs(ring - level[:, None]), axis=1))
+
+
+def _middle_of(ordered: F8) -> F8:
+    """Medians of ordered rows, shape (n, _RING_PLACES)."""
+    return np.asarray((ordered[:, (_RING_PLACES - 1) // 2] + ordered[:, _RING_PLACES // 2]) / 2)
 
 
 def _elongation(light: F4, uv: F8) -> F8:

@@ -35,6 +35,8 @@ _AGREEMENT, _LEAST_AGREEING, _LEAST_SHARE = 0.2, 4, 0.15
 # A shape that varies starts from those within so many times the agreement, and has to leave so much less scatter: a part
 # where one filter serves it all the same, or half.
 _LOOSE, _MILD, _STRONG = 3.0, 0.8, 0.5
+# Of the six coefficients of a shape that varies mildly each is known from as many stars.
+_FEWEST_OF_MILD = 36
 # Standard deviation of the weights of a mean shift, as a part of the size; its steps.
 _RANGE, _STEPS = 0.15, 20
 
@@ -247,10 +249,13 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
             best, alike = StarShape(coefficients, size), near
     if best is None or not _enough(alike):
         return fixed
+    mild = best.filter_sigma_px is not None
+    if mild and len(uv) < _FEWEST_OF_MILD:
+        return fixed
     both = alike | agreeing
     rest: F8 = np.abs(covariance - middle).sum(axis=1)[both]
     residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
-    least = _MILD if best.filter_sigma_px is not None else _STRONG
+    least = _MILD if mild else _STRONG
     return best if median(residual) < least * median(rest) else fixed
 
 

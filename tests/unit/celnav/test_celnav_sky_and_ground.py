@@ -9,6 +9,8 @@ from star_images import add_star, grid, nearest
 
 import celnav
 from celnav.detecting.fits_file import read_fits
+from celnav.detecting.shape_stars import shape_of_bright
+from celnav.detecting.star_candidates import Cores
 from celnav.errors import ImageError
 
 ALLSKY = Path(__file__).parents[2] / "data/allsky"
@@ -82,12 +84,12 @@ def test_sharp_stars_of_a_photograph_are_found(night):
     assert inside(celnav.detect(night[0])) > 1500
 
 
-def stars_on(image, rng, lights=(4000, 40_000), margin=16, where=None):
+def stars_on(image, rng, lights=(4000, 40_000), margin=16, where=None, sigma_px=1.0):
     """Add a star to every cell of a grid, and return the places."""
     truth = grid(rng, image.shape, step=30, margin=margin)
     truth = truth if where is None else truth[where(truth)]
     for (u, v), light in zip(truth, rng.permutation(np.geomspace(*lights, len(truth))), strict=True):
-        add_star(image, u, v, light)
+        add_star(image, u, v, light, sigma_px)
     return truth
 
 
@@ -123,6 +125,21 @@ def test_trees_and_walls_are_no_stars():
     found = celnav.detect(np.clip(rng.poisson(np.maximum(image, 1)), 0, 65535).astype(np.uint16))
     assert np.mean(nearest(found, truth)[0] < 1) > 0.97
     assert np.sum(found.uv[:, 1] > 196) < 0.1 * len(truth)
+
+
+@pytest.mark.parametrize("brightness", [300, 3000, 30_000])
+def test_a_bright_fence_does_not_hide_the_shape_of_the_stars(brightness):
+    """Maxima of its slats are long and outnumber the 75 stars: these tell the shape, 0.6 px and the pixel's own width."""
+    rng = np.random.default_rng(9)
+    light = np.zeros(SIZE)
+    stars_on(light, rng, where=lambda uv: uv[:, 1] < 150, sigma_px=0.6)
+    light[170:] += brightness * np.abs(np.sin(np.arange(SIZE[1]) * np.pi / 9)) ** 4
+    light += rng.normal(0, 20, SIZE)
+    noise = np.full(SIZE, 20, dtype=np.float32)
+    shape = shape_of_bright(light.astype(np.float32), noise, Cores(np.empty((0, 2)), np.empty(0), np.inf))
+    assert shape is not None
+    variance = 0.6**2 + 1 / 12
+    assert np.abs(shape.at(np.array([[240.0, 80.0]]))[0] - [variance, 0, variance]).max() < 0.05
 
 
 def fixed_camera(rng, frames=6, turned=True):
