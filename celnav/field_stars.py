@@ -30,6 +30,8 @@ F8 = NDArray[np.float64]
 MOST_PAIRS = 30_000
 # Fewest stars in the field for which fainter ones are left out.
 FEWEST_STARS = 200
+# Stars so faint that fewer of them, in multiples of chance, have a detection are left out: one in eight would be false.
+_OVER_CHANCE = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +70,8 @@ def visible_stars(
 
     Returns
     -------
-    The stars, their directions in the terrestrial frame (n, 3), the estimated limiting magnitude, and the pairs of
-    detections and stars that may belong together.
+    The stars, their directions in the terrestrial frame (n, 3), the magnitude that parts seen from unseen ones, and the
+    pairs of detections and stars that may belong together.
     """
     camera = problem.observation.camera
     catalog = load_catalog()
@@ -146,19 +148,20 @@ def _inside(camera: Camera, log_f: float, ideal: F8, margin_px: float) -> NDArra
 
 
 def _depth(seen: NDArray[np.bool_], v_mag: F8, chance: float) -> tuple[int, float]:
-    """Return how many of the stars, brightest first, the frame shows, and the magnitude where it stops.
+    """Return how many of the stars, brightest first, to look for, and the magnitude that parts seen from unseen stars.
 
-    The number that maximises the sum of what each star adds: a star that is seen adds as much as it is unlikely by
-    chance, one that is not takes away half of what bright stars add on average.
+    That magnitude maximises the sum of what each star adds: a star that is seen adds as much as it is unlikely by
+    chance, one that is not takes away half of what bright stars add on average. Clouds with gaps hide bright stars and show
+    fainter ones: stars are looked for as deep as most of those seen are no chance.
     """
     if not len(seen):
         return 0, math.nan
     bright = seen[: max(20, len(seen) // 8)]
     share = max((float(bright.mean()) - chance) / max(1 - chance, 1e-3), 0.05)
     expected = chance + 0.5 * share * (1 - chance)
-    gain = np.cumsum(seen - expected)
-    n = int(np.argmax(gain)) + 1
-    return n, float(v_mag[n - 1])
+    limit = int(np.argmax(np.cumsum(seen - expected)))
+    number = int(np.argmax(np.cumsum(seen - min(expected, _OVER_CHANCE * chance)))) + 1
+    return max(number, limit + 1), float(v_mag[limit])
 
 
 def describe(

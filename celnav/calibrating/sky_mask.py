@@ -19,12 +19,16 @@ F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_FRAMES = 3
-_TILE_PX = 32
+_TILE_PX, _STEP_PX = 32, 8
 # A pixel is hot or dead where it differs by so many sigma from the four beside it in this part of the frames.
 _HOT_SIGMA, _HOT_SHARE = 5.0, 0.7
 # Structure stands still where the mean of 3 x 3 pixels differs from the background by so many of its own sigma, to the same
 # side, in this part of the frames; and by so much of a pixel's.
 _STILL_SIGMA, _LEAST_STILL, _STILL_SHARE, _STILL_PX = 2.5, 1.5, 0.7, 1.5
+# Ground is darker than the sky within a tile and a half: by this part of what the frame's darkest places are below it, and by
+# so many sigma of a pixel. It pulls the background down by that part of it. Sky are tiles with so many moving detections,
+# as a part of the usual number.
+_DARK, _DARK_SIGMA, _PULLED, _STARRY = 0.35, 5.0, 0.1, 0.25
 # A detection moves where fewer than this part of the other frames show one at its place; a sky that turned has so many.
 _STANDING_SHARE, _LEAST_MOVING = 0.5, 0.2
 # Sky is where moving detections are: within a disk that holds so many on average, this part of the median, and two at least.
@@ -77,7 +81,7 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
         raise ImageError(
             "most detections stand still in these frames: a mask is learnt from frames between which the sky turned"
         )
-    still = _standing(images)
+    still = _standing(images, _starry(moving, (size[0], size[1])))
     least = len(images)
     mask = still.hot >= np.ceil(_HOT_SHARE * least)
     structure = _dilated(np.maximum(still.above, still.below) >= np.ceil(_STILL_SHARE * least))
@@ -106,8 +110,23 @@ def _moving(found: list[Detections]) -> F8:
     return np.concatenate(result)
 
 
-def _standing(images: list[F4]) -> _Still:
-    """Count in how many frames each pixel stands out by itself, and its surroundings above or below the background."""
+def _starry(moving: F8, size: tuple[int, int]) -> Mask:
+    """Where tiles hold as many moving detections, shape (n, 2), as sky does: at every `_STEP_PX`-th pixel."""
+    shape = tuple(-(-side // _TILE_PX) for side in size)
+    at = np.clip(np.rint(moving[:, ::-1]) // _TILE_PX, 0, np.array(shape) - 1).astype(np.intp)
+    count = np.zeros(shape)
+    np.add.at(count, (at[:, 0], at[:, 1]), 1)
+    typical = np.median(count[count > 0]) if len(moving) else 0.0
+    repeat = _TILE_PX // _STEP_PX
+    starry = (count >= max(2.0, _STARRY * typical)).repeat(repeat, axis=0).repeat(repeat, axis=1)
+    return np.asarray(starry[: -(-size[0] // _STEP_PX), : -(-size[1] // _STEP_PX)])
+
+
+def _standing(images: list[F4], starry: Mask) -> _Still:
+    """Count in how many frames each pixel stands out by itself, and its surroundings above or below the background.
+
+    `starry` tells where, at every `_STEP_PX`-th pixel, stars come and go.
+    """
     from scipy import ndimage
 
     size = images[0].shape
@@ -129,9 +148,30 @@ def _standing(images: list[F4]) -> _Still:
         mean = ndimage.uniform_filter(np.clip(relative, -5, 5), 3, mode="nearest")
         # Of the quieter part of the frame, in units of the differences of neighbours, which noise that is correlated exceeds.
         scatter = 1.4826 * float(np.percentile(np.median(np.abs(tiles.spread_samples(mean)), axis=1), 25))
-        above += mean > max(_STILL_SIGMA * scatter, _LEAST_STILL)
-        below += mean < -max(_STILL_SIGMA * scatter, _LEAST_STILL)
+        least = max(_STILL_SIGMA * scatter, _LEAST_STILL)
+        highest = _sky_around(background, starry)
+        span = highest - np.float32(np.percentile(background[::_TILE_PX, ::_TILE_PX], 1))
+        lack = ndimage.uniform_filter(highest - pixels, 3, mode="nearest")
+        # Dark trees pull the background down, and the sky beside them stands above it.
+        pulled_down = (highest - background > _PULLED * span) & (lack > -least * noise)
+        above += (mean > least) & ~pulled_down
+        below += (mean < -least) | ((lack > np.maximum(_DARK * span, _DARK_SIGMA * noise)) & used)
     return _Still(hot, above, below)
+
+
+def _sky_around(background: F4, starry: Mask) -> F4:
+    """Highest background of the sky within a tile and a half; where there is none, the background itself.
+
+    Sky beside dark trees stands above their tile, and is sky all the same; they stand below it.
+    """
+    from scipy import ndimage
+
+    own = background[::_STEP_PX, ::_STEP_PX]
+    side = 2 * round(1.5 * _TILE_PX / _STEP_PX) + 1
+    highest = ndimage.maximum_filter(np.where(starry, own, np.float32(-np.inf)), side, mode="nearest")
+    highest = np.maximum(highest, own)
+    repeated = np.repeat(np.repeat(highest, _STEP_PX, axis=0), _STEP_PX, axis=1)
+    return np.asarray(repeated[: background.shape[0], : background.shape[1]])
 
 
 _CROSS = np.array([[0, 0.25, 0], [0.25, 0, 0.25], [0, 0.25, 0]], dtype=np.float32)

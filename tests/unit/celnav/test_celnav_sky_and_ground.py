@@ -173,6 +173,23 @@ def test_a_mask_is_learnt_from_frames():
     assert (found.uv[:, 1] < 290).all()
 
 
+def test_sky_beside_dark_trees_is_sky():
+    """Trees fill most of the tiles along row 250: the sky above them is brighter than those tiles, and no ground."""
+    rng = np.random.default_rng(11)
+    edge = 250 + 12 * gaussian_filter(rng.normal(0, 6, SIZE[1]), 6)
+    rows = np.arange(SIZE[0])[:, None]
+    frames = []
+    for _ in range(5):
+        image = np.full(SIZE, 1200.0)
+        for u, v in grid(rng, SIZE, step=20, margin=4):
+            add_star(image, u, v, 8000.0, 0.8)
+        image[rows > edge] = 300
+        frames.append(rng.poisson(image).astype(np.uint16))
+    mask = celnav.sky_mask(frames)
+    assert mask[(rows < edge - 5) & (rows > edge - 30)].mean() < 0.2
+    assert mask[(rows > edge + 3) & (rows < 355)].mean() > 0.95
+
+
 def test_a_mask_needs_frames_between_which_the_sky_turned():
     rng = np.random.default_rng(7)
     frames, _ = fixed_camera(rng, 3, turned=False)
