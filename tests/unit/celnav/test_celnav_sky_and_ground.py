@@ -9,6 +9,7 @@ from star_images import add_star, grid, nearest
 
 import celnav
 from celnav.detecting.fits_file import read_fits
+from celnav.detecting.image_background import Outstanding
 from celnav.detecting.shape_stars import shape_of_bright
 from celnav.detecting.star_candidates import Cores
 from celnav.errors import ImageError
@@ -135,8 +136,11 @@ def test_a_bright_fence_does_not_hide_the_shape_of_the_stars(brightness):
     stars_on(light, rng, where=lambda uv: uv[:, 1] < 150, sigma_px=0.6)
     light[170:] += brightness * np.abs(np.sin(np.arange(SIZE[1]) * np.pi / 9)) ** 4
     light += rng.normal(0, 20, SIZE)
-    noise = np.full(SIZE, 20, dtype=np.float32)
-    shape = shape_of_bright(light.astype(np.float32), noise, Cores(np.empty((0, 2)), np.empty(0), np.inf))
+    light = light.astype(np.float32)
+    at = np.flatnonzero(np.pad(light[1:-1, 1:-1] > 100, 1))
+    value = light.ravel()[at]
+    far = Outstanding(at, value, value, np.full(len(at), 20, dtype=np.float32))
+    shape = shape_of_bright(light, far, Cores(np.empty((0, 2)), np.empty(0), np.inf))
     assert shape is not None
     variance = 0.6**2 + 1 / 12
     assert np.abs(shape.at(np.array([[240.0, 80.0]]))[0] - [variance, 0, variance]).max() < 0.05
