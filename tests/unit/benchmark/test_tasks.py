@@ -31,6 +31,7 @@ from generator.dataset.archive import read_frames as read_archive
 from generator.seeds import random_stream
 
 FROZEN = {
+    "allsky@1": "39b1ced7b55f49b8d390489ab3cd97ec673d74c5e0c26b705e969d89dbb4c14b",
     "attitude@2": "4a61392e590c81eeaaf4f52143118465027b0a28c0ab6370b9ab4b18063d80a5",
     "bortle@1": "2963caa2b5ceeb3a316ce44b66dc9a4fe8c82a082be0648089da986044ef3a96",
     "city@1": "358609eb67b9f3aa50ed71383af57ba40558a477e86f74fdede72b6b1f8549cd",
@@ -40,6 +41,7 @@ FROZEN = {
     "meteor@1": "4078a6d3856ab32aa12f2734e65bdb157598a4b8964b5a44b12d50d166620cb6",
     "motion@2": "2e426cb796b4c949ccaf50a65158adaac82c7bac51f2a2e36432a8a027f9a083",
     "optics@2": "d09feaec3ff16e01b6a66049987ace0d335434e2374fabcd1b6633c5a355c3d9",
+    "phone@1": "eddd7fc44c9a27c9f408ee4ed59aee59f924d437e71a74c0cf5ae8ef34bc64a9",
     "startracker@1": "44ffa6d075b29a0832cceda66c96be85875cc286e8db65d4c88d7d25d76ed346",
     "startracker-false@1": "e1122a8247adb2c1fa71201b0e4f1a2a4d9d73ba784e668509311ba99a3c3022",
     "thesis-mag@1": "0027035fcc031514a5d6a5798306df5e843a3c35ddfc508d5c2505ad248228a3",
@@ -117,7 +119,7 @@ def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):
 
 
 def test_unknown_tasks_and_revisions_are_refused():
-    with pytest.raises(TaskError, match="known: attitude, bortle"):
+    with pytest.raises(TaskError, match="known: allsky, attitude"):
         load_task("bortel")
     with pytest.raises(TaskError, match="use bortle@1"):
         load_task("bortle@2")
