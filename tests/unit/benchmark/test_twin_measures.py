@@ -185,13 +185,13 @@ def test_a_cloud_of_a_weather_is_a_veil_with_its_cover() -> None:
     assert clouds == CLOUD | {"mean_optical_depth": 1.2, "coverage": 0.7, "draw": 5}
 
 
-@pytest.mark.parametrize("factor", [0.7, 1.15])
-def test_the_focus_of_stars_is_found(factor: float) -> None:
-    """Stars of another width, with noise, by stars at the same places without."""
+@pytest.mark.parametrize(("factor", "light"), [(0.7, 2e4), (1.15, 2e4), (1.0, 1200.0)])
+def test_the_focus_of_stars_is_found(factor: float, light: float) -> None:
+    """Stars of another width, with noise, by stars at the same places without; the faint ones have an SNR of 12."""
     rng = np.random.default_rng(13)
     uv = np.stack(np.meshgrid(np.arange(20, 380, 40.0), np.arange(20, 380, 40.0)), -1).reshape(-1, 2)
     uv = uv + rng.uniform(-0.5, 0.5, uv.shape)
-    flux = np.full(len(uv), 2e4)
+    flux = np.full(len(uv), light)
     photograph = rng.normal(1000 + draw(uv, flux, 0.9 * factor), 15)
     found = fit_focus(photograph, uv, 60000.0, lambda given: draw(uv, flux, 0.9 * given))
     assert found == pytest.approx(factor, abs=0.06)
