@@ -1,7 +1,8 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries, ruststartracker eight, the first with the library's defaults. Prints a Markdown table: frames within 10 km of the truth,
-and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra `peers` and ruststartracker.
+Each peer has five tries, ruststartracker eight, the first with the library's defaults. Prints a Markdown table: frames
+within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra `peers` and
+ruststartracker.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
         "defaults": RustStarTracker(**_USUAL, min_matches=10),
         "to the brightest pixel in 100,000": RustStarTracker(**_USUAL, min_matches=10, brightest_quantile=0.99999),
         "8 matches": RustStarTracker(**_USUAL, min_matches=8),
-        "8 matches, to the brightest pixel in 1,000": RustStarTracker(**_USUAL, min_matches=8, brightest_quantile=0.999),
+        "8 matches, to the brightest pixel in 1,000": RustStarTracker(
+            **_USUAL, min_matches=8, brightest_quantile=0.999
+        ),
         "8 matches, 3 to 100 px, threshold 0.995": RustStarTracker(min_matches=8),
         "9 matches, 3 to 100 px, threshold 0.995": RustStarTracker(min_matches=9),
         "10 matches, 3 to 100 px, threshold 0.995": RustStarTracker(),

@@ -23,7 +23,7 @@ FOLDER = Path(__file__).parent
 SPEC_NAME = "solver.yaml"
 ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
 LARGEST_FOLDER_BYTES = 50_000_000
-AdapterName = Literal["celnav", "tetra3rs", "ruststartracker", "zenith-fixer"]
+AdapterName = Literal["celnav", "learned", "tetra3rs", "ruststartracker", "zenith-fixer"]
 
 
 class SolverSpec(Strict):

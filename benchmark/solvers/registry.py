@@ -9,6 +9,7 @@ from benchmark.errors import SolverError, UnknownSolverError
 from benchmark.protocol import SolverUnderTest
 from benchmark.solvers.celnav_solver import CelnavSolver
 from benchmark.solvers.definition import FOLDER, SPEC_NAME, SolverFolder, read_solver_folder, solver_folders
+from benchmark.solvers.learned.adapter import Learned
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
@@ -58,6 +59,8 @@ def make_solver(name: str) -> SolverUnderTest:
     missing = missing_packages(found)
     if missing:
         raise SolverError(missing_message(found, missing))
+    if adapter == "learned":
+        return Learned()
     if adapter == "tetra3rs":
         return Tetra3rs()
     if adapter == "ruststartracker":

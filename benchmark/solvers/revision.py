@@ -25,6 +25,7 @@ REVISION_DIGITS = 12
 PACKAGES = ("benchmark", "celnav", "generator")
 ADAPTER_MODULES = {
     "celnav": "benchmark.solvers.celnav_solver",
+    "learned": "benchmark.solvers.learned.adapter",
     "tetra3rs": "benchmark.solvers.tetra3rs.adapter",
     "ruststartracker": "benchmark.solvers.ruststartracker.adapter",
     "zenith-fixer": "benchmark.solvers.zenith_fixer.adapter",

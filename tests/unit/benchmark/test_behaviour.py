@@ -31,6 +31,7 @@ THESIS = {
 }
 CELNAV = THESIS | {"ddr-dai", "skybench"}
 PEERS = {"tetra3rs", "ruststartracker", "zenith-fixer"}
+LEARNED = {"learned"}
 DETECTOR = "the shared detector"
 
 
@@ -88,12 +89,13 @@ def test_comments_docstrings_and_formatting_of_all_modules_change_nobody() -> No
         ("celnav.matching.brightest_n", {"brightest-n"}),
         ("celnav.identification.search", {"skybench"}),
         ("celnav.skybench_solver", {"skybench"}),
-        ("celnav.detecting.star_shape", CELNAV | {DETECTOR}),
+        ("celnav.detecting.star_shape", CELNAV | LEARNED | {DETECTOR}),
         ("celnav.position", CELNAV),
         ("celnav.sequences.track", set()),
         ("celnav.cli", set()),
         ("benchmark.solvers.tetra3rs.adapter", {"tetra3rs"}),
-        ("benchmark.solvers.pinhole", PEERS),
+        ("benchmark.solvers.pinhole", PEERS | LEARNED),
+        ("benchmark.solvers.learned.patterns", LEARNED),
         ("benchmark.solvers.celnav_solver", CELNAV),
         ("benchmark.report.formatting", set()),
     ],
@@ -111,7 +113,7 @@ def test_of_the_registry_a_row_changes_its_own_solver() -> None:
 
 
 def test_of_the_server_what_answers_a_request_counts() -> None:
-    everyone = CELNAV | PEERS
+    everyone = CELNAV | PEERS | LEARNED
     assert changed(benchmark__solvers__serve=('uv": np.asarray(', 'uv": 1.0 * np.asarray(')) == everyone
     assert changed(benchmark__solvers__serve=("os.dup2(2, 1)", "os.dup2(1, 2)")) == set()
 

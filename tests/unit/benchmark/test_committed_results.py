@@ -85,7 +85,7 @@ def test_the_check_fails_on_a_changed_mark_until_the_file_says_so(repository: Pa
 
 def test_the_revisions_of_a_tree_are_printed(tmp_path: Path) -> None:
     for package in ("benchmark", "celnav", "generator"):
-        ignored = shutil.ignore_patterns("__pycache__", "*.exr", "*.npz", "*.npy")
+        ignored = shutil.ignore_patterns("__pycache__", "*.exr", "*.npy")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored)
     runner = CliRunner()
     before = runner.invoke(app, ["revisions"], catch_exceptions=False).output

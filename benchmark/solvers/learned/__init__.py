@@ -1,0 +1,1 @@
+"""A star identification by a network that was trained here."""
