@@ -24,7 +24,7 @@ from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
 from benchmark.stats.metrics import FIX, SUCCESS_KM
 
 CONDITIONS = (
-    ("attitude", 0.0), ("bortle", 6.0), ("bortle", 7.0), ("clutter", 4000.0), ("clutter", 12000.0),
+    ("attitude", 0.0), ("bortle", 6.0), ("bortle", 7.0), ("clutter", 4000.0), ("clutter", 8000.0),
     ("thesis-mag", 3.0), ("optics", 10.0), ("weather", 1.0), ("motion", 2.0),
 )  # fmt: skip
 RENDERED = 24
