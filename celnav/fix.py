@@ -88,6 +88,8 @@ class Fix:
         Inertial attitude: takes ICRS directions (as seen, aberration included) to the camera frame.
     rotation_cov_rad2 : ndarray, shape (3, 3), or None
         Covariance of the error of `R_icrs_to_camera` as a small rotation in the camera frame, rad^2.
+    common_cov_rad2 : ndarray, shape (3, 3), or None
+        The part of it that other frames of a camera that stands still have alike: errors of lens and air.
     limiting_mag : float
         Magnitude down to which the frame shows the catalogue's stars, estimated; NaN where the solver does not tell.
     log10_false_alarm : float
@@ -120,6 +122,7 @@ class Fix:
     residuals_px: NDArray[np.float64] | None = None
     R_icrs_to_camera: NDArray[np.float64] | None = None
     rotation_cov_rad2: NDArray[np.float64] | None = None
+    common_cov_rad2: NDArray[np.float64] | None = None
     limiting_mag: float = math.nan
     log10_false_alarm: float = math.nan
     heading_off_deg: float = math.nan

@@ -176,7 +176,7 @@ class SkybenchSolver:
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
         priors = self._priors(problem)
         adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment)
-        shared, scatter_cov = None, np.zeros((3, 3))
+        shared, scatter_cov, common = None, np.zeros((3, 3)), np.zeros((3, 3))
         if adjusted is not None:
             weather = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
@@ -196,12 +196,14 @@ class SkybenchSolver:
                     adjusted, seen = again, replace(seen, relative_sigma=sigmas)
                     widened, shared = with_shared_errors(seen, again, priors, problem.attitude)
             scatter_cov = adjusted.cov[:3, :3]
+            common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
             adjusted = widened
         if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
         fix = describe(
             problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared, air
         )
+        fix = replace(fix, common_cov_rad2=common)
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -290,6 +292,12 @@ class SkybenchSolver:
                     f"last known one, which near= holds within {problem.near.radius_km:g} km"
                 )
         return ""
+
+
+def _by_camera(adjusted: Adjusted) -> F8:
+    """What the camera parameters that were fitted add to the covariance of the rotation, rad^2, shape (3, 3)."""
+    mixed = adjusted.cov[:3, 3:]
+    return np.asarray(mixed @ np.linalg.solve(adjusted.cov[3:, 3:], mixed.T))
 
 
 def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:

@@ -18,7 +18,7 @@ from celnav.detection import Detections
 from celnav.fix import Fix, Reason
 from celnav.horizon import honest_place
 from celnav.position import Weather
-from celnav.problem import LastKnown, Solver
+from celnav.problem import LastKnown, Solver, ToldSigmas
 from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.utc import Utc
@@ -72,12 +72,13 @@ def solve_oriented(
     solver: str | Solver,
     weather: Weather,
     flux: ArrayLike | None = None,
+    sigmas: ToldSigmas | None = None,
 ) -> Fix:
     """Solve a frame near a known orientation; the position is by its own stars and the attitude given.
 
     Parameters
     ----------
-    detections, camera, utc, attitude, solver, flux
+    detections, camera, utc, attitude, solver, flux, sigmas
         As of `celnav.solve`.
     known : Orientation
         Where to search.
@@ -93,6 +94,7 @@ def solve_oriented(
     fix = solve(
         detections, camera, utc, supposed, solver, flux=flux, temperature_c=weather.temperature_c,
         pressure_hpa=weather.pressure_hpa if upright else 0.0, near=LastKnown(lat, lon, _RADIUS_KM),
+        sigmas=sigmas,
     )  # fmt: skip
     rotation = terrestrial_orientation(fix, utc)
     if rotation is None:
@@ -105,6 +107,7 @@ def solve_oriented(
         return replace(fix, lat_deg=math.nan, lon_deg=math.nan, cov_km2=None, heading_off_deg=math.nan)
     assert fix.rotation_cov_rad2 is not None
     place = honest_place(rotation, fix.rotation_cov_rad2, attitude)
+    cov_km2 = place.cov_km2 if sigmas is None else sigmas.with_time(place.cov_km2, place.lat_deg)
     return replace(
-        fix, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=place.cov_km2, heading_off_deg=place.heading_off_deg
+        fix, lat_deg=place.lat_deg, lon_deg=place.lon_deg, cov_km2=cov_km2, heading_off_deg=place.heading_off_deg
     )

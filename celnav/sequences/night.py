@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from celnav.attitude import Attitude, as_attitude
 from celnav.camera import Camera
-from celnav.checking import finite_number
+from celnav.checking import finite_number, shown
 from celnav.detection import Detections
 from celnav.errors import ConfigError
 from celnav.fix import Estimate, Fix, Reason
 from celnav.horizon import honest_place, horizontal_frame
 from celnav.position import Weather
-from celnav.problem import LastKnown, Solver
+from celnav.problem import LastKnown, Solver, ToldSigmas
 from celnav.sequences.fixed_mount import EARTH_RAD_S, FixedMount, combine
 from celnav.sequences.known_orientation import UNFOUND, Orientation, solve_oriented, terrestrial_orientation
 from celnav.sky.astrometry import enu_rotation
@@ -131,13 +131,18 @@ class Night:
     attitude : Attitude, 3x3 array_like or None
         What is known of its orientation to the horizon, the same for all frames; None gives no position.
     clock_sigma_s : float
-        Standard deviation of the clock's offset, which is the same in all frames: it enters the longitude.
+        Standard deviation of the clock's offset, which is the same in all frames: it enters the longitude. That of `sigmas`
+        unless given.
     pressure_hpa, temperature_c : float
         Air, for refraction.
     near : LastKnown, optional
         Where the answer lies.
     solver : str or callable
         Which gives `Fix.R_icrs_to_camera` with `Fix.rotation_cov_rad2`: ``skybench``, or a variant of it.
+
+    sigmas : ToldSigmas
+        Standard deviations of time, lens and air as they are told. The errors are the same in all frames: they enter the
+        covariance once, not averaged.
 
     Examples
     --------
@@ -155,11 +160,15 @@ class Night:
     temperature_c: float = 10.0
     near: LastKnown | None = None
     solver: str | Solver = "skybench"
+    sigmas: ToldSigmas = field(default_factory=ToldSigmas)
     _frames: list[_Frame] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
         self.attitude = as_attitude(self.attitude)
         self.clock_sigma_s = finite_number(self.clock_sigma_s, "clock_sigma_s", ConfigError, least=0.0)
+        if not isinstance(self.sigmas, ToldSigmas):
+            raise ConfigError(f"sigmas = {shown(self.sigmas)} must be a celnav.ToldSigmas")
+        self.clock_sigma_s = self.clock_sigma_s or self.sigmas.utc_s
 
     @property
     def fixes(self) -> tuple[Fix, ...]:
@@ -181,7 +190,7 @@ class Night:
         assert known is None or isinstance(known, Attitude)
         fix = solve(
             detections, self.camera, instant, known, self.solver, flux=flux, pressure_hpa=self.pressure_hpa,
-            temperature_c=self.temperature_c, near=self.near,
+            temperature_c=self.temperature_c, near=self.near, sigmas=self.sigmas,
         )  # fmt: skip
         self._frames.append(_Frame(instant, detections, flux, fix))
         return fix
@@ -198,19 +207,23 @@ class Night:
 
     def _combined(self) -> NightFix:
         """Combine the frames that are identified."""
-        rows, rotations, covs = [], [], []
+        rows, rotations, covs, common = [], [], [], []
         for number, frame in enumerate(self._frames):
             rotation = terrestrial_orientation(frame.fix, frame.utc)
             if rotation is not None and frame.fix.rotation_cov_rad2 is not None:
                 rows.append(number)
                 rotations.append(rotation)
-                covs.append(frame.fix.rotation_cov_rad2)
+                alike = frame.fix.common_cov_rad2
+                common.append(np.zeros((3, 3)) if alike is None else alike)
+                covs.append(frame.fix.rotation_cov_rad2 - common[-1])
         if not rows:
             message = f"none of {len(self._frames)} frames was identified"
             return NightFix(False, Reason.TOO_FEW_DETECTIONS, message)
         first = self._frames[rows[0]].utc
         times = np.array([_seconds_between(first, self._frames[number].utc) for number in rows])
         mount = combine(np.stack(rotations), np.stack(covs), times)
+        # Lens and air err alike in all frames of a camera that stands still.
+        mount = replace(mount, cov=mount.cov + np.mean([common[k] for k in mount.used], axis=0))
         used = tuple(rows[k] for k in mount.used)
         night = NightFix(
             False,
@@ -238,7 +251,15 @@ class Night:
             if frame.fix.reason not in UNFOUND:
                 continue
             fix = solve_oriented(
-                frame.detections, self.camera, frame.utc, self.attitude, known, self.solver, weather, frame.flux
+                frame.detections,
+                self.camera,
+                frame.utc,
+                self.attitude,
+                known,
+                self.solver,
+                weather,
+                frame.flux,
+                self.sigmas,
             )
             if terrestrial_orientation(fix, frame.utc) is not None:
                 self._frames[number] = replace(frame, fix=fix)

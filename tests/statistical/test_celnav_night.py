@@ -1,5 +1,6 @@
 """A night of a camera that stands still: coverage of what it claims, wander, a moving mount, a wrong clock."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -231,3 +232,29 @@ def test_a_site_is_where_the_night_puts_it():
     true = R_CAM @ enu_rotation(LAT_DEG, LON_DEG)
     error = rotation_vector(found.R_terrestrial_to_camera @ true.T)
     assert error @ np.linalg.solve(found.cov_rad2, error) < 21.1  # three degrees of freedom, once in 10,000 runs
+
+
+def test_told_sigmas_enter_a_night_once():
+    """10 nights whose lens, air, attitude and clock err as they are told, alike in all frames: chi-squared of 20 degrees of
+    freedom; each bound fails once in 5,000 runs."""
+    sigmas = celnav.ToldSigmas(utc_s=0.5, focal=1e-3, centre_px=1.0, pressure_hpa=10.0, temperature_c=5.0)
+    squares = []
+    for seed in range(10):
+        rng = np.random.default_rng(900 + seed)
+        off = rng.standard_normal(6)
+        longer = 1 + 1e-3 * off[0]
+        told = dataclasses.replace(
+            CAMERA, f_px=CAMERA.f_px * longer, fy_px=CAMERA.fy_px * longer,
+            cx_px=CAMERA.cx_px + off[1], cy_px=CAMERA.cy_px + off[2],
+        )  # fmt: skip
+        wrong = Rotation.from_rotvec(np.radians([0.01, 0.01, 0.2]) * rng.standard_normal(3)).as_matrix()
+        night = celnav.Night(
+            told, celnav.Attitude.with_sigma(R_CAM @ wrong, tilt_deg=0.01, heading_deg=0.2), sigmas=sigmas,
+            pressure_hpa=1010.0 + 10.0 * off[3], temperature_c=10.0 + 5.0 * off[4],
+        )  # fmt: skip
+        for second in (0.0, 1800.0):
+            uv, flux = frame(later(second), rng)
+            night.add(uv, later(second + 0.5 * off[5]), flux=flux)
+        found = night.fix()
+        squares.append(offset_km(found) @ np.linalg.solve(found.cov_km2, offset_km(found)))
+    assert 5.4 < np.sum(squares) < 48.6
