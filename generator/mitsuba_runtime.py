@@ -11,6 +11,7 @@ import ctypes.util
 import functools
 import json
 import os
+import resource
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ VARIANT_VARIABLE = "SKYBENCH_VARIANT"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 MINIMUM_LLVM = 17
 PROBE_TIMEOUT_S = 120.0
+LEAST_ADDRESS_SPACE = 1_250_000_000
+"""Bytes. LLVM ends the process where memory is lacking, and a frame cannot be rendered in less."""
 
 REMEDY = (
     "install LLVM >= 17: on Linux x86-64 `pip install karellen-llvm-core==23.1.4.post8`, elsewhere your system's package "
@@ -185,7 +188,19 @@ def start(variant: str | None = None) -> Any:
     """Import Mitsuba with the right variant and return the module; the first call decides.
 
     :func:`generator.plugins.start` does the same and registers the plugins of the night sky.
+
+    Raises
+    ------
+    MemoryError
+        The process may not have LEAST_ADDRESS_SPACE.
+    RuntimeUnavailableError
+        There is no usable LLVM, or not the variant that is asked for.
     """
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed != resource.RLIM_INFINITY and allowed < LEAST_ADDRESS_SPACE:
+        raise MemoryError(
+            f"rendering needs {LEAST_ADDRESS_SPACE / 1e9:g} GB of address space, {allowed / 1e9:g} are allowed"
+        )
     variant = variant or choose_variant()
     if variant == LLVM_VARIANT:
         os.environ[LLVM_VARIABLE] = find_llvm().path

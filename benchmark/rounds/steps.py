@@ -296,6 +296,8 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
         raise RoundError(f"{path}: secret is not hexadecimal") from error
     scenarios = [(one.name, one.kind, one.scenario.content_sha256) for one in drawn.frames]
     if scenarios != [(one.get("name"), one.get("kind"), one.get("scenario_sha256")) for one in listed]:
+        # Another generator reads the same draw as another scenario: a key more, or another value of a preset.
+        check_generator(drawn.commitment.terms)
         raise RoundError(f"{path}: lists other frames than its secret draws")
     chosen = (
         [drawn.frames[i * len(drawn.frames) // render] for i in range(min(render, len(drawn.frames)))] if render else []

@@ -158,6 +158,16 @@ def test_a_round_that_was_changed_is_noticed(opened, tmp_path, file, before, aft
         verify_round(copy, 1)
 
 
+def test_a_round_of_another_generator_says_so(opened, monkeypatch, tmp_path) -> None:
+    """Another generator reads the draw as other scenarios: nobody has changed the round."""
+    copy = shutil.copytree(opened / "public" / "first", tmp_path / "first", ignore=shutil.ignore_patterns("results"))
+    text = (copy / "opened.json").read_text()
+    (copy / "opened.json").write_text(text.replace('"scenario_sha256": "', '"scenario_sha256": "0'))
+    monkeypatch.setattr("benchmark.rounds.steps.generator_revision", lambda: "0123456789abcdef")
+    with pytest.raises(RoundError, match="this one is 0123456789abcdef"):
+        verify_round(copy, 0)
+
+
 def test_missing_files_are_named(tmp_path) -> None:
     with pytest.raises(RoundError, match=r"opened\.json: cannot be read"):
         verify_round(tmp_path, 0)

@@ -302,7 +302,7 @@ def _success_panel(board: Board, entry: Entry, style: Style) -> Markup:
     return charts.success_curve(entry.label, style, entry.levels, others, board.task)
 
 
-def _thinned(curve: RiskCoverage, most: int = 20) -> list[tuple[float, float]]:
+def _thinned(curve: RiskCoverage, most: int = 16) -> list[tuple[float, float]]:
     """Points of the curve, the last fix and the last frame among them; of level parts their ends."""
     n = len(curve.coverage)
     ends = {curve.n_fixes - 1, n - 1} - {-1}
