@@ -64,7 +64,7 @@
   const setUpFilters = (form) => {
     const status = form.querySelector("output");
     const choices = [...form.querySelectorAll("select")];
-    const things = [...document.querySelectorAll("[data-filtered]")];
+    const things = [...document.querySelectorAll("[data-filtered], [data-measure] [data-task]")];
     const apply = () => {
       let shown = 0, all = 0;
       for (const thing of things) {
