@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,10 +71,10 @@ def test_other_inputs_names_and_code_have_their_own(folder: Path, monkeypatch: p
 @pytest.mark.parametrize(
     "damage", [lambda data: data[:-30], lambda data: b"", lambda data: data[:180] + b"?" + data[181:]]
 )
-def test_a_damaged_file_is_computed_again(folder: Path, damage: object) -> None:
+def test_a_damaged_file_is_computed_again(folder: Path, damage: Callable[[bytes], bytes]) -> None:
     made = kept("lens", (1,), numbers)
     (path,) = folder.iterdir()
-    path.write_bytes(damage(path.read_bytes()))  # type: ignore[operator]
+    path.write_bytes(damage(path.read_bytes()))
     assert same(made, kept("lens", (1,), numbers))
     assert same(made, kept("lens", (1,), refuse))
 
