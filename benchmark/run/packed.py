@@ -4,7 +4,8 @@
 each solver, in the order of the rows of ``PART.json``; null where a solver was not given that frame. ``PART.json`` holds
 a provenance for each row and the SHA-256 of the table that it belongs to, so that neither changes alone.
 
-Covariances, times, memory and the components of errors are kept in single precision, which is more than any page prints.
+Numbers are cut to as many binary digits as their use needs (`_DIGITS`), which is more than any page prints. They are cut
+towards zero, so that no error comes to lie on the other side of a limit of success. Hashes are kept as bytes.
 Positions, the solver's own account of its stages and its detections are not kept: a run makes them again.
 """
 
@@ -53,7 +54,7 @@ _FRAME_COLUMNS = (
 _ANSWER_COLUMNS = {
     "status": pa.string(),
     "reason": pa.string(),
-    "error_km": pa.float64(),  # solvers with the same stars differ in its last digits, and who is closer counts
+    "error_km": pa.float32(),
     "error_east_km": pa.float32(),
     "error_north_km": pa.float32(),
     "cov_ee_km2": pa.float32(),
@@ -68,6 +69,23 @@ _ANSWER_COLUMNS = {
     "crlb_km": pa.float32(),
     "peak_memory_mib": pa.float32(),
 }
+_DIGITS = {
+    "error_km": 16,
+    "error_east_km": 12,
+    "error_north_km": 12,
+    "cov_ee_km2": 12,
+    "cov_en_km2": 12,
+    "cov_nn_km2": 12,
+    "time_ms": 10,
+    "peak_memory_mib": 10,
+    "zenith_mag_arcsec2": 24,
+    "true_latitude_deg": 24,
+    "true_longitude_deg": 24,
+    "moon_altitude_deg": 24,
+    "moon_illuminated": 24,
+}
+"""Binary digits that are kept, 24 being single precision: 8 mm of an error of 1 km, 0.2 % of a time."""
+_HASHES = ("image_sha256", "truth_sha256")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +142,7 @@ def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
         mask=pa.array(np.column_stack([column["absent"] for column in columns]).ravel()),
     )
     offsets = pa.array(np.arange(len(ids) + 1) * len(rows), type=pa.int32())
-    table = pa.Table.from_pandas(frames.reset_index(), preserve_index=False).replace_schema_metadata(None)
+    table = _as_stored(pa.Table.from_pandas(frames.reset_index(), preserve_index=False).replace_schema_metadata(None))
     table = table.append_column(ANSWERS, pa.ListArray.from_arrays(offsets, structs))
     content = _parquet(table)
     listed = [
@@ -175,7 +193,7 @@ def read_packed(listing: Path) -> list[PackedRow]:
         answers = table[ANSWERS].combine_chunks()
         if (np.diff(answers.offsets.to_numpy()) != len(listed)).any():
             raise ValueError(f"lists of other lengths than {len(listed)}")
-        frames = table.drop_columns([ANSWERS]).to_pandas()
+        frames = _as_read(table.drop_columns([ANSWERS]))
         given = answers.values
         found = []
         for place, (solver, detections, key, provenance, established) in enumerate(listed):
@@ -190,7 +208,35 @@ def read_packed(listing: Path) -> list[PackedRow]:
 
 
 def _frame_part(frames: pd.DataFrame) -> pd.DataFrame:
-    return frames[[name for name in _FRAME_COLUMNS if name in frames]].set_index("frame_id")
+    part = frames[[name for name in _FRAME_COLUMNS if name in frames]].set_index("frame_id")
+    return part.assign(**{name: _cut(part[name], _DIGITS[name]) for name in _DIGITS if name in part})
+
+
+def _cut(values: pd.Series, digits: int) -> pd.Series:
+    """Numbers to so many binary digits, towards zero; what is cut already stays as it is."""
+    mantissa, exponent = np.frexp(values.to_numpy(dtype=np.float64, na_value=np.nan))
+    cut = np.ldexp(np.trunc(np.ldexp(mantissa, digits)), exponent - digits)
+    return pd.Series(cut, index=values.index, name=values.name)
+
+
+def _as_stored(frames: pa.Table) -> pa.Table:
+    """Hashes as bytes, and cut numbers in single precision."""
+    for place, name in enumerate(frames.column_names):
+        if name in _DIGITS:
+            frames = frames.set_column(place, name, frames[name].cast(pa.float32()))
+        elif name in _HASHES:
+            given = [None if text is None else bytes.fromhex(text) for text in frames[name].to_pylist()]
+            frames = frames.set_column(place, name, pa.array(given, type=pa.binary(32)))
+    return frames
+
+
+def _as_read(stored: pa.Table) -> pd.DataFrame:
+    """Circumstances as a run's table has them; tables of earlier dates hold hashes as text."""
+    frames = stored.to_pandas()
+    for name in (name for name in _HASHES if name in frames):
+        if pa.types.is_fixed_size_binary(stored.schema.field(name).type):
+            frames[name] = [None if given is None else given.hex() for given in frames[name]]
+    return frames.assign(**{name: frames[name].astype(np.float64) for name in _DIGITS if name in frames})
 
 
 def _check_same(largest: PackedRow, row: PackedRow, frames: pd.DataFrame) -> None:
@@ -206,7 +252,7 @@ def _check_same(largest: PackedRow, row: PackedRow, frames: pd.DataFrame) -> Non
 def _spread(frames: pd.DataFrame, ids: pd.Index) -> dict[str, pd.Series]:
     """One solver's columns over all frames."""
     spread = frames.set_index("frame_id").reindex(ids)
-    columns = {name: spread[name] for name in _ANSWER_COLUMNS}
+    columns = {name: _cut(spread[name], _DIGITS[name]) if name in _DIGITS else spread[name] for name in _ANSWER_COLUMNS}
     return columns | {"absent": pd.Series(~ids.isin(frames["frame_id"]), index=ids)}
 
 
@@ -218,12 +264,20 @@ def _interleaved(columns: Sequence[pd.Series], kind: pa.DataType) -> pa.Array:
 
 def _parquet(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
-    split = [f"{ANSWERS}.list.element.{name}" for name, kind in _ANSWER_COLUMNS.items() if pa.types.is_floating(kind)]
-    encoded = {name: "BYTE_STREAM_SPLIT" for name in split if not name.endswith("crlb_km")}
-    plain = [
-        *table.drop_columns([ANSWERS]).column_names,
-        *(f"{ANSWERS}.list.element.{name}" for name in ("status", "reason", "crlb_km", "peak_memory_mib")),
+    split = [
+        *(f"{ANSWERS}.list.element.{name}" for name, kind in _ANSWER_COLUMNS.items() if pa.types.is_floating(kind)),
+        *(name for name in table.column_names if name in _DIGITS),
     ]
-    encoded.pop(f"{ANSWERS}.list.element.peak_memory_mib")
-    pq.write_table(table, sink, compression="zstd", compression_level=15, use_dictionary=plain, column_encoding=encoded)
+    repeated = [f"{ANSWERS}.list.element.{name}" for name in ("confidence", "crlb_km", "peak_memory_mib")]
+    texts = [f"{ANSWERS}.list.element.{name}" for name in ("status", "reason")]
+    once = ("site", "utc_mid", *_DIGITS, *_HASHES, ANSWERS)
+    pq.write_table(
+        table,
+        sink,
+        compression="zstd",
+        compression_level=19,
+        use_dictionary=[*(name for name in table.column_names if name not in once), *repeated[1:], *texts],
+        column_encoding={name: "BYTE_STREAM_SPLIT" for name in split if name not in repeated},
+        write_statistics=False,
+    )
     return bytes(sink.getvalue().to_pybytes())

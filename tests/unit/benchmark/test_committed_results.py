@@ -39,7 +39,8 @@ def test_every_row_of_the_leaderboard_states_its_revision_or_that_it_has_none() 
         assert age is not None, stored.folder
         assert (revision is None) == (age.state is State.UNRECORDED)
         assert revision is None or len(revision) == 12
-        assert len(stored.frames) == 150 * len(stored.provenance.frames.grading.values)
+        frames = stored.provenance.frames
+        assert len(stored.frames) == frames.per_condition * len(frames.grading.values)
 
 
 @pytest.fixture
