@@ -19,6 +19,7 @@ from celnav.detecting.image_background import (
     outstanding,
     remove_line_offsets,
     repair_defects,
+    step_of,
     take_off,
     typical,
     used_pixels,
@@ -174,10 +175,10 @@ def detect(
     tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
     if (blank := blank_border(pixels, tiles)) is not None:
         used &= ~blank
-    counts = pixels
+    counts, step = pixels, step_of(pixels)
     if original.ndim == 2:
-        pixels = level_mosaic(pixels, used, config.tile_px)
-    background, white = background_and_noise(pixels, used, tiles)
+        pixels = level_mosaic(pixels, used, config.tile_px, step)
+    background, white = background_and_noise(pixels, used, tiles, step)
     whole = bool(used.all())
     saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
     largest = max(float(pixels.max()), -float(pixels.min()))

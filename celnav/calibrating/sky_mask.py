@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.detecting.blank_border import blank_border
-from celnav.detecting.image_background import as_image, background_and_noise, grey
+from celnav.detecting.image_background import as_image, background_and_noise, grey, step_of
 from celnav.detecting.tiles import Tiles
-from celnav.detection import Detections, detect
+from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
@@ -31,6 +31,9 @@ _STILL_SIGMA, _LEAST_STILL, _STILL_SHARE, _STILL_PX = 2.5, 1.5, 0.7, 1.5
 _DARK, _DARK_SIGMA, _PULLED, _STARRY = 0.35, 5.0, 0.1, 0.25
 # A detection moves where fewer than this part of the other frames show one at its place; a sky that turned has so many.
 _STANDING_SHARE, _LEAST_MOVING = 0.5, 0.2
+# Lamps' edges, and the pattern that video makes of a sensor's, are hardly brighter than its noise: detections that so low a
+# threshold finds at one place in this part of the frames, three at least, are masked with the pixels so near.
+_FAINT_SIGMA, _FAINT_SHARE, _FAINT_PX = 3.5, 0.5, 2
 # Sky is where moving detections are: within a disk that holds so many on average, this part of the median, and two at least.
 _BLOCK_PX, _IN_DISK, _PART_OF_MEDIAN = 8, 10.0, 0.12
 _FEWEST_MOVING, _LEAST_PART = 60, 0.05
@@ -86,6 +89,7 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
     mask = still.hot >= np.ceil(_HOT_SHARE * least)
     structure = _dilated(np.maximum(still.above, still.below) >= np.ceil(_STILL_SHARE * least))
     mask |= structure
+    mask |= _faint_standing([detect(frame, config=_FAINT) for frame in frames], (size[0], size[1]))
     at = np.clip(np.rint(moving).astype(np.intp), 0, np.array(size[::-1]) - 1)
     sky = _where_stars_come_and_go(moving[~structure[at[:, 1], at[:, 0]]], (size[0], size[1]))
     if sky is not None:
@@ -108,6 +112,27 @@ def _moving(found: list[Detections]) -> F8:
             seen += tree.query(one.uv)[0] < _STILL_PX
         result.append(one.uv[seen < max(1.0, _STANDING_SHARE * len(others))])
     return np.concatenate(result)
+
+
+_FAINT = DetectionConfig(seed_sigma=_FAINT_SIGMA, grow_sigma=min(_FAINT_SIGMA, DetectionConfig.grow_sigma))
+
+
+def _faint_standing(found: list[Detections], size: tuple[int, int]) -> Mask:
+    """Mask the surroundings of detections that stand still."""
+    from scipy import ndimage
+    from scipy.spatial import cKDTree
+
+    standing = np.zeros(size, dtype=bool)
+    places = np.concatenate([one.uv for one in found])
+    seen = np.zeros(len(places))
+    for one in found:
+        if len(one):
+            seen += cKDTree(one.uv).query(places)[0] < _STILL_PX
+    at = np.rint(places[seen >= max(FEWEST_FRAMES, _FAINT_SHARE * len(found))]).astype(np.intp)
+    at = at.clip(0, np.array(size[::-1]) - 1)
+    standing[at[:, 1], at[:, 0]] = True
+    side = 2 * _FAINT_PX + 1
+    return np.asarray(ndimage.binary_dilation(standing, structure=np.ones((side, side), dtype=bool)))
 
 
 def _starry(moving: F8, size: tuple[int, int]) -> Mask:
@@ -136,7 +161,7 @@ def _standing(images: list[F4], starry: Mask) -> _Still:
         used = np.ones(size, dtype=bool)
         if (blank := blank_border(pixels, tiles)) is not None:
             used &= ~blank
-        background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))
+        background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles, step_of(pixels)))
         noise = np.maximum(noise, np.float32(1e-6 * max(1.0, float(np.abs(pixels).max()))))
         relative = (pixels - background) / noise
         relative[~used] = 0

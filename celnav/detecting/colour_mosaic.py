@@ -25,9 +25,11 @@ _SIGMAS, _LEAST_PART = 8.0, 0.1
 _CLIP = np.float32(3.0)
 _LEAST_SIDE_PX = 64
 _ENOUGH_TILES = 80
+# A tile is known where so many of its samples count, of each set: a learnt mask has hot pixels all over the frame.
+_FEWEST = SAMPLES**2 // 2
 
 
-def level_mosaic(pixels: F4, used: Mask, tile_px: int) -> F4:
+def level_mosaic(pixels: F4, used: Mask, tile_px: int, step: float) -> F4:
     """Take the mosaic's pattern off an image; the image itself where there is none.
 
     Parameters
@@ -38,20 +40,23 @@ def level_mosaic(pixels: F4, used: Mask, tile_px: int) -> F4:
         Pixels that count.
     tile_px : int
         Side of the tiles, in pixels of one set.
+    step : float
+        Least deviation that is never clipped: the step of an integer image, whose noise may be less.
     """
     if min(pixels.shape) < _LEAST_SIDE_PX:
         return pixels
     size = pixels.shape[0] // 2, pixels.shape[1] // 2
     # As many tiles as tell whether there is a pattern.
-    some = _differences(pixels, used, Tiles.of(size, max(tile_px, math.isqrt(size[0] * size[1] // _ENOUGH_TILES))))
+    coarse = Tiles.of(size, max(tile_px, math.isqrt(size[0] * size[1] // _ENOUGH_TILES)))
+    some = _differences(pixels, used, coarse, step)
     if not some.known.any():
         return pixels
     largest = np.abs(np.median(some.values[:, some.known], axis=1)).max()
-    chance = some.noise / math.sqrt(SAMPLES**2 * int(some.known.sum()))
+    chance = some.noise / math.sqrt(_FEWEST * int(some.known.sum()))
     if not largest > max(_SIGMAS * chance, _LEAST_PART * some.noise):
         return pixels
     tiles = Tiles.of(size, tile_px)
-    found = _differences(pixels, used, tiles)
+    found = _differences(pixels, used, tiles, step)
     levelled = pixels.copy()
     enough = np.where(found.known, SAMPLES**2, 0)
     for (row, column), difference in zip(_SETS, found.values, strict=True):
@@ -72,7 +77,7 @@ class _Differences:
     noise: float
 
 
-def _differences(pixels: F4, used: Mask, tiles: Tiles) -> _Differences:
+def _differences(pixels: F4, used: Mask, tiles: Tiles, step: float) -> _Differences:
     height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
     whole = bool(used.all())
     levels, scatters, known = [], [], np.ones(tiles.shape[0] * tiles.shape[1], dtype=bool)
@@ -81,10 +86,10 @@ def _differences(pixels: F4, used: Mask, tiles: Tiles) -> _Differences:
         counted = np.ones_like(samples, dtype=bool)
         if not whole:
             counted = tiles.spread_samples(used[row:height:2, column:width:2])
-            known &= counted.all(axis=1)
+            known &= counted.sum(axis=1) >= _FEWEST
         off = samples - medians(samples, counted)[:, None]
         spread = np.float32(1.4826) * medians(np.abs(off), counted)
-        kept = counted & (np.abs(off) <= _CLIP * np.maximum(spread, np.float32(1e-6))[:, None] + np.float32(0.5))
+        kept = counted & (np.abs(off) <= np.maximum(_CLIP * spread, np.float32(step))[:, None])
         number = np.maximum(kept.sum(axis=1), 1)
         levels.append(np.where(kept, samples, 0).sum(axis=1) / number)
         scatters.append(np.sqrt(np.where(kept, off * off, 0).sum(axis=1) / number))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields
-from celnav.detecting.image_background import as_image, background_and_noise, grey, used_pixels
+from celnav.detecting.image_background import as_image, background_and_noise, grey, step_of, used_pixels
 from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError
 
@@ -59,7 +59,8 @@ def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig
     nothing = np.empty((0, 2)), np.empty(0), size
     if not used.any():
         return nothing
-    background, noise = (each.whole() for each in background_and_noise(pixels, used, Tiles.of(size, config.tile_px)))
+    tiles = Tiles.of(size, config.tile_px)
+    background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles, step_of(pixels)))
     light = pixels - background
     light[~used] = 0.0
     # Of noise-free images the noise is zero: one step of integers, and what rounding leaves of other numbers.

@@ -65,23 +65,29 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     return np.logical_not(ignored)
 
 
-def background_and_noise(pixels: F4, used: Mask, tiles: Tiles) -> tuple[TileMap, TileMap]:
+def step_of(pixels: F4) -> float:
+    """Deviation that is never clipped: a little over the step of an image of whole numbers, zero of any other."""
+    some = pixels[::7, ::11]
+    return 1.01 if (some == np.rint(some)).all() else 0.0
+
+
+def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float) -> tuple[TileMap, TileMap]:
     """Estimate background and noise.
 
     Clipped means of tiles, and standard deviations of the differences between neighbouring pixels, smoothed by a 3x3
     median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the nearest other's.
+    Deviations of no more than `step` are never clipped (`step_of` the image as it was read).
     """
     samples = tiles.pairs(pixels)
     counted = np.ones(samples.shape, dtype=bool) if used.all() else tiles.pairs(used)
-    one = 1.01 if (samples[:, ::8] == np.rint(samples[:, ::8])).all() else 0.0  # the step of an integer image
     # Differences of neighbours know nothing of the sky's slope.
     steps = (samples[:, 1::2] - samples[:, ::2]) * np.float32(np.sqrt(0.5))
     both = counted[:, 1::2] & counted[:, ::2]
-    limit = np.maximum(_CLIP * np.float32(1.4826) * medians(np.abs(steps), both), np.float32(one))
+    limit = np.maximum(_CLIP * np.float32(1.4826) * medians(np.abs(steps), both), np.float32(step))
     mean, square = _moments_within(steps, limit, both)
     spread = np.asarray(np.sqrt(np.maximum(square - mean * mean, 0)) / _CLIPPED_NORMAL, dtype=np.float32)
     middle = medians(samples, counted)
-    offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(one)), counted)
+    offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(step)), counted)
     level = middle + offset
     return (
         tiles.map_of(tiles.smooth(tiles.filled(level, counted.sum(axis=1)))),

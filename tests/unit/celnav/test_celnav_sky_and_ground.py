@@ -177,6 +177,24 @@ def test_a_mask_is_learnt_from_frames():
     assert (found.uv[:, 1] < 290).all()
 
 
+def test_faint_lights_that_stand_still_are_masked():
+    """Lights of 5 sigma at the same places of six frames; the sky around them stays, and so do the stars that move."""
+    rng = np.random.default_rng(12)
+    still = grid(rng, SIZE, step=60, margin=20)
+    frames = []
+    for _ in range(6):
+        image = np.full(SIZE, 400.0)
+        for u, v in grid(rng, SIZE, step=40):
+            add_star(image, u + 8 * (rng.random() - 0.5), v, 6000.0)
+        for u, v in still:
+            add_star(image, u, v, 400.0)
+        frames.append(rng.poisson(image).astype(np.uint16))
+    mask = celnav.sky_mask(frames)
+    u, v = np.rint(still).astype(int).T
+    assert mask[v, u].mean() > 0.6
+    assert mask.mean() < 0.05
+
+
 def test_sky_beside_dark_trees_is_sky():
     """Trees fill most of the tiles along row 250: the sky above them is brighter than those tiles, and no ground."""
     rng = np.random.default_rng(11)
