@@ -44,7 +44,7 @@ def chromium(profile: Path, width: int = 1300, height: int = 1000) -> Iterator[A
 
 
 def open_page(driver: Any, page: Path, width: int = 1300, dark: bool = False) -> None:
-    """Open a file as a screen of a width shows it, with an empty log."""
+    """Open a file as a screen of a width shows it, with an empty log, and wait until its script has unfolded it."""
     driver.get_log("browser")
     driver.get_log("performance")
     size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": width < 600}
@@ -52,6 +52,8 @@ def open_page(driver: Any, page: Path, width: int = 1300, dark: bool = False) ->
     feature = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
     driver.get(page.as_uri())
+    ui = pytest.importorskip("selenium.webdriver.support.ui")
+    ui.WebDriverWait(driver, 10.0).until(lambda one: not one.find_elements("class name", "folded"))
 
 
 def console(driver: Any) -> list[str]:

@@ -62,6 +62,9 @@ def boards(
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=0, help="Most pictures of failures for each set of frames.")
+    ] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Run the rows that are missing or not of today's code, pack all results and write the pages."""
@@ -90,7 +93,7 @@ def boards(
 
             left = run_plan(found, request, advance)
         pack_tree(out)
-        page = _report(out, data, figure)
+        page = _report(out, data, figure, pictures)
     except BenchmarkError as error:
         fail(error)
     if as_json:
@@ -136,7 +139,7 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
     )
 
 
-def _report(out: Path, data: Path, figure: Path | None) -> Path:
+def _report(out: Path, data: Path, figure: Path | None, pictures: int) -> Path:
     from benchmark.report.site.commands import Places
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from generator.files import write_bytes
@@ -146,7 +149,7 @@ def _report(out: Path, data: Path, figure: Path | None) -> Path:
         made = make_boards(out, lambda done, of: bar.update(line, completed=done, total=of))
     if figure is not None:
         write_bytes(figure, render_figure(made, Places(out, data), figure).encode())
-    return write_site(made, Places(out, data))
+    return write_site(made, Places(out, data), pictures)
 
 
 def pack_results(out: _Out = _LEADERBOARD, as_json: AsJson = False) -> None:

@@ -202,8 +202,12 @@ def _failures_page(
 
 
 def pack_data(content: Mapping[str, Any]) -> str:
-    """Data for a page's script: JSON, compressed by gzip, in base64. The same data give the same text."""
-    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    """Data for a page's script: JSON, folded."""
+    return fold(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
+
+
+def fold(text: str) -> str:
+    """Text for a page's script, compressed by gzip, in base64; the same text gives the same."""
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode("ascii")
 
 
@@ -221,6 +225,7 @@ def shared_files() -> dict[str, str]:
 
 def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
     pages = environment(
+        fold=fold,
         styles=styles,
         solver_page=solver_page,
         leading=columns.LEADING,

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from folded_pages import unfolded
 from PIL import Image
 from typer.testing import CliRunner
 from unit.benchmark.fake_results import SOLVERS, write_frames, write_results
@@ -57,7 +58,7 @@ def boards(root):
 @pytest.fixture(scope="module")
 def pages(root, boards, data):
     folder = write_site(boards, Places(root, data)).parent
-    return {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.html")}
+    return {path.name: unfolded(path.read_text(encoding="utf-8")) for path in folder.glob("*.html")}
 
 
 class Outline(HTMLParser):
@@ -103,7 +104,11 @@ def test_nothing_runs_but_the_files_beside_the_pages(pages, root):
         assert set(loaded) == {"site.js", "site.css"} | ({"failures.js"} if name.endswith("-failures.html") else set())
         assert all((root / "site" / one).is_file() for one in loaded)
         # Scripts and styles in the page itself do not run; what stands there is data.
-        assert set(re.findall(r"<script(?! src)[^>]*>", text)) <= {'<script type="text/plain" id="failure-data">'}
+        stored = (root / "site" / name).read_text(encoding="utf-8")
+        for seen in (stored, text):
+            scripts = set(re.findall(r"<script(?! src)[^>]*>", seen))
+            assert scripts <= {'<script type="text/plain" id="failure-data">', '<script type="text/plain">'}
+        assert '<script type="text/plain">' not in text
         outline = Outline(text)
         assert not {one for one in outline.attributes if one.startswith("on")}
         assert "style" not in outline.attributes
