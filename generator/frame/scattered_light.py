@@ -81,11 +81,11 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
     if spec.camera.all_ghosts:
         more = ghosts(sky, sources(None), surround, grid, spec.camera, pattern)
         planes = [light + ghost for light, ghost in zip(planes, more, strict=True)]
-    if spec.camera.scratches is not None:
+    if spec.camera.scratch_kinds:
         random = random_stream(plan.scenario.seed, "unit.scratches", 0)
         lit = [(one.u_px, one.v_px, one.electrons) for one in sources(None)]
-        if lit:
-            streaks = scratch_light(spec.camera.scratches, lit, spec.camera, random)
+        for kind in spec.camera.scratch_kinds if lit else ():
+            streaks = scratch_light(kind, lit, spec.camera, random)
             planes = [light + type(light)(streak.ravel()) for light, streak in zip(planes, streaks, strict=True)]
     if spec.camera.haze:
         even = spec.camera.haze * relative_light(camera)

@@ -1,31 +1,35 @@
-"""Scratches and chips of a dome: short streaks of light around bright sources, the same ones wherever a camera is.
+"""Scratches, chips and dirt of a dome: streaks and specks of light around bright sources, the same ones wherever a camera is.
 
 A scratch scatters light into a narrow fan of directions (Bosch et al. 2004, Computer Graphics Forum 23(3), 361), so that a
 few of many shine at a time, and others as the source moves. The law here is skybench's own, after the statistics of two
 photographs of an all-sky camera under the Moon: streaks lie at random angles to the direction of the Moon, by eye none
 shines in both, and their light per area at 26, 34 and 47 deg from the Moon is 0.8, 0.4 and 0.1 of that at 19 deg, here by
-(1 + (angle / 25 deg)^2)^-2. Their light is added: less than a thousandth of the source's.
+(1 + (angle / 25 deg)^2)^-2. Dirt is the same with short and wide streaks, wider lobes and a slower fall: what is 2 to 16 px
+wide in those photographs falls by (angle)^-1.3 from 20 to 70 deg from the Moon, and a third of it shines in both. The light
+is added: less than a thousandth of the source's by scratches, less than a hundredth by dirt.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf
+from scipy.ndimage import gaussian_filter
 
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.lens.stray_light_spec import ScratchSpec
 
 Floats = NDArray[np.float64]
-CORE_RAD = math.radians(25.0)
-"""Angle from a source at which a streak has a quarter of its light."""
 LEAST_ELECTRONS = 1.0
 """Of a streak; fainter ones are not drawn, nor are sources looked at that give less on average."""
 REACH_SIGMAS = 4.0
 SOURCES_AT_ONCE = 64
+STEP_PX = 0.5
+SHARED_PX2 = 1 / 6
+"""Variance along an axis of a point that is shared by the pixels beside it, mean over its places."""
 CELL_PX = 8.0
 """Of the cells in which sources are gathered: the Moon's disk and its moments are many points."""
 
@@ -61,12 +65,12 @@ def scratch_light(
             du, dv = u[:, None] - source_u[some], v[:, None] - source_v[some]
             angle = np.hypot(du, dv) / middle.f_px
             off = np.abs(np.angle(np.exp(1j * (np.arctan2(dv, du) - turn[:, None])))) / math.radians(spec.lobe_deg)
-            share = strength[:, None] * np.exp(-0.5 * off**2) / (1 + (angle / CORE_RAD) ** 2) ** 2
+            fall = (1 + (angle / math.radians(spec.core_deg)) ** 2) ** (-0.5 * spec.slope)
+            share = strength[:, None] * np.exp(-0.5 * off**2) * fall
             light += share @ electrons[some]
-    picture = np.zeros((channels, camera.height, camera.width), np.float32)
-    for which in np.nonzero(light.max(axis=1, initial=0) >= LEAST_ELECTRONS)[0]:
-        _draw(picture, light[which], u[which], v[which], direction[which], length[which], spec.width_px)
-    return picture
+    shining = np.nonzero(light.max(axis=1, initial=0) >= LEAST_ELECTRONS)[0]
+    lines = _Lines(u[shining], v[shining], direction[shining], length[shining])
+    return np.stack([_drawn(lines, each, spec.width_px, camera) for each in light[shining].T])
 
 
 def _gathered(u: Floats, v: Floats, electrons: Floats) -> tuple[Floats, Floats, Floats]:
@@ -78,18 +82,41 @@ def _gathered(u: Floats, v: Floats, electrons: Floats) -> tuple[Floats, Floats, 
     return (places[:, 0] + 0.5) * CELL_PX, (places[:, 1] + 0.5) * CELL_PX, light
 
 
-def _draw(
-    picture: NDArray[np.float32], light: Floats, u: float, v: float, direction: float, length: float, sigma: float
-) -> None:
-    """Add an evenly lit line with a Gaussian profile, of which pixels take what falls on their middles."""
-    half = math.ceil(length / 2 + REACH_SIGMAS * sigma)
-    columns = slice(max(0, math.floor(u) - half), max(0, math.ceil(u) + half + 1))
-    rows = slice(max(0, math.floor(v) - half), max(0, math.ceil(v) + half + 1))
-    du = np.arange(picture.shape[2])[columns] - u
-    dv = (np.arange(picture.shape[1])[rows] - v)[:, None]
-    along = du * math.cos(direction) + dv * math.sin(direction)
-    across = dv * math.cos(direction) - du * math.sin(direction)
-    wide = math.sqrt(2) * sigma
-    ends = (erf((along + length / 2) / wide) - erf((along - length / 2) / wide)) / (2 * length)
-    profile = ends * np.exp(-((across / wide) ** 2)) / (math.sqrt(math.pi) * wide)
-    picture[:, rows, columns] += (light[:, None, None] * profile).astype(np.float32)
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Middles, directions (rad) and lengths of lines, px, (n,) arrays."""
+
+    u: Floats
+    v: Floats
+    direction: Floats
+    length: Floats
+
+
+def _drawn(lines: _Lines, light: Floats, sigma: float, camera: CameraSpec) -> NDArray[np.float32]:
+    """Evenly lit lines with a Gaussian profile: points at most `STEP_PX` apart, shared by four pixels each, and smoothed."""
+    rim = math.ceil(REACH_SIGMAS * sigma + lines.length.max(initial=0) / 2) + 1
+    points = np.ceil(lines.length / STEP_PX).astype(int)
+    line = np.repeat(np.arange(len(points)), points)
+    number = np.arange(len(line)) - np.repeat(np.cumsum(points) - points, points)
+    along = ((number + 0.5) / points[line] - 0.5) * lines.length[line]
+    u = lines.u[line] + along * np.cos(lines.direction[line]) + rim
+    v = lines.v[line] + along * np.sin(lines.direction[line]) + rim
+    height, width = camera.height + 2 * rim, camera.width + 2 * rim
+    left, top = np.floor(u).astype(int), np.floor(v).astype(int)
+    right, low = u - left, v - top
+    each = light[line] / points[line]
+    picture = np.zeros(height * width)
+    for du, dv, part in (
+        (0, 0, (1 - right) * (1 - low)),
+        (1, 0, right * (1 - low)),
+        (0, 1, (1 - right) * low),
+        (1, 1, right * low),
+    ):
+        picture += np.bincount((top + dv) * width + left + du, each * part, height * width)
+    smoothed = gaussian_filter(
+        picture.reshape(height, width).astype(np.float32),
+        math.sqrt(sigma**2 - SHARED_PX2),
+        mode="constant",
+        truncate=REACH_SIGMAS,
+    )
+    return np.asarray(smoothed[rim:-rim, rim:-rim])

@@ -40,6 +40,11 @@ Rings = Annotated[
     | Annotated[tuple[BarrelRingSpec, ...], Field(max_length=8), BeforeValidator(listed), Tag("#list")],
     Discriminator(lambda value: "#list" if isinstance(value, list | tuple) else "#one"),
 ]
+Scratches = Annotated[
+    Annotated[ScratchSpec, Tag("#one")]
+    | Annotated[tuple[ScratchSpec, ...], Field(max_length=8), BeforeValidator(listed), Tag("#list")],
+    Discriminator(lambda value: "#list" if isinstance(value, list | tuple) else "#one"),
+]
 
 
 def _field_fits_model(hfov_deg: float | None, info: ValidationInfo) -> float | None:
@@ -119,8 +124,8 @@ class CameraSpec(Strict):
     dust: DustSpec | None = None
     """Dust there."""
     # Left out of the scenario's hash unless given, as if the keys did not exist.
-    scratches: ScratchSpec | None = Field(default=None, exclude_if=lambda scratches: scratches is None)
-    """Scratches of the dome, which shine around bright sources."""
+    scratches: Scratches | None = Field(default=None, exclude_if=lambda scratches: scratches is None)
+    """Scratches and specks of dirt on the dome, which shine around bright sources; one kind, or a list."""
     haze: Annotated[float, Field(ge=0, le=0.2)] = Field(default=0.0, exclude_if=lambda haze: not haze)
     """Part of the light that a dome or a window before the lens scatters evenly over all that the lens sees."""
     barrel_ring: Rings | None = None
@@ -195,7 +200,12 @@ class CameraSpec(Strict):
     @property
     def strays(self) -> bool:
         """Whether any light reaches the sensor astray."""
-        return self.direct_share < 1 or bool(self.rings) or self.scratches is not None
+        return self.direct_share < 1 or bool(self.rings) or bool(self.scratch_kinds)
+
+    @property
+    def scratch_kinds(self) -> tuple[ScratchSpec, ...]:
+        """Kinds of scratches of the dome."""
+        return (self.scratches,) if isinstance(self.scratches, ScratchSpec) else self.scratches or ()
 
     @property
     def rings(self) -> tuple[BarrelRingSpec, ...]:

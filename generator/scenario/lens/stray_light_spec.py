@@ -70,7 +70,7 @@ class DustSpec(Strict):
 
 
 class ScratchSpec(Strict):
-    """Scratches of a dome: streaks of light around bright sources."""
+    """Scratches of a dome: streaks of light around bright sources. Short and wide ones are specks of dirt."""
 
     number: Annotated[int, Field(ge=1, le=50_000)]
     """Over the frame; few shine at a time."""
@@ -79,9 +79,14 @@ class ScratchSpec(Strict):
     width_px: Annotated[float, Field(ge=0.5, le=20)] = 1.5
     """Standard deviation of their profile, px."""
     strength: Annotated[float, Field(gt=0, le=1e-2)] = 1.4e-5
-    """Mean share of a source's light in a streak beside it that shines in full; a quarter of it 25 degrees away."""
+    """Mean share of a source's light in a streak beside it that shines in full."""
     lobe_deg: Annotated[float, Field(ge=2, le=180)] = 25.0
     """Standard deviation of the directions, around the scratch, from which light makes it shine."""
+    # Left out of the scenario's hash unless given, as if the keys did not exist.
+    core_deg: Annotated[float, Field(ge=1, le=180)] = Field(default=25.0, exclude_if=lambda core: core == 25.0)
+    """Angle from a source at which they begin to shine less."""
+    slope: Annotated[float, Field(ge=0, le=6)] = Field(default=4.0, exclude_if=lambda slope: slope == 4.0)
+    """Exponent of the light beyond: (1 + (angle / core_deg)^2)^(-slope / 2)."""
 
 
 class BarrelRingSpec(Strict):
