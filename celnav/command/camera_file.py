@@ -1,4 +1,4 @@
-"""Camera files: celnav's own JSON, a frame record, and calibrations of OpenCV and ROS in YAML or JSON.
+"""Camera files: celnav's own JSON, a frame record, calibrations of OpenCV and ROS in YAML or JSON, and platepars of RMS.
 
 OpenCV puts pixel centres at integers as celnav does (docs/conventions.md), so its principal point is taken as it is.
 """
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from celnav import projection
 from celnav.camera import FISHEYE, Camera
+from celnav.command.platepar import has_distortion, lens_of_platepar
 from celnav.errors import CameraError
 
 MAX_BYTES = 16_000_000
@@ -226,18 +227,18 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
 
 
 def _platepar(record: Mapping[str, Any]) -> CameraFile:
-    """Read a platepar of the Global Meteor Network's RMS: size and scale, a start for `celnav.calibrate`.
-
-    ``F_scale`` is in pixels per degree at the middle of the frame. The distortion polynomials map pixels to the gnomonic
-    plane and have no counterpart among the lens models here.
-    """
+    """Read the lens of a platepar of RMS; where it states no distortion, its scale: a start for `celnav.calibrate`."""
+    kind = "platepar of RMS"
+    if has_distortion(record):
+        found = lens_of_platepar(record)
+        left = f"{found.rms_px:.2g} px rms, {found.largest_px:.2g} px at most"
+        return CameraFile(found.camera, kind, (f"the lens fitted to the platepar's distortion leaves {left}",))
     numbers = _numbers([record[name] for name in _PLATEPAR_NAMES], ", ".join(_PLATEPAR_NAMES))
     scale, width, height = (float(number) for number in numbers)
     if width != int(width) or height != int(height):
         raise CameraError("X_res and Y_res must be whole numbers of pixels")
     camera = Camera("equidistant", int(width), int(height), math.degrees(scale))
-    assumed = ("of the platepar the scale alone is used: its distortion is left to be fitted",)
-    return CameraFile(camera, "platepar of RMS", assumed)
+    return CameraFile(camera, kind, ("of the platepar the scale alone is used: it states no distortion",))
 
 
 def _is_fisheye(record: Mapping[str, Any]) -> bool:
