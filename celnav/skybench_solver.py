@@ -305,7 +305,9 @@ def _below_horizon(problem: Problem, adjusted: Adjusted, dirs: F8) -> str:
     if problem.weather.pressure_hpa == 0:  # outside the atmosphere the horizon may lie anywhere
         return ""
     assert problem.attitude is not None
-    named = np.unique(adjusted.star[adjusted.weight > 0.5])
+    is_named = np.zeros(len(dirs), dtype=bool)
+    is_named[adjusted.star[adjusted.weight > 0.5]] = True
+    named = np.flatnonzero(is_named)
     sine = dirs[named] @ adjusted.rotation.T @ horizontal_frame(problem.attitude)[:, 2]
     lowest_deg = max(LOWEST_ALTITUDE_DEG - 3 * problem.attitude.tilt_deg, -90.0)
     below = int(np.sum(sine < math.sin(math.radians(lowest_deg))))

@@ -6,6 +6,7 @@ Where detections are denser below 20 deg of altitude than above, the higher ones
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,8 @@ def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp]
     n_low = len(rays) - len(high)
     if len(high) < _FEWEST or n_low < _FEWEST:
         return None
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID))
-    places = np.column_stack((u.ravel(), v.ravel()))
-    seen = camera.to_rays(places)
-    known = np.isfinite(seen[:, 0])
-    weight = camera.radians_per_px(places[known]) ** 2
-    above = seen[known] @ up >= limit
+    places, weight = _over_the_frame(camera)
+    above = places @ up >= limit
     area_high = float(weight[above].sum())
     area_low = float(weight[~above].sum())
     if not area_high > 0 or not area_low > 0:
@@ -53,3 +50,13 @@ def high_detections(camera: Camera, rays: F8, up: F8 | None) -> NDArray[np.intp]
     expected = _DENSER * len(high) * area_low / area_high
     crowded = n_low - expected > _SIGMAS * math.sqrt(n_low + expected * expected / len(high))
     return high if crowded else None
+
+
+@lru_cache(maxsize=8)
+def _over_the_frame(camera: Camera) -> tuple[F8, F8]:
+    """Directions all over the frame, shape (n, 3), and the solid angle of a pixel at each, shape (n,)."""
+    u, v = np.meshgrid(np.linspace(0, camera.width - 1, _GRID), np.linspace(0, camera.height - 1, _GRID))
+    places = np.column_stack((u.ravel(), v.ravel()))
+    seen = camera.to_rays(places)
+    known = np.isfinite(seen[:, 0])
+    return seen[known], camera.radians_per_px(places[known]) ** 2

@@ -17,36 +17,50 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Ro
 
     Sorted by row of `seen`. The pairs within the radius along u are looked up in sorted order, then measured.
     """
-    order = np.argsort(predicted[:, 0])
-    u, v = predicted[order].T.copy()
-    first = np.searchsorted(u, seen[:, 0] - radius_px)
-    count = np.searchsorted(u, seen[:, 0] + radius_px, side="right") - first
-    end = np.cumsum(count)
+    order = predicted[:, 0].argsort()
+    u, v = predicted[:, 0].take(order), predicted[:, 1].take(order)
+    seen_u, seen_v = seen[:, 0].copy(), seen[:, 1].copy()
+    first = u.searchsorted(seen_u - radius_px)
+    count = u.searchsorted(seen_u + radius_px, side="right") - first
+    end = count.cumsum()
     found = []
     start = 0
     while start < len(seen):
         before = end[start] - count[start]
-        stop = max(start + 1, int(np.searchsorted(end, before + _PAIRS_AT_ONCE, side="right")))
+        stop = max(start + 1, int(end.searchsorted(before + _PAIRS_AT_ONCE, side="right")))
         block = slice(start, stop)
-        rows = np.repeat(np.arange(start, stop), count[block])
-        columns = np.arange(len(rows)) + np.repeat(first[block] - (end[block] - count[block] - before), count[block])
-        distance = np.hypot(seen[:, 0].take(rows) - u.take(columns), seen[:, 1].take(rows) - v.take(columns))
-        near = np.flatnonzero(distance <= radius_px)
-        found.append((rows[near], order[columns[near]], distance[near]))
+        rows = np.arange(start, stop).repeat(count[block])
+        columns = np.arange(len(rows)) + (first[block] - (end[block] - count[block] - before)).repeat(count[block])
+        square, down = seen_u.take(rows), seen_v.take(rows)
+        square -= u.take(columns)
+        down -= v.take(columns)
+        square *= square
+        down *= down
+        square += down
+        near = (square <= radius_px**2).nonzero()[0]
+        found.append((rows.take(near), order.take(columns.take(near)), np.sqrt(square.take(near))))
         start = stop
     if not found:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), np.empty(0)
+    if len(found) == 1:
+        return found[0]
     detection, star, distances = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return detection, star, distances
 
 
 def first_of_each(numbers: NDArray[np.integer]) -> Rows:
     """Where each of some numbers, not negative and small, occurs first, in the order of these places."""
+    return _is_first(numbers).nonzero()[0]
+
+
+def _is_first(numbers: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Tell where each of some numbers, not negative and small, occurs first."""
     if not len(numbers):
-        return np.empty(0, dtype=np.intp)
-    first = np.full(int(numbers.max()) + 1, -1, dtype=np.intp)
-    first[numbers[::-1]] = np.arange(len(numbers) - 1, -1, -1)  # of values for one place the last stays
-    return np.flatnonzero(first[numbers] == np.arange(len(numbers)))
+        return np.zeros(0, dtype=bool)
+    place = np.arange(len(numbers))
+    first = np.empty(int(numbers.max()) + 1, dtype=np.intp)
+    first[numbers[::-1]] = place[::-1]  # of values for one place the last stays
+    return np.asarray(first.take(numbers) == place)
 
 
 def nowhere_far_off(predicted: F8) -> F8:
@@ -57,13 +71,9 @@ def nowhere_far_off(predicted: F8) -> F8:
 def mutual_nearest(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Rows]:
     """Return the rows of `seen` (n, 2) and `predicted` (k, 2) that are each other's nearest within a radius."""
     detection, star, distance = candidate_pairs(seen, predicted, radius_px)
-    by_distance = np.argsort(distance, kind="stable")
-    detection, star = detection[by_distance], star[by_distance]
+    by_distance = distance.argsort(kind="stable")
+    detection, star = detection.take(by_distance), star.take(by_distance)
     # The first pair of each in this order is the nearest one.
-    nearest_to_detection = np.zeros(len(detection), dtype=bool)
-    nearest_to_detection[first_of_each(detection)] = True
-    nearest_to_star = np.zeros(len(detection), dtype=bool)
-    nearest_to_star[first_of_each(star)] = True
-    mutual = np.flatnonzero(nearest_to_detection & nearest_to_star)
-    mutual = mutual[np.argsort(detection[mutual])]
-    return detection[mutual], star[mutual]
+    mutual = (_is_first(detection) & _is_first(star)).nonzero()[0]
+    mutual = mutual.take(detection.take(mutual).argsort())
+    return detection.take(mutual), star.take(mutual)

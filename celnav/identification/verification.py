@@ -100,7 +100,11 @@ def turning_derivatives(dirs: F8, by_direction: F8) -> F8:
     x, y, z = dirs.T
     a, b, c = by_direction[:, :, 0], by_direction[:, :, 1], by_direction[:, :, 2]
     x, y, z = x[:, None], y[:, None], z[:, None]
-    return np.stack((c * y - b * z, a * z - c * x, b * x - a * y), axis=2)
+    derivatives = np.empty_like(by_direction)
+    derivatives[:, :, 0] = c * y - b * z
+    derivatives[:, :, 1] = a * z - c * x
+    derivatives[:, :, 2] = b * x - a * y
+    return derivatives
 
 
 def log10_chance(agreeing: int, tried: int, chance: float) -> float:
@@ -189,7 +193,7 @@ def verify(
         except np.linalg.LinAlgError:
             break
         rotation = rotation_of(step[:3]) @ rotation
-        log_f = float(np.clip(log_f + step[3], -MOST_LOG_F, MOST_LOG_F))
+        log_f = min(max(log_f + float(step[3]), -MOST_LOG_F), MOST_LOG_F)
         radius = min(radius, max(3.5 * sigma, 1.2))
     length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
     n_free = free_stars + (1 if abs(log_f) > 1e-3 else 0)
@@ -199,18 +203,17 @@ def verify(
     finest = float(camera.radians_per_px(uv).min())
     half_diagonal = math.hypot(camera.width, camera.height) / 2
     best = 0.0
-    for part in _RADII:
-        r = part * radius
-        agreeing = int((length <= r).sum())
-
-        def chance(radius_px: float) -> float:
-            return max(float(np.mean(1 - np.exp(-crowding * math.pi * radius_px**2))), 1e-12)
-
-        made = tried + log10_chance(agreeing - n_free, len(uv), chance(r))
+    radii = radius * np.array(_RADII)
+    # By chance a star lies within each radius, and within each as a turn and a focal length may be off besides.
+    areas = math.pi * np.concatenate((radii, (1 + _TURN_STEP + _FOCAL_STEP) * radii)) ** 2
+    chances = np.maximum((-np.expm1(-areas[:, None] * crowding)).mean(axis=1), 1e-12).tolist()
+    for k, r in enumerate(radii.tolist()):
+        agreeing = int(np.count_nonzero(length <= r))
+        made = tried + log10_chance(agreeing - n_free, len(uv), chances[k])
         # The focal length given is the likeliest: the n-th shell around it has 1/n(n + 1) of the allowed false alarms.
         shell = math.ceil(abs(log_f) * half_diagonal / (2 * _FOCAL_STEP * r) + 1e-9)
         steps = region.log10_steps(_TURN_STEP * r * finest) + math.log10(2 * shell * (shell + 1) * _SEARCHES)
-        covered = steps + log10_chance(agreeing, len(uv), chance((1 + _TURN_STEP + _FOCAL_STEP) * r))
+        covered = steps + log10_chance(agreeing, len(uv), chances[k + len(_RADII)])
         best = min(best, made, covered)
     total = min(0.0, best + math.log10(2 * len(_RADII)))
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
