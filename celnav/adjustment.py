@@ -163,14 +163,14 @@ def associate(
 def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp], variance: float) -> tuple[F8, F8, F8]:
     """Information of the pairs if it were known which belong together, the observed one, and the gradient.
 
-    Pairs are sorted by detection; `starts` holds the first of each.
+    Pairs are sorted by detection; `starts` holds the first of each. The design has the shape (2, parameters, pairs).
     """
-    rows = design.reshape(-1, design.shape[2])
-    complete = rows.T @ (rows * np.repeat(weight, 2)[:, None]) / variance
-    scores = (design[:, 0] * residual[:, :1] + design[:, 1] * residual[:, 1:]) / variance
-    weighted = scores * weight[:, None]
-    of_detection = np.add.reduceat(weighted, starts, axis=0)
-    return complete, complete - weighted.T @ scores + of_detection.T @ of_detection, weighted.sum(axis=0)
+    across, down = design
+    complete = ((across * weight) @ across.T + (down * weight) @ down.T) / variance
+    scores = across * (residual[:, 0] / variance) + down * (residual[:, 1] / variance)
+    weighted = scores * weight
+    of_detection = np.add.reduceat(weighted, starts, axis=1)
+    return complete, complete - weighted @ scores.T + of_detection @ of_detection.T, scores @ weight
 
 
 def adjust(
@@ -230,23 +230,26 @@ def adjust(
         return None
     order = np.argsort(detection, kind="stable")
     detection, star = detection[order], star[order]
-    starts = np.flatnonzero(np.diff(detection, prepend=-1))
+    starts = np.flatnonzero(np.concatenate(([True], detection[1:] != detection[:-1])))
+    on_diagonal = np.diag_indices(n_free)
     prior = np.zeros(n_free)
     prior[3:] = 1 / sigmas[free] ** 2
     own = np.ones(len(detection))
     if relative_sigma is not None:
         own = (relative_sigma / np.median(relative_sigma))[detection]
-    dirs, observed = stars[star], uv[detection]
-    design = design_of(camera, dirs @ rotation.T, values, free) / own[:, None, None]
+    own_square = own * own
+    dirs, observed = stars.take(star, axis=0), uv.take(detection, axis=0)
+    # By axis and parameter, so that every step passes over the pairs in the order of the memory.
+    design = np.ascontiguousarray(design_of(camera, dirs @ rotation.T, values, free).transpose(1, 2, 0)) / own
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))
-    covariance: F8 = np.empty((0, 0))
+    information: F8 = np.empty((0, 0))
     for round_ in range(max_rounds):
         residual = observed - predict(camera, dirs @ rotation.T, values)
-        square = np.einsum("ni,ni->n", residual, residual) / own**2
+        square = np.einsum("ni,ni->n", residual, residual) / own_square
         clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
-        ratio = share / (1 - share) / clutter / (2 * math.pi * (sigma_px * own) ** 2)
+        ratio = share / (1 - share) / clutter / (2 * math.pi * sigma_px**2 * own_square)
         weight, link = associate(detection, star, ratio * np.exp(-0.5 * square / sigma_px**2), link)
         n_explained = float(weight.sum())
         if 2 * n_explained < n_free + 2:
@@ -258,17 +261,17 @@ def adjust(
         complete, observed_information, gradient = _information(
             design, residual / own[:, None], weight, starts, variance
         )
-        complete += np.diag(prior)
-        observed_information += np.diag(prior)
+        complete[on_diagonal] += prior
+        observed_information[on_diagonal] += prior
         gradient[3:] -= prior[3:] * values[free]
         try:
             positive = bool(np.linalg.eigvalsh(observed_information)[0] > 0)
-            covariance = np.asarray(np.linalg.inv(observed_information if positive else complete), dtype=np.float64)
+            information = observed_information if positive else complete
+            # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
+            damped = 0.5 * (complete + observed_information) if positive else complete
+            step = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        # Between Newton's step, which overshoots where stars compete, and that of expectation maximisation.
-        damped = 0.5 * (complete + observed_information) if positive else complete
-        step = np.asarray(np.linalg.solve(damped, gradient), dtype=np.float64)
         rotation = rotation_of(step[:3]) @ rotation
         values = values.copy()
         values[free] += step[3:]
@@ -278,6 +281,10 @@ def adjust(
     else:
         if not positive:
             return None
+    try:
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
     camera_sigmas = np.zeros(5)
     camera_sigmas[free] = np.sqrt(np.diag(covariance)[3:])
     return Adjusted(rotation, covariance, values, camera_sigmas, detection, star, weight, residual, float(sigma_px))
@@ -285,9 +292,9 @@ def adjust(
 
 def without_focal(adjusted: Adjusted) -> Adjusted:
     """Return what an adjustment with the focal length free would be with it held: the conditional Gaussian."""
-    rest = np.delete(np.arange(len(adjusted.cov)), 3)
+    rest = [row for row in range(len(adjusted.cov)) if row != 3]
     gain = adjusted.cov[rest, 3] / adjusted.cov[3, 3]
-    cov = adjusted.cov[np.ix_(rest, rest)] - np.outer(gain, adjusted.cov[3, rest])
+    cov = adjusted.cov[rest][:, rest] - gain[:, None] * adjusted.cov[3, rest]
     free = np.flatnonzero(adjusted.camera_sigmas > 0)[1:]
     values, sigmas = np.zeros(5), np.zeros(5)
     values[free] = adjusted.camera_values[free] - gain[3:] * adjusted.camera_values[0]

@@ -195,7 +195,9 @@ class Camera:
         """
         dirs = real_rows(dirs, 3, "dirs", CameraError)
         if self.model in PERSPECTIVE:
-            z = np.where(dirs[:, 2] > 0, dirs[:, 2], np.nan)
+            z = dirs[:, 2]
+            if not (ahead := z > 0).all():
+                z = np.where(ahead, z, np.nan)
             x, y = dirs[:, 0] / z, dirs[:, 1] / z
             if not self._undistorted:
                 seen = x * x + y * y <= self._limit**2
@@ -211,18 +213,20 @@ class Camera:
                 x, y = projection.decentre(x, y, self.p, self.s)
         if self._tilt is not None:
             x, y = projection.onto(self._tilt, x, y)
-        return np.column_stack((self.cx_px + self.f_px * x, self.cy_px + self.fy_px * y))
+        uv = np.empty((len(dirs), 2))
+        uv[:, 0] = self.cx_px + self.f_px * x
+        uv[:, 1] = self.cy_px + self.fy_px * y
+        return uv
 
     def project_with_derivatives(self, dirs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project unit vectors, shape (n, 3); also the derivatives by their components, shape (n, 2, 3)."""
         uv = self.project(dirs)
         by_direction = np.zeros((len(dirs), 2, 3))
         if self._plain:
-            x, y, z = dirs.T
+            z = dirs[:, 2]
             inverse = 1.0 / np.where(z > 0, z, np.nan)
             by_direction[:, 0, 0], by_direction[:, 1, 1] = self.f_px * inverse, self.fy_px * inverse
-            by_direction[:, 0, 2] = -self.f_px * x * inverse**2
-            by_direction[:, 1, 2] = -self.fy_px * y * inverse**2
+            by_direction[:, :, 2] = ([self.cx_px, self.cy_px] - uv) * inverse[:, None]
             return uv, by_direction
         h = 1e-6
         for axis in range(3):

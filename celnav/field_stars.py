@@ -55,8 +55,10 @@ def aberrated(rotation: F8, camera: Camera, utc: Utc) -> F8:
 
     Over a narrow field the annual aberration, up to 20.5 arcsec, is one turn, and several pixels of a long lens.
     """
-    middle = rotation.T @ np.array(field_cone(camera)[0])
-    return np.asarray(rotation @ rotation_of(np.cross(middle, earth_at(utc).beta)).T)
+    x, y, z = (rotation.T @ np.array(field_cone(camera)[0])).tolist()
+    p, q, r = earth_at(utc).beta.tolist()
+    turn = np.array([y * r - z * q, z * p - x * r, x * q - y * p])
+    return np.asarray(rotation @ rotation_of(turn).T)
 
 
 def visible_stars(
@@ -180,9 +182,11 @@ def describe(
     # The probabilities are approximate where pairs form loops, as the stars of a double within the noise:
     # a detection and a star that are claimed twice belong to the likeliest pair.
     likely = np.flatnonzero(adjusted.weight > 0.5)
-    likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
-    likely = likely[first_of_each(adjusted.star[likely])]
-    sure = np.sort(likely[first_of_each(adjusted.detection[likely])])
+    for claimed in (adjusted.star, adjusted.detection):
+        if np.bincount(claimed[likely]).max(initial=0) > 1:
+            likely = likely[np.argsort(-adjusted.weight[likely], kind="stable")]
+            likely = likely[first_of_each(claimed[likely])]
+    sure = np.sort(likely)
     residuals = adjusted.residual_px[sure]
     matches = np.column_stack((prepared.rows[adjusted.detection[sure]], stars.star_id[adjusted.star[sure]]))
     inertial = adjusted.rotation @ to_terrestrial

@@ -31,7 +31,13 @@ from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import unrefract_rays
-from celnav.uncertainty.field_errors import FieldOfStars, measured_sigmas, shown_refraction, with_shared_errors
+from celnav.uncertainty.field_errors import (
+    FieldOfStars,
+    NamedStars,
+    measured_sigmas,
+    shown_refraction,
+    with_shared_errors,
+)
 from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
 
 F8 = NDArray[np.float64]
@@ -182,11 +188,12 @@ class SkybenchSolver:
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
             told = math.hypot(RELATIVE_SIGMA, problem.sigmas.refraction(*weather)) if air is None else air.sigma
             seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told)
-            if air is None and (shown := shown_refraction(seen, adjusted)) is not None:
+            named = NamedStars.of(seen, adjusted)
+            if air is None and (shown := shown_refraction(named)) is not None:
                 problem = replace(problem, weather=refracting(problem.weather, shown.value))
                 corrected = _prepare(problem, to_terrestrial, self.config)
                 return self._fix(problem, corrected, orientation, to_terrestrial, identified, shown)
-            widened, shared = with_shared_errors(seen, adjusted, priors, problem.attitude)
+            widened, shared = with_shared_errors(named, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 again = self._adjust(
@@ -194,7 +201,7 @@ class SkybenchSolver:
                 )
                 if again is not None:
                     adjusted, seen = again, replace(seen, relative_sigma=sigmas)
-                    widened, shared = with_shared_errors(seen, again, priors, problem.attitude)
+                    widened, shared = with_shared_errors(NamedStars.of(seen, again), priors, problem.attitude)
             scatter_cov = adjusted.cov[:3, :3]
             common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
             adjusted = widened
@@ -253,7 +260,8 @@ class SkybenchSolver:
             before, after = predict(camera, dirs @ turned.T, start), predict(
                 camera, dirs @ adjusted.rotation.T, adjusted.camera_values
             )  # fmt: skip
-            moved = float(np.sqrt(np.nanmax(np.einsum("ni,ni->n", after - before, after - before))))
+            apart = after - before
+            moved = math.sqrt(float(np.fmax.reduce(np.einsum("ni,ni->n", apart, apart))))
             if radius >= 4 * adjusted.sigma_px + moved:
                 break
             turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px

@@ -80,8 +80,8 @@ def terrestrial_stars(
     years = (tt1 - 2451545.0 + tt2) / 365.25 + 2000.0 - stars.epoch_jyear
     barycentric = propagate(stars.vectors, stars.motion, years)
     earth = earth_at(utc)
-    seen = barycentric - (stars.parallax_mas * 1e-3 * ARCSEC)[:, None] * earth.barycentric
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    seen = barycentric - (stars.parallax_mas * (1e-3 * ARCSEC))[:, None] * earth.barycentric
+    seen /= np.sqrt(np.einsum("ni,ni->n", seen, seen))[:, None]
     seen = aberrate(seen, earth.beta)
     rotation = celestial_to_terrestrial(utc, orientation) if to_terrestrial is None else to_terrestrial
     return TerrestrialStars(seen @ rotation.T)

@@ -68,8 +68,13 @@ class StarCatalog:
 
     def take(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> StarCatalog:
         """Return the catalogue of the chosen rows (indices, mask or slice), in that order; vectors at hand go along."""
-        taken = StarCatalog(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
-        taken.__dict__.update({name: self.__dict__[name][rows] for name in _VECTORS if name in self.__dict__})
+        columns = {name: self.__dict__[name] for name in (*_COLUMNS, *_VECTORS) if name in self.__dict__}
+        if isinstance(rows, np.ndarray) and rows.dtype != np.bool_:
+            chosen = {name: column.take(rows, axis=0) for name, column in columns.items()}
+        else:
+            chosen = {name: column[rows] for name, column in columns.items()}
+        taken = StarCatalog(**{name: chosen[name] for name in _COLUMNS})
+        taken.__dict__.update({name: chosen[name] for name in _VECTORS if name in chosen})
         return taken
 
     @cached_property
@@ -98,6 +103,9 @@ class StarCatalog:
     def motion(self) -> F8:
         """Proper motion as vectors, radians a year, shape (n, 3)."""
         return motion_vectors(self.ra_rad, self.dec_rad, self.pm_ra_mas_yr, self.pm_dec_mas_yr)
+
+
+_COLUMNS = tuple(field.name for field in fields(StarCatalog))
 
 
 def unit_vectors(ra_rad: F8, dec_rad: F8) -> F8:

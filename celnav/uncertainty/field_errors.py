@@ -20,6 +20,7 @@ from celnav.uncertainty.refraction_errors import refraction_derivatives
 from celnav.uncertainty.shared_residuals import SharedField, Sway, shared_field, sway
 
 F8 = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 SAME_VERTICAL_DEG = 0.2
 """An attitude whose vertical is as near as this to that of the camera's calibration is taken to come from it: mounts move by
@@ -71,6 +72,70 @@ class FieldOfStars:
         return None if self.up is None else airmass(self.rays @ self.up)
 
 
+@dataclass(frozen=True, eq=False)
+class NamedStars:
+    """The pairs of an adjustment that say something of the field, and how they answer to what may be wrong.
+
+    Attributes
+    ----------
+    field : FieldOfStars
+        What was adjusted.
+    adjusted : Adjusted
+        The outcome.
+    rows, detection : ndarray of int, shape (n,)
+        The pairs, and their detections.
+    precision : ndarray, shape (n,)
+        Inverse variances, px^-2.
+    turned : ndarray, shape (n, 3)
+        Directions of their stars, camera frame.
+    free : ndarray of int, shape (k,)
+        The focal length and the camera parameters that were fitted.
+    design : ndarray, shape (n, 2, 3 + k)
+        Derivatives of the predictions by a turn and by these.
+    by_air : ndarray, shape (n, 2, 1), or None
+        Derivatives by the refraction's relative error; None where no vertical is known, or there is no air.
+    """
+
+    field: FieldOfStars
+    adjusted: Adjusted
+    rows: Rows
+    detection: Rows
+    precision: F8
+    turned: F8
+    free: Rows
+    design: F8
+    by_air: F8 | None
+
+    @classmethod
+    def of(cls, field: FieldOfStars, adjusted: Adjusted) -> NamedStars:
+        """Choose the pairs, and derive."""
+        rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
+        detection, star = adjusted.detection[rows], adjusted.star[rows]
+        own = np.ones(len(rows))
+        if field.relative_sigma is not None:
+            own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
+        precision = adjusted.weight[rows] / (adjusted.sigma_px * own) ** 2
+        turned = field.dirs.take(star, axis=0) @ adjusted.rotation.T
+        free = np.flatnonzero(adjusted.camera_sigmas > 0)
+        if not len(free) or free[0]:
+            free = np.concatenate((np.zeros(1, dtype=np.intp), free))
+        design = design_of(field.camera, turned, adjusted.camera_values, free)
+        by_air = None if field.up is None else refraction_derivatives(field.camera, turned, field.up, *field.air)
+        return cls(field, adjusted, rows, detection, precision, turned, free, design, by_air)
+
+    @property
+    def residual(self) -> F8:
+        """Measured minus predicted, px, shape (n, 2)."""
+        return self.adjusted.residual_px.take(self.rows, axis=0)
+
+    @property
+    def fitted_design(self) -> F8:
+        """The design without the focal length where that was not fitted."""
+        if self.adjusted.camera_sigmas[0] > 0:
+            return self.design
+        return np.concatenate((self.design[:, :, :3], self.design[:, :, 4:]), axis=2)
+
+
 def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
     """Return standard deviations of the detections up to a factor, where those given do not explain the residuals."""
     own = np.ones(len(field.uv)) if field.relative_sigma is None else field.relative_sigma
@@ -79,46 +144,31 @@ def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
 
 
 def with_shared_errors(
-    field: FieldOfStars,
-    adjusted: Adjusted,
-    priors: CameraPriors,
-    attitude: Attitude | None,
+    named: NamedStars, priors: CameraPriors, attitude: Attitude | None
 ) -> tuple[Adjusted, SharedField | None]:
     """Widen the covariance of an adjustment by what neighbours share and by the lens' uncertainty.
 
     Parameters
     ----------
-    field : FieldOfStars
-        What was adjusted.
-    adjusted : Adjusted
-        The outcome.
+    named : NamedStars
+        What was adjusted, and the outcome.
     priors : CameraPriors
         What held the camera.
     attitude : Attitude or None
         With which the orientation will be compared.
     """
-    rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
-    detection, star = adjusted.detection[rows], adjusted.star[rows]
-    own = np.ones(len(rows))
-    if field.relative_sigma is not None:
-        own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
-    precision = adjusted.weight[rows] / (adjusted.sigma_px * own) ** 2
+    field, adjusted, precision, design = named.field, named.adjusted, named.precision, named.fitted_design
     free = np.flatnonzero(adjusted.camera_sigmas > 0)
-    sigmas = priors.sigmas[free]
-    held = np.concatenate((np.zeros(3), 1 / np.maximum(sigmas, 1e-300) ** 2))
-    turned = field.dirs[star] @ adjusted.rotation.T
-    design = design_of(field.camera, turned, adjusted.camera_values, free)
-    mass = None if field.mass is None else field.mass[detection]
+    held = np.concatenate((np.zeros(3), 1 / np.maximum(priors.sigmas[free], 1e-300) ** 2))
     together = _calibrated_together(field.camera, attitude)
-    size = field.camera.width, field.camera.height
     shared = shared_field(
-        field.uv[detection],
-        adjusted.residual_px[rows],
+        field.uv.take(named.detection, axis=0),
+        named.residual,
         precision,
         design,
         held,
-        mass,
-        size,
+        None if field.mass is None else field.mass.take(named.detection),
+        (field.camera.width, field.camera.height),
         _reference(field) if together else None,
     )
     if shared is not None:
@@ -127,46 +177,38 @@ def with_shared_errors(
         of_camera[free] = np.sqrt(np.diag(cov)[3:])
         adjusted = replace(adjusted, cov=cov, camera_sigmas=of_camera)
     cov = adjusted.cov.copy()
-    if field.up is not None:
-        by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
-        turn = turn_by_lens(design, by_air, precision, held)
+    if named.by_air is not None:
+        turn = turn_by_lens(design, named.by_air, precision, held)
         cov[:3, :3] += field.air_sigma**2 * turn @ turn.T
     uncertainty = field.camera.uncertainty
     if uncertainty is not None:
-        by_lens = lens_derivatives(field.camera, turned, uncertainty.names)
+        by_lens = lens_derivatives(field.camera, named.turned, uncertainty.names)
         turn = turn_by_lens(design, by_lens, precision, held)
         cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(uncertainty.turn_by_lens) if together else None)
     return replace(adjusted, cov=cov), shared
 
 
-def shown_refraction(field: FieldOfStars, adjusted: Adjusted) -> Estimate | None:
+def shown_refraction(named: NamedStars) -> Estimate | None:
     """Return the relative error of the refraction where the stars show it clearly, whatever the focal length.
 
     Its derivatives, those of a turn, of the focal length and of what was fitted of the camera enter one linear problem. A
     lens that was calibrated on stars has the refraction's error of those nights in its radial terms: it is not asked.
     """
-    rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
-    if field.up is None or field.camera.uncertainty is not None or 2 * len(rows) < _FEWEST_NUMBERS:
+    field = named.field
+    if named.by_air is None or field.camera.uncertainty is not None or 2 * len(named.rows) < _FEWEST_NUMBERS:
         return None
-    detection, star = adjusted.detection[rows], adjusted.star[rows]
-    own = np.ones(len(rows))
-    if field.relative_sigma is not None:
-        own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
-    root = np.sqrt(adjusted.weight[rows]) / (adjusted.sigma_px * own)
-    turned = field.dirs[star] @ adjusted.rotation.T
-    free = np.union1d([0], np.flatnonzero(adjusted.camera_sigmas > 0)).astype(np.intp)
-    design = design_of(field.camera, turned, adjusted.camera_values, free)
-    by_air = refraction_derivatives(field.camera, turned, field.up, *field.air)
-    columns = (np.concatenate((design, by_air), axis=2) * root[:, None, None]).reshape(2 * len(rows), -1)
-    scale = np.linalg.norm(columns, axis=0)
+    columns = np.concatenate((named.design, named.by_air), axis=2)
+    weighted = (columns * named.precision[:, None, None]).reshape(2 * len(columns), -1)
+    normal = weighted.T @ columns.reshape(weighted.shape)
+    scale = np.sqrt(np.diag(normal))
     if not (scale > 0).all():
         return None
-    normal = (columns / scale).T @ (columns / scale)
+    normal /= np.outer(scale, scale)
     if np.linalg.cond(normal) > _WORST_CONDITION:
         return None
     inverse = np.linalg.inv(normal)
-    fitted = inverse @ ((columns / scale).T @ (adjusted.residual_px[rows] * root[:, None]).ravel())
-    value, sigma = float(fitted[-1] / scale[-1]), math.sqrt(float(inverse[-1, -1])) / float(scale[-1])
+    fitted = inverse[-1] @ (weighted.T @ named.residual.ravel() / scale)
+    value, sigma = float(fitted / scale[-1]), math.sqrt(float(inverse[-1, -1])) / float(scale[-1])
     clear = abs(value) > CLEAR_SIGMAS * math.hypot(sigma, field.air_sigma)
     return Estimate(value, sigma) if clear and abs(value) < MOST_REFRACTION else None
 

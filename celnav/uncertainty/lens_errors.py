@@ -62,9 +62,10 @@ def turn_by_lens(design: F8, by_lens: F8, precision: F8, held: F8) -> F8:
     held : ndarray, shape (3 + k,)
         Inverse variances that hold parameters.
     """
-    weighted = design * precision[:, None, None]
-    normal = np.einsum("nai,naj->ij", weighted, design) + np.diag(held)
-    return np.asarray(-np.linalg.solve(normal, np.einsum("nai,nam->im", weighted, by_lens))[:3])
+    numbers = 2 * len(design)
+    weighted = (design * precision[:, None, None]).reshape(numbers, -1)
+    normal = weighted.T @ design.reshape(weighted.shape) + np.diag(held)
+    return np.asarray(-np.linalg.solve(normal, weighted.T @ by_lens.reshape(numbers, -1))[:3])
 
 
 def lens_covariance(uncertainty: LensUncertainty, turn: F8, attitude_turn: F8 | None) -> F8:

@@ -62,7 +62,8 @@ def relative_sigmas(half_square: F8, weight: F8, rows: NDArray[np.intp], own: F8
     """
     if float(weight.sum()) < FEWEST_STARS:
         return None
-    scale = float(np.median(own[rows]))
+    claims = np.sort(own[rows])
+    scale = float(claims[(len(claims) - 1) // 2] + claims[len(claims) // 2]) / 2
     parts = [(own / scale) ** 2, np.ones(len(own))]
     if mass is not None:
         parts.append(mass)

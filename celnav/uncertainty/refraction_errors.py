@@ -33,10 +33,12 @@ def refraction_derivatives(camera: Camera, rays: F8, up: F8, pressure_hpa: float
     pressure_hpa, temperature_c : float
         Of the air.
     """
-    height = np.clip(rays @ up, -1.0, 1.0)
+    height = rays @ up
     outward = up - height[:, None] * rays
-    length = np.maximum(np.linalg.norm(outward, axis=1), 1e-12)
+    length = np.maximum(np.sqrt(np.einsum("ni,ni->n", outward, outward)), 1e-12)
     angle = refraction_rad(np.minimum(np.arctan2(length, height), np.pi / 2), pressure_hpa, temperature_c)
     _, by_direction = camera.project_with_derivatives(rays)
-    lifted = outward / length[:, None] * angle[:, None]
-    return np.nan_to_num(np.einsum("nai,ni->na", by_direction, lifted))[:, :, None]
+    lifted = outward * (angle / length)[:, None]
+    moved = by_direction @ lifted[:, :, None]
+    moved[~np.isfinite(moved)] = 0.0
+    return np.asarray(moved)

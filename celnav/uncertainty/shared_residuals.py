@@ -88,23 +88,20 @@ class _Cells:
 
 def _gather(uv: F8, residual: F8, precision: F8, design: F8, mass: F8, size: tuple[int, int]) -> _Cells:
     """Average over cells of the frame by precision."""
-    side = max(size) / CELLS
-    column, row = np.floor((uv + 0.5) / side).astype(np.intp).T
-    _, cell = np.unique(row * (4 * CELLS) + column, return_inverse=True)
-    total = np.asarray(np.bincount(cell, weights=precision), dtype=np.float64)
-
-    def mean(values: F8) -> F8:
-        return np.asarray(np.bincount(cell, weights=precision * values) / total)
-
-    k = design.shape[2]
-    columns = [mean(design[:, axis, j]) for axis in (0, 1) for j in range(k)]
-    return _Cells(
-        np.column_stack((mean(uv[:, 0]), mean(uv[:, 1]))),
-        np.column_stack((mean(residual[:, 0]), mean(residual[:, 1]))),
-        np.stack(columns, axis=1).reshape(-1, 2, k),
-        mean(mass),
-        total,
-    )
+    column, row = np.floor((uv + 0.5) / (max(size) / CELLS)).astype(np.intp).T
+    column -= column.min()
+    cell = (row - row.min()) * (int(column.max()) + 1) + column
+    k, count = design.shape[2], int(cell.max()) + 1
+    values = np.empty((2 * k + 6, len(uv)))
+    values[0], values[1:3], values[3:5], values[5] = 1.0, uv.T, residual.T, mass
+    values[6:] = design.reshape(-1, 2 * k).T
+    values *= precision
+    # Sums of all quantities at once: each has its own range of numbers.
+    numbers = cell + count * np.arange(len(values))[:, None]
+    sums = np.bincount(numbers.ravel(), weights=values.ravel(), minlength=count * len(values)).reshape(-1, count)
+    sums = sums[:, sums[0] > 0]
+    means = (sums[1:] / sums[0]).T
+    return _Cells(means[:, :2], means[:, 2:4], means[:, 5:].reshape(-1, 2, k), means[:, 4], sums[0])
 
 
 def shared_field(
@@ -151,8 +148,8 @@ def shared_field(
     if 2 * len(cells.uv) < design.shape[2] + 6:
         return None
     half = math.hypot(*size) / 2
-    apart = ((cells.uv[:, None, :] - cells.uv[None, :, :]) ** 2).sum(axis=2)
-    correlations = [np.exp(-0.5 * apart / (length * half) ** 2) for length in LENGTHS]
+    apart = _squared_distances(cells.uv)
+    correlations = np.exp(apart * (-0.5 / (half * np.array(LENGTHS)) ** 2)[:, None, None])
     score = _score(cells, correlations, held)
     if score < LEAST_SCORE:
         return None
@@ -173,26 +170,31 @@ def shared_field(
     return SharedField(math.sqrt(variance), length_px, with_air, score, cov)
 
 
-def _score(cells: _Cells, correlations: list[F8], held: F8) -> float:
-    """Return the largest score of the correlations: the derivative of the restricted likelihood by the field's variance.
+def _score(cells: _Cells, correlations: F8, held: F8) -> float:
+    """Return the largest score of correlations, (l, c, c): the derivative of the restricted likelihood by the variance.
 
-    In units of its standard deviation without such a field.
+    In units of its standard deviation without such a field. With P the precisions of both axes, the inverse covariance that
+    the fit leaves is P - V V^T, and with the correlation C of each axis only C P and V^T C V are needed.
     """
     count, _, k = cells.design.shape
-    design = np.swapaxes(cells.design, 0, 1)  # (2, c, k)
-    weighted = (design * cells.precision[:, None]).reshape(2 * count, k)
-    normal = weighted.T @ design.reshape(2 * count, k) + np.diag(held)
-    kept = np.diag(np.tile(cells.precision, 2)) - weighted @ np.linalg.solve(normal, weighted.T)
-    sums = kept @ cells.residual.T.ravel()
-    best = -math.inf
-    for correlation in correlations:
-        # The same for both axes.
-        product = np.concatenate((correlation @ kept[:count], correlation @ kept[count:]))
-        spread = math.sqrt(2 * float(np.sum(product * product.T)))
-        along = sums.reshape(2, count)
-        square = float(np.sum(along * (along @ correlation)))
-        best = max(best, (square - float(np.trace(product))) / spread)
-    return best
+    design = np.swapaxes(cells.design, 0, 1).reshape(2 * count, k)
+    precision = np.tile(cells.precision, 2)
+    weighted = design * precision[:, None]
+    normal = weighted.T @ design
+    normal[np.diag_indices(k)] += held
+    fitted = np.linalg.solve(np.linalg.cholesky(normal), weighted.T).reshape(k, 2, count)  # V^T
+    residual = cells.residual.T
+    sums = cells.precision * residual - np.einsum("kac,k->ac", fitted, np.einsum("kac,ac->k", fitted, residual))
+    spreading = fitted @ correlations[:, None]  # V^T C, (l, k, 2, c)
+    inner = np.einsum("lkac,jac->lkj", spreading, fitted)
+    trace = precision.sum() - np.einsum("lkk->l", inner)
+    power = (
+        2 * np.einsum("c,lcd,d->l", cells.precision, correlations**2, cells.precision, optimize=True)
+        - 2 * np.einsum("c,lkac->l", cells.precision, spreading**2)
+        + np.einsum("lkj,lkj->l", inner, inner)
+    )
+    square = np.einsum("lac,ac->l", sums @ correlations, sums)
+    return float(((square - trace) / np.sqrt(2 * power)).max())
 
 
 def _restricted(cells: _Cells, field: F8, variances: F8, held: F8) -> F8:
@@ -231,8 +233,13 @@ def _difference(one: Sway, other: Sway) -> Sway:
 
 def _of_parameters(sway: Sway, length_px: float, with_air: bool) -> F8:
     """Covariance that a field of unit variance gives to parameters, shape (k, k)."""
-    apart = ((sway.uv[:, None, :] - sway.uv[None, :, :]) ** 2).sum(axis=2)
-    field = np.exp(-0.5 * apart / length_px**2)
+    field = np.exp(-0.5 * _squared_distances(sway.uv) / length_px**2)
     if with_air:
         field = field * sway.mass[:, None] * sway.mass
     return np.asarray(np.einsum("ica,cd,jda->ij", sway.gain, field, sway.gain, optimize=True))
+
+
+def _squared_distances(uv: F8) -> F8:
+    """Of all pairs of places, shape (c, c)."""
+    u, v = uv.T
+    return np.asarray(np.subtract.outer(u, u) ** 2 + np.subtract.outer(v, v) ** 2)
