@@ -139,6 +139,9 @@ class DetectionConfig:
             raise ConfigError("detection needs gain_e_per_dn > 0, or None")
 
 
+_USUAL = DetectionConfig()
+
+
 def detect(
     image: ArrayLike, mask: ArrayLike | None = None, config: DetectionConfig | FloodFillConfig | None = None
 ) -> Detections:
@@ -163,7 +166,7 @@ def detect(
     ImageError
         For a wrong shape, NaN, or a mask that does not fit.
     """
-    config = DetectionConfig() if config is None else config
+    config = _USUAL if config is None else config
     if isinstance(config, FloodFillConfig):
         return Detections(*flood_fill(image, mask, config))
     original = as_image(image)
@@ -289,17 +292,19 @@ def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[ND
     assert noise.ratio is not None
     scale = _NOISE_MARGIN * least * (1.0 if zones is not None else float(filtered.noise_factor[0, 0]))
     limits = replace(noise, ratio=noise.ratio.times(scale))
-    found, significance = [], []
+    found = []
     for top, bottom in strips(height, width):
-        limit = limits.strip(top, bottom)
-        if zones is not None:
-            limit *= zones[top:bottom]
-        amplitude = filtered.amplitude[top:bottom]
-        at = np.flatnonzero(amplitude > limit)
-        with np.errstate(divide="ignore"):
-            significance.append(amplitude.ravel().take(at) / limit.ravel().take(at))
-        found.append(at + top * width)
-    return np.concatenate(found), np.concatenate(significance) * np.float32(least)
+        bound = limits.limit(top, bottom)
+        above = filtered.amplitude[top:bottom] > (bound if zones is None else bound * zones[top:bottom])
+        found.append(above.ravel().nonzero()[0] + top * width)
+    at = np.concatenate(found)
+    amplitude, limit = filtered.amplitude.ravel().take(at), limits.at(*np.divmod(at, width))
+    if zones is not None:
+        limit *= zones.ravel().take(at)
+    standing = (amplitude > limit).nonzero()[0]
+    at, amplitude, limit = at.take(standing), amplitude.take(standing), limit.take(standing)
+    with np.errstate(divide="ignore"):
+        return at, amplitude / limit * np.float32(least)
 
 
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:

@@ -115,6 +115,9 @@ SOLVERS: MappingProxyType[str, Solver] = MappingProxyType(
 )
 
 
+_EXACT = ToldSigmas()
+
+
 def solvers() -> tuple[str, ...]:
     """Return the names that `solve` takes as ``solver``."""
     return tuple(SOLVERS)
@@ -202,7 +205,7 @@ def solve(
             dut1_s,
             near,
             time_limit_s,
-            ToldSigmas() if sigmas is None else sigmas,
+            _EXACT if sigmas is None else sigmas,
         )
     fix = chosen(problem, history, clock)
     clock.time_ms["total"] = sum(clock.time_ms.values())

@@ -74,7 +74,8 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4,
     row = np.arange(len(ordered))
     middle = ordered[row, np.minimum(number // 2, ordered.shape[1] - 1)]
     with np.errstate(invalid="ignore"):  # tiles without any sample are unknown
-        deviation = np.where(number > 0, ordered.T - middle, np.float32(0)).T
+        deviation = ordered - middle[:, None]
+    deviation[number == 0] = 0
     below = np.count_nonzero(deviation < 0, axis=1)
     above = np.count_nonzero(deviation > 0, axis=1) - np.where(number > 0, ordered.shape[1] - number, 0)
     # Upper medians of the deviations of each side.
@@ -83,7 +84,13 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4,
         -deviation[row, np.maximum(below - 1 - below // 2, 0)],
     )
     spreads = []
-    for side, count, usual in ((deviation, above, typical[0]), (-deviation, below, typical[1])):
+    # Where all samples count, the middle one parts the two sides.
+    half = ordered.shape[1] // 2 if (number == ordered.shape[1]).all() else None
+    sides = (
+        (deviation if half is None else deviation[:, half:], above, typical[0]),
+        (-(deviation if half is None else deviation[:, :half]), below, typical[1]),
+    )
+    for side, count, usual in sides:
         limit = _CLIP * np.float32(1.4826) * usual
         inside = np.where((side > 0) & (side <= limit[:, None]), side, np.float32(0))
         kept = np.count_nonzero(inside, axis=1)

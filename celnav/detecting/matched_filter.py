@@ -75,11 +75,17 @@ def _along_rows(values: F4, sums: F4) -> F4:
 
 def _with_margin(light: F4, rows: tuple[int, int], columns: tuple[int, int], margin: int) -> F4:
     """A block of an image with a margin around it; beyond the border its outermost pixels are repeated."""
-    height, width = light.shape
     first_row, last_row, first, last = rows[0] - margin, rows[1] + margin, columns[0] - margin, columns[1] + margin
     part = light[max(first_row, 0) : last_row, max(first, 0) : last]
-    beyond = (max(-first_row, 0), max(last_row - height, 0)), (max(-first, 0), max(last - width, 0))
-    return np.pad(part, beyond, mode="edge") if any(map(any, beyond)) else part
+    above, left = max(-first_row, 0), max(-first, 0)
+    below, right = above + part.shape[0], left + part.shape[1]
+    if part.shape == (last_row - first_row, last - first):
+        return part
+    window = np.empty((last_row - first_row, last - first), dtype=light.dtype)
+    window[above:below, left:right] = part
+    window[above:below, :left], window[above:below, right:] = part[:, :1], part[:, -1:]
+    window[:above], window[below:] = window[above], window[below - 1]
+    return window
 
 
 def _correlated(values: F4, line: F4) -> F4:

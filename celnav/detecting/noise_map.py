@@ -11,6 +11,9 @@ from celnav.detecting.tiles import TileMap
 
 F4 = NDArray[np.float32]
 
+# Of interpolation in single precision.
+_ROUNDING = 1e-5
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseMap:
@@ -37,6 +40,14 @@ class NoiseMap:
         if self.ratio is not None:
             noise *= self.ratio.strip(top, bottom)
         return noise
+
+    def limit(self, top: int, bottom: int) -> F4:
+        """Return for each column a bound that no value of the rows from `top` to `bottom` is below, shape (width,)."""
+        bound = np.maximum(self.white.least(top, bottom), np.float32(self.least))
+        if self.ratio is not None:
+            bound *= self.ratio.least(top, bottom)
+        bound *= np.float32(1 - _ROUNDING)
+        return bound
 
     def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values of single pixels, shape (n,)."""

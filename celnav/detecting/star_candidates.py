@@ -99,7 +99,7 @@ def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
     width = light.shape[1]
     label, n = connected(above, width)
     rows, columns = np.divmod(above, width)
-    value = np.maximum(light.ravel()[above].astype(np.float64), 0.0)
+    value = np.maximum(light.ravel().take(above).astype(np.float64), 0.0)
     area = np.bincount(label, minlength=n + 1)
     good = np.bincount(label, weights=seeded, minlength=n + 1) > 0
     flux: F8 = np.bincount(label, weights=value, minlength=n + 1).astype(np.float64, copy=False)
@@ -202,14 +202,15 @@ def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Ma
     """
     amplitude = filtered.amplitude
     height, width = amplitude.shape
-    rows, columns = np.divmod(above, width)
-    inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used.ravel()[above]
-    at = above[inner]
     flat = amplitude.ravel()
-    value = flat.take(at)
+    at, value = above, flat.take(above)
     for offset in (-1, -width, -width - 1, -width + 1):
-        good = (value > flat.take(at + offset)) & (value >= flat.take(at - offset))
+        good = value > flat.take(at + offset, mode="clip")
+        good &= value >= flat.take(at - offset, mode="clip")
         at, value = at[good], value[good]
+    rows, columns = np.divmod(at, width)
+    inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used.ravel().take(at)
+    at, value = at[inner], value[inner]
     order = np.argsort(-value, kind="stable")
     at, brightness = at[order], value[order].astype(np.float64)
     rows, columns = np.divmod(at, width)

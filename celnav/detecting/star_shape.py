@@ -305,8 +305,10 @@ def _near(covariance: F8, middle: F8, factor: float) -> Mask:
 def _largest_agreement(covariance: F8) -> Mask:
     """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
     apart = np.zeros((len(covariance), len(covariance)))
+    difference = np.empty_like(apart)
     for moment in covariance.T:
-        apart += np.abs(np.subtract.outer(moment, moment))
+        np.subtract.outer(moment, moment, out=difference)
+        apart += np.abs(difference, out=difference)
     near = apart < _tolerance(covariance)[:, None]
     return np.asarray(near[np.argmax(near.sum(axis=1))])
 

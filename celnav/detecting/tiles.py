@@ -105,10 +105,15 @@ class Tiles:
         return np.asarray(grid[tuple(nearest)])
 
     def smooth(self, grid: F4) -> F4:
-        """Return the 3 x 3 median of a grid of tiles."""
-        from scipy import ndimage
-
-        return np.asarray(ndimage.median_filter(grid.astype(np.float32), 3, mode="nearest"))
+        """Return the 3 x 3 median of a grid of tiles; beyond the border the outermost ones are repeated."""
+        rows, columns = grid.shape
+        wide = np.empty((rows + 2, columns + 2), dtype=np.float32)
+        wide[1:-1, 1:-1] = grid
+        wide[0, 1:-1], wide[-1, 1:-1] = grid[0], grid[-1]
+        wide[:, 0], wide[:, -1] = wide[:, 1], wide[:, -2]
+        nine = np.stack([wide[row : row + rows, column : column + columns] for row in range(3) for column in range(3)])
+        nine.partition(4, axis=0)
+        return nine[4]
 
     def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
         """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
@@ -145,11 +150,23 @@ class TileMap:
         weights[at, np.minimum(left + 1, last) - first] += part
         return np.asarray(weights @ self._across[first : last + 1])
 
+    def least(self, top: int, bottom: int) -> F4:
+        """Return for each column a bound that no value of the rows from `top` to `bottom` is below, shape (width,).
+
+        Of a map that is not extrapolated.
+        """
+        first, last = int(self._rows.left[top]), min(int(self._rows.left[bottom - 1]) + 1, len(self.grid) - 1)
+        return np.asarray(self._across[first : last + 1].min(axis=0))
+
     def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values of single pixels, shape (n,)."""
-        above, down = self._rows.left[rows], self._rows.part[rows]
-        below = np.minimum(above + 1, len(self.grid) - 1)
-        return np.asarray((1 - down) * self._across[above, columns] + down * self._across[below, columns])
+        above, down = self._rows.left.take(rows), self._rows.part.take(rows)
+        width, across = self._across.shape[1], self._across.ravel()
+        place = above * width + columns
+        value = across.take(place)
+        value *= 1 - down
+        value += down * across.take(np.where(above + 1 < len(self.grid), place + width, place))
+        return value
 
     def mesh(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values where rows and columns cross, shape (rows, columns)."""
