@@ -223,10 +223,11 @@ class Camera:
         uv = self.project(dirs)
         by_direction = np.zeros((len(dirs), 2, 3))
         if self._plain:
-            z = dirs[:, 2]
+            x, y, z = dirs.T
             inverse = 1.0 / np.where(z > 0, z, np.nan)
             by_direction[:, 0, 0], by_direction[:, 1, 1] = self.f_px * inverse, self.fy_px * inverse
-            by_direction[:, :, 2] = ([self.cx_px, self.cy_px] - uv) * inverse[:, None]
+            by_direction[:, 0, 2] = -self.f_px * x * inverse**2
+            by_direction[:, 1, 2] = -self.fy_px * y * inverse**2
             return uv, by_direction
         h = 1e-6
         for axis in range(3):
