@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,8 @@ class Precision:
         Half-width of a further, uniform error of the focal length, relative.
     distortion_sigma : float
         Above 0: the lens is told without its distortion, with this as the standard deviation of k1.
+    tilt_bias_sigma_deg : float
+        Of a further error of the vertical, about each of the camera's axes across its line of sight.
     """
 
     tilt_sigma_deg: float
@@ -52,9 +55,12 @@ class Precision:
     temperature_sigma_c: float
     focal_range: float = 0.0
     distortion_sigma: float = 0.0
+    tilt_bias_sigma_deg: float = 0.0
 
 
-def told(seen: Observation, precision: Precision, rng: np.random.Generator) -> Observation:
+def told(
+    seen: Observation, precision: Precision, rng: np.random.Generator, alike: np.random.Generator | None = None
+) -> Observation:
     """What a solver is told of a frame.
 
     Parameters
@@ -64,12 +70,19 @@ def told(seen: Observation, precision: Precision, rng: np.random.Generator) -> O
     precision : Precision
     rng : Generator
         The frame's own.
+    alike : Generator, optional
+        Of what errs alike in all frames of a sequence, in the same state for each: lens, air, clock, and the part of the
+        vertical's error that stands still in the camera. The frame's own unless given.
     """
     east, north = rng.normal(0.0, precision.tilt_sigma_deg, 2)
     unknown = precision.heading_sigma_deg >= HEADING_UNKNOWN_DEG
     turn = rng.uniform(-180.0, 180.0) if unknown else rng.normal(0.0, precision.heading_sigma_deg)
-    late_s, focal, shift, hpa, celsius = rng.normal(), rng.normal(), rng.normal(size=2), rng.normal(), rng.normal()
-    wide = rng.uniform(-precision.focal_range, precision.focal_range) if precision.focal_range else 0.0
+    alike = rng if alike is None else alike
+    late_s, focal, shift = alike.normal(), alike.normal(), alike.normal(size=2)
+    hpa, celsius = alike.normal(), alike.normal()
+    wide = alike.uniform(-precision.focal_range, precision.focal_range) if precision.focal_range else 0.0
+    bias = alike.normal(0.0, precision.tilt_bias_sigma_deg, 2) if precision.tilt_bias_sigma_deg else np.zeros(2)
+    R_cam = Rotation.from_rotvec([*bias, 0.0], degrees=True).as_matrix() @ seen.R_cam if bias.any() else seen.R_cam
     wrong = Rotation.from_rotvec([east, north, 0.0], degrees=True) * Rotation.from_rotvec(
         [0.0, 0.0, turn], degrees=True
     )
@@ -82,8 +95,8 @@ def told(seen: Observation, precision: Precision, rng: np.random.Generator) -> O
         seen,
         camera=camera,
         utc=rounded_utc(seen.utc, precision.utc_sigma_s * late_s, time_step) if time_step else seen.utc,
-        R_cam=_rounded_attitude(seen.R_cam @ wrong.as_matrix(), angle_step),
-        tilt_sigma_deg=stated(precision.tilt_sigma_deg, angle_step),
+        R_cam=_rounded_attitude(R_cam @ wrong.as_matrix(), angle_step),
+        tilt_sigma_deg=stated(math.hypot(precision.tilt_sigma_deg, precision.tilt_bias_sigma_deg), angle_step),
         heading_sigma_deg=math.inf if unknown else stated(precision.heading_sigma_deg, angle_step),
         pressure_hpa=round_to(seen.pressure_hpa + precision.pressure_sigma_hpa * hpa, pressure_step)
         if seen.pressure_hpa
@@ -98,7 +111,7 @@ def told(seen: Observation, precision: Precision, rng: np.random.Generator) -> O
 
 def _told_camera(
     camera: CameraRecord, precision: Precision, focal: float, wide: float, shift: NDArray[np.float64]
-) -> tuple[CameraRecord, dict[str, float]]:
+) -> tuple[CameraRecord, dict[str, Any]]:
     """The lens as it is told, and the standard deviations of that."""
     focal_px = precision.focal_sigma * camera.f_px
     f_step, place_step = step_of(focal_px), step_of(precision.principal_point_sigma_px)

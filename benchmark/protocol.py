@@ -46,6 +46,31 @@ class CameraRecord:
 
 
 @dataclass(frozen=True)
+class SequencePlace:
+    """Where a frame stands in a sequence: frames of one camera at one place, which solvers are given in order.
+
+    What is told of lens, air and clock errs alike in all of them; the vertical partly.
+
+    Attributes
+    ----------
+    sequence_id : str
+    index : int
+        From 0; a program that has met the frames before may use them.
+    length : int
+        Frames of the sequence.
+    tilt_bias_sigma_deg : float
+        Standard deviation, about each of the camera's axes across its line of sight, of that part of the vertical's error
+        which stands still in the camera throughout the sequence. It is in `Observation.tilt_sigma_deg`; the rest is new
+        in each frame.
+    """
+
+    sequence_id: str
+    index: int
+    length: int
+    tilt_bias_sigma_deg: float
+
+
+@dataclass(frozen=True)
 class Observation:
     """What is known of a frame besides its image.
 
@@ -73,6 +98,8 @@ class Observation:
         Of the lens's k1, where its distortion is not told.
     pressure_sigma_hpa, temperature_sigma_c : float
         Of the air's. All sigmas are 0 where what is told is exact.
+    sequence : SequencePlace or None
+        None of a frame by itself.
     """
 
     camera: CameraRecord
@@ -88,6 +115,7 @@ class Observation:
     distortion_sigma: float = 0.0
     pressure_sigma_hpa: float = 0.0
     temperature_sigma_c: float = 0.0
+    sequence: SequencePlace | None = None
 
 
 class Detections(Protocol):
@@ -138,7 +166,8 @@ class SolverUnderTest(Protocol):
     """A contestant.
 
     It keeps nothing from one frame to the next that depends on a frame: every call is answered as if it were the
-    first. With more than one process, instances are sent to the workers and must therefore be picklable.
+    first, except within a sequence (`SequencePlace`), whose frames come in order. With more than one process, instances
+    are sent to the workers and must therefore be picklable.
     """
 
     @property

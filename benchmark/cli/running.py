@@ -224,6 +224,8 @@ def _answer(frame: Frame, outcome: SolverOutcome) -> str:
 
 def _spread(frames: Sequence[Frame], count: int) -> list[Frame]:
     most = min(count, len(frames))
+    if any(frame.observation.sequence for frame in frames):
+        return list(frames[:most])  # of a sequence none may be left out
     return [frames[n * len(frames) // most] for n in range(most)]
 
 

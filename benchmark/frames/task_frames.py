@@ -17,6 +17,7 @@ from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_di
 from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
 from benchmark.frames.record_values import read_record
 from benchmark.instruments import told
+from benchmark.protocol import SequencePlace
 from benchmark.tasks.definition import SplitName, Task
 from generator.dataset.archive import read_frames as read_archive
 from generator.dataset.images import photo
@@ -85,10 +86,14 @@ def make_task_frames(
     """
     split, definition = choice.split, task.definition
     per_condition = frames_per_condition(task, choice)
-    levels = chosen_levels(task, choice.condition)
+    levels, length = chosen_levels(task, choice.condition), task.sequence_length
+    if length > 1:
+        if choice.condition is not None:
+            raise TaskError(f"{task.label}: the frames of a sequence are asked in order; leave out the condition")
+        levels = [0]  # one block: the first sequences hold the first frames of all conditions
     scenario = task.scenario_of(split)
     folder = split_folder(task.label, split, scenario.sha256, choice.data)
-    shards = wanted_shards(definition.frames_per_condition, per_condition, split, levels)
+    shards = wanted_shards(definition.frames_per_condition * length, per_condition * length, split, levels)
     unpacked, developed = folder / UNPACKED, definition.image == "photo"
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
@@ -201,6 +206,9 @@ def _luma_png(jpeg: bytes) -> bytes:
 
 def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame]:
     """Give every frame its condition, and each observation what instruments tell the solver at it."""
+    length = task.sequence_length
+    if length > 1:
+        return [_in_sequence(task, split, frame, length) for frame in frames]
     definition, seed = task.definition, task.definition.splits[split].seed
     found = []
     for frame in frames:
@@ -209,3 +217,13 @@ def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame
         seen = told(frame.observation, definition.instruments.at(level), rng)
         found.append(dataclasses.replace(frame, condition=definition.condition.values[level], observation=seen))
     return found
+
+
+def _in_sequence(task: Task, split: SplitName, frame: Frame, length: int) -> Frame:
+    """A frame of a sequence: its condition is the number of frames so far."""
+    seed, precision = task.definition.splits[split].seed, task.definition.instruments.at(0)
+    number, index = divmod(frame.index, length)
+    own = random_stream(seed, "task:instruments", frame.index)
+    seen = told(frame.observation, precision, own, random_stream(seed, "task:sequence", number))
+    place = SequencePlace(f"sequence-{number:05d}", index, length, precision.tilt_bias_sigma_deg)
+    return dataclasses.replace(frame, condition=index + 1.0, observation=dataclasses.replace(seen, sequence=place))

@@ -52,8 +52,11 @@ def ground_speed_km_s(latitude_deg: float) -> float:
 def bound_of(frame: Frame) -> float | None:
     """Least root mean square position error, km, for a solver with the stated uncertainty of attitude and time.
 
-    None where the frame has no bound: no width of the point spread function on record, or no stars that fix a position.
+    None where the frame has no bound: no width of the point spread function on record, no stars that fix a position, or a
+    frame of a sequence after the first, where a solver may know more than the frame says.
     """
+    if frame.observation.sequence is not None and frame.observation.sequence.index:
+        return None
     light = light_of(frame)
     if light is None:
         return None

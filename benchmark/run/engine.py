@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
 from benchmark.errors import ResultsError, SolverError
@@ -38,7 +39,7 @@ from benchmark.run.results import (
     write_result,
     writing,
 )
-from benchmark.run.sessions import SessionPool, session_pool
+from benchmark.run.sessions import Session, SessionPool, session_pool
 from benchmark.run.shared_detections import shared_detections
 from benchmark.stats.metrics import Summary, summarise
 
@@ -207,9 +208,13 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
         recorded = recorded_identities(out, frames.facts)
         done = journal.take_over(frames.frames)
         progress(len(done))
-        left = [frame for frame in frames.frames if frame.frame_id not in done]
+        # A sequence that was broken off is put again from its first frame; what was answered then stays.
+        groups = [group for group in asked_together(frames.frames) if any(one.frame_id not in done for one in group)]
+        left = [frame for group in groups for frame in group]
         try:
             for outcome in outcomes(left, found.pool, found.detections, found.notes, recorded):
+                if outcome.score.frame_id in done:
+                    continue
                 journal.add(outcome)
                 progress(1)
         except BaseException:
@@ -230,9 +235,12 @@ def outcomes(
 ) -> Iterator[SolverOutcome]:
     """Put frames to a solver and judge its answers, in the order of the frames.
 
+    The frames of a sequence go to one session, one after another.
+
     Parameters
     ----------
     frames : sequence of Frame
+        The frames of a sequence beside each other, in their order.
     pool : SessionPool
     detections : str
     notes : dict of str to FrameNotes
@@ -246,20 +254,35 @@ def outcomes(
         A frame is not the one that results are of; the solver is not asked about it.
     """
 
-    def solve(frame: Frame) -> SolverOutcome:
+    def solve(frame: Frame, session: Session) -> SolverOutcome:
         if frame.frame_id not in notes:
             notes[frame.frame_id] = FrameNotes(bound_of(frame), identity_of(frame))
         known = notes[frame.frame_id]
         check_identity(frame.frame_id, known.identity, recorded or {})
         shared = shared_detections(frame) if detections == "shared" else None
-        response = pool.answer(frame, shared)
+        response = session.answer(frame, shared)
         return judge_answer(frame, response, known.bound_km, known.identity)
+
+    def solve_in_order(group: Sequence[Frame]) -> list[SolverOutcome]:
+        with pool.idle_session() as session:
+            return [solve(frame, session) for frame in group]
 
     with ThreadPoolExecutor(pool.jobs) as threads:
         try:
-            yield from threads.map(solve, frames)
+            for judged in threads.map(solve_in_order, asked_together(frames)):
+                yield from judged
         finally:
             threads.shutdown(wait=True, cancel_futures=True)
+
+
+def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
+    """Frames in groups that one session is asked in order: each sequence is one, and each frame by itself."""
+
+    def key(frame: Frame) -> tuple[str, str]:
+        place = frame.observation.sequence
+        return ("frame", frame.frame_id) if place is None else ("sequence", place.sequence_id)
+
+    return [list(group) for _, group in groupby(frames, key)]
 
 
 def finished(folder: Path, wanted: RunProvenance) -> bool:

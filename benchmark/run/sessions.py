@@ -45,7 +45,10 @@ class Session(Protocol):
         """Make ready, and return the solver's version. Raises SolverError where it cannot run here."""
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Put a frame to the solver; `shared` are the detections that it is to use, None to detect by itself."""
+        """Put a frame to the solver; `shared` are the detections that it is to use, None to detect by itself.
+
+        Frames of a sequence come in order, none of another between them.
+        """
 
     def close(self) -> None:
         """End whatever was started."""
@@ -134,7 +137,7 @@ class PipeSession:
                 self.start()
             if not self._warm:
                 self._warm = True
-                self._warm_up(request)
+                self._warm_up(request_of(by_itself(frame), shared, Path(request["image"])))
             exchange = self._program.ask(request)
         except ProgramFailedError as error:
             return failure(str(error), error.time_ms)
@@ -202,11 +205,16 @@ class InProcessSession:
         image = load_image(frame)
         if not self._warm:
             self._warm = True
-            ask(self._solver, frame, image, shared)
+            ask(self._solver, by_itself(frame), image, shared)
         return ask(self._solver, frame, image, shared)
 
     def close(self) -> None:
         """Nothing to end."""
+
+
+def by_itself(frame: Frame) -> Frame:
+    """A frame without its sequence, in which a frame that is not judged would be one too many."""
+    return dataclasses.replace(frame, observation=dataclasses.replace(frame.observation, sequence=None))
 
 
 def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared: Detections | None = None) -> Response:
@@ -316,11 +324,12 @@ class SessionPool:
             self.close()
             raise
 
-    def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Put a frame to the session that is idle."""
+    @contextmanager
+    def idle_session(self) -> Iterator[Session]:
+        """A session that nobody else uses meanwhile."""
         session = self._idle.get()
         try:
-            return session.answer(frame, shared)
+            yield session
         finally:
             self._idle.put(session)
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import celnav
 from benchmark.protocol import Answer, Detections, Observation
 from benchmark.provenance import distribution_version
+from benchmark.solvers.sequence_track import SequenceTrack, without_bias
 from celnav.sky.planets import FIRST_PLANET_ID, planet_ids
 
 
@@ -24,6 +25,7 @@ class CelnavSolver:
     """
 
     name: str
+    _track: SequenceTrack = field(default_factory=SequenceTrack, repr=False, compare=False)
 
     @property
     def version(self) -> str:
@@ -41,11 +43,17 @@ class CelnavSolver:
         return found
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Solve without history, so that each frame stands alone."""
+        """Solve without history, so that each frame stands alone, but for a sequence, which the default solver tracks."""
+        if observation.sequence is None or self.name != "skybench":
+            return answer_of(self._fix(detections, observation))
+        fix = self._fix(detections, without_bias(observation))
+        return self._track.answer(answer_of(fix), fix, observation)
+
+    def _fix(self, detections: Detections, observation: Observation) -> celnav.Fix:
         camera = celnav.Camera.from_dict(dataclasses.asdict(observation.camera))
         if not isinstance(detections, celnav.Detections):
             detections = celnav.Detections(detections.uv, detections.flux, (camera.height, camera.width))
-        fix = celnav.solve(
+        return celnav.solve(
             detections,
             camera,
             utc=observation.utc,
@@ -63,7 +71,6 @@ class CelnavSolver:
                 observation.distortion_sigma,
             ),
         )
-        return answer_of(fix)
 
     def _attitude(self, observation: Observation) -> celnav.Attitude:
         """What is known of the attitude; the thesis' solvers take none but a whole one, however uncertain."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from benchmark.protocol import SIGMAS, CameraRecord, Detections, Observation, SolverUnderTest
+from benchmark.protocol import SIGMAS, CameraRecord, Detections, Observation, SequencePlace, SolverUnderTest
 from benchmark.solvers.messages import PROTOCOL
 from benchmark.solvers.registry import make_solver
 
@@ -48,6 +48,13 @@ def _camera(fields: Mapping[str, Any]) -> CameraRecord:
     return CameraRecord(**values)
 
 
+def _sequence(fields: Mapping[str, Any] | None) -> SequencePlace | None:
+    """The place in a sequence of a request, which a frame by itself lacks."""
+    if fields is None:
+        return None
+    return SequencePlace(fields["id"], fields["index"], fields["length"], fields["tilt_bias_sigma_deg"])
+
+
 def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[str, Any]:
     """Detect where no detections are given, solve, and put the answer into the protocol's terms."""
     heading = request["heading_sigma_deg"]
@@ -60,6 +67,7 @@ def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[
         pressure_hpa=request["pressure_hpa"],
         temperature_c=request["temperature_c"],
         **{name: request[name] for name in SIGMAS},
+        sequence=_sequence(request.get("sequence")),
     )
     started = time.perf_counter()
     found = _given(request) if request["detections"] is not None else solver.detect(_read(request["image"]))

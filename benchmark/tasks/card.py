@@ -11,6 +11,7 @@ from generator.frame.outlook import field_of_view_deg
 
 _INSTRUMENTS = (
     ("tilt_sigma_deg", "of the vertical about each axis", " deg"),
+    ("tilt_bias_sigma_deg", "of a further error of the vertical that stands still in the camera", " deg"),
     ("heading_sigma_deg", "of the heading", " deg"),
     ("utc_sigma_s", "of the time", " s"),
     ("focal_sigma", "of the focal length, relative,", ""),
@@ -43,7 +44,7 @@ def card(task: Task) -> str:
     rows = {
         "purpose": f"find the {condition.name} at which a solver fails, and compare solvers at each",
         "graded": f"{condition.name}: {', '.join(values)}{unit}; {condition.harder} is harder",
-        "frames": f"{definition.frames_per_condition} per condition; {_camera(task)}",
+        "frames": f"{definition.frames_per_condition} per condition{_sequences(task)}; {_camera(task)}",
         "solvers receive": f"the image{_IMAGES[definition.image]}, the camera, the time of mid-exposure, the attitude, "
         + f"pressure and temperature of the air{_instruments(task)}",
         "score": f"`{metric.name}`: share of frames with a fix within {_limit(task)}; {metric.better} is better; 95 % "
@@ -69,6 +70,11 @@ def card(task: Task) -> str:
 {_recipe(task)}
 ```
 """
+
+
+def _sequences(task: Task) -> str:
+    length = task.sequence_length
+    return f", of as many sequences of {length} frames that are given in order" if length > 1 else ""
 
 
 def limits() -> str:

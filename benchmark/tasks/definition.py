@@ -46,7 +46,7 @@ class Condition(Strict):
     unit: Annotated[str, Field(max_length=20)]
     """Empty for a pure number."""
     values: Numbers
-    """From easy to hard; of the scenario's sweep (in its order), or of `instruments`."""
+    """From easy to hard; of the scenario's sweep (in its order), of `instruments`, or frames of a sequence so far."""
     harder: Literal["higher", "lower"]
     """Which values are harder."""
 
@@ -69,6 +69,8 @@ class Instruments(Strict):
     """Of the given vertical about each horizontal axis."""
     heading_sigma_deg: Level = 0.0
     """Of the given heading; 180 or more: the heading given is random, and said to be unknown."""
+    tilt_bias_sigma_deg: Level = 0.0
+    """Of a further error of the vertical, which stands still in the camera throughout a sequence."""
     utc_sigma_s: Level = 0.0
     """Of the time."""
     focal_sigma: Level = 0.0
@@ -127,6 +129,7 @@ class TaskDefinition(Strict):
     splits: dict[SplitName, Split]
     metric: Metric
     frames_per_condition: Annotated[int, Field(ge=10, le=10_000)]
+    """Of a task of sequences, the number of these."""
     half_width_points: Annotated[float, Field(gt=0, lt=50)]
     """Half of the widest 95 % interval of the metric at one condition, per cent points, to one decimal."""
 
@@ -176,6 +179,14 @@ class Task:
     def graded_by_what_is_told(self) -> bool:
         """Whether the conditions differ in what solvers are told, not in the scenario."""
         return bool(self.definition.instruments.lengths)
+
+    @property
+    def sequence_length(self) -> int:
+        """Frames of each sequence; 1 where frames stand by themselves.
+
+        A task of sequences is graded by the number of frames that a solver has seen of one.
+        """
+        return self.scenario_of("dev").steps or 1
 
     @property
     def limit_km(self) -> float:
@@ -276,7 +287,12 @@ def _check_scenario(task: Task, path: Path) -> None:
     ):
         raise TaskError(f"{path}: sensor.develop.photo: solvers get the photograph, so give one, as JPEG")
     n = len(task.definition.condition.values)
-    expected = 1 if task.graded_by_what_is_told else n
+    so_far = tuple(float(n) for n in range(task.sequence_length, 0, -1))
+    if scenario.steps is not None and (task.definition.condition.values != so_far or task.graded_by_what_is_told):
+        raise TaskError(
+            f"{path}: time.count: a task of sequences is graded by their frames so far, from {scenario.steps} to 1"
+        )
+    expected = 1 if task.graded_by_what_is_told or scenario.steps is not None else n
     if scenario.combination_count != expected or len(scenario.axes) > 1:
         raise TaskError(
             f"{path}: sweeps {scenario.combination_count} combinations, the task needs {expected} on one axis"

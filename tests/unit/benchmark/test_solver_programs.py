@@ -185,9 +185,14 @@ def test_a_well_behaved_program_is_judged_by_its_answers(frames, tmp_path):
 def test_a_pool_keeps_as_many_processes_as_jobs(frames, tmp_path):
     # This program counts its requests in the latitude: the first is the warm-up, which is not judged.
     pool = pool_of(folder_of(tmp_path, "count"), 2)
+
+    def answered(frame):
+        with pool.idle_session() as session:
+            return session.answer(frame, None).answer
+
     try:
         with ThreadPoolExecutor(5) as threads:
-            answers = [found.answer for found in threads.map(lambda frame: pool.answer(frame, None), frames * 5)]
+            answers = list(threads.map(answered, frames * 5))
         children = [child for child in psutil.Process().children() if "program.py" in " ".join(child.cmdline())]
         assert len(children) <= 2
     finally:

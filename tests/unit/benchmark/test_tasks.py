@@ -45,6 +45,7 @@ FROZEN = {
     "startracker@1": "44ffa6d075b29a0832cceda66c96be85875cc286e8db65d4c88d7d25d76ed346",
     "startracker-false@1": "e1122a8247adb2c1fa71201b0e4f1a2a4d9d73ba784e668509311ba99a3c3022",
     "thesis-mag@1": "0027035fcc031514a5d6a5798306df5e843a3c35ddfc508d5c2505ad248228a3",
+    "uav@1": "21fb9f84449a37c5766da604586629a52afecc6e65096560dfe5dcb4852274aa",
     "unknown-camera@1": "fda21ee7042b36a40046a2af1b82c6dbe3ad3b50b7b0d8e58824326607992a1c",
     "weather@2": "0be5a2be34d64d444dd0a74040df4c75d9bfa3ee2623c9ae5a15209c326c44d9",
 }
