@@ -14,6 +14,7 @@ import os
 import resource
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -121,20 +122,23 @@ def _probe_remembered(path: str) -> LlvmLibrary:
     return library
 
 
-def llvm_candidates() -> list[str]:
+def llvm_candidates() -> Iterator[str]:
     """Libraries to try, best first: the environment's choice alone if there is one, else pip's, else the system's."""
     chosen = os.environ.get(LLVM_VARIABLE)
     if chosen:
-        return [chosen]
+        yield chosen
+        return
     candidates = [Path(sys.prefix) / "lib" / name for name in ("libLLVM.so", "libLLVM.dylib")]
     system: list[Path] = []
     for folder in ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib"):
         system += Path(folder).glob("libLLVM*.so*")
     for folder in ("/opt/homebrew/opt/llvm/lib", "/usr/local/opt/llvm/lib"):
         system += Path(folder).glob("libLLVM*.dylib")
-    found = [str(path) for path in [*candidates, *sorted(system, reverse=True)] if path.exists()]
+    yield from (str(path) for path in [*candidates, *sorted(system, reverse=True)] if path.exists())
+    # This search runs a compiler and a linker, so it comes last.
     by_name = ctypes.util.find_library("LLVM")
-    return found + ([by_name] if by_name else [])
+    if by_name:
+        yield by_name
 
 
 @functools.cache

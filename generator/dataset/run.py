@@ -24,7 +24,7 @@ from generator.dataset.manifest import manifest_of
 from generator.dataset.shard import FailedFrame, ShardReport, render_shard
 from generator.dataset.target import Target
 from generator.errors import GeneratorError, ScenarioError
-from generator.processes import follow_parent
+from generator.processes import begin, follow_parent, packed
 from generator.scenario.file import Scenario, parse_scenario
 
 TRIES_PER_SHARD = 3
@@ -199,7 +199,8 @@ def _pool_round(
         manager.start(follow_parent)
     with manager:
         done = manager.Queue()
-        pool = ProcessPoolExecutor(min(workers, len(waiting)), context, _start_worker, (scenario, spec, target, done))
+        start = packed(_start_worker, scenario, spec, target, done)
+        pool = ProcessPoolExecutor(min(workers, len(waiting)), context, begin, (start,))
         try:
             with deaf_to_interrupts():
                 futures = {pool.submit(_work, shard): shard for shard, _ in waiting.values()}
