@@ -47,6 +47,7 @@ def begin(call: bytes) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
+        # Of this program itself, by the pipe through which `multiprocessing` starts the process.
         function, arguments = pickle.loads(call)
         function(*arguments)
     finally:
