@@ -47,7 +47,7 @@ fuzz: install
 
 # Frames to solve at the same time.
 JOBS ?= 2
-BOARDS := bench boards --out results/leaderboard --figure docs/images/leaderboard.svg --jobs $(JOBS)
+BOARDS := bench boards --out results/leaderboard --figure docs/images/leaderboard.svg --remove-old --jobs $(JOBS)
 
 boards: install
 	@$(BIN)/skybench $(BOARDS)

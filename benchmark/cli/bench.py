@@ -164,12 +164,15 @@ def report(
     from benchmark.report.site.pages import make_boards, render_figure, write_site
     from benchmark.report.site.pictures import MOST_PICTURES
     from benchmark.report.site.terminal import boards_document, overall_document, result_tables
+    from benchmark.run.superseded import superseded
     from generator.files import write_bytes
 
     try:
         with progress_bars("boards") as bar:
             task = bar.add_task("comparing", total=None)
             boards = make_boards(out, lambda done, of: bar.update(task, completed=done, total=of))
+        for folder, why in superseded(out).items():
+            typer.echo(f"left out: {folder}: {why}; `skybench bench boards --remove-old` removes it", err=True)
         if not as_json:
             print_tables(*result_tables(boards))
         if figure is not None:

@@ -65,11 +65,18 @@ def boards(
     pictures: Annotated[
         int, typer.Option("--pictures", min=0, help="Most pictures of failures for each set of frames.")
     ] = 0,
+    remove_old: Annotated[
+        bool,
+        typer.Option(
+            "--remove-old", help="Remove results of retired tasks, and of revisions with a later one beside them."
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the rows that are missing or not of today's code, pack all results and write the pages."""
     from benchmark.report.refresh import BoardsRequest, plan_boards, run_plan  # loads the solvers
     from benchmark.run.packing import pack_tree
+    from benchmark.run.superseded import outdated, remove_outdated
     from benchmark.solvers.registry import known_solvers
     from benchmark.tasks.definition import task_names
 
@@ -78,7 +85,8 @@ def boards(
         found = plan_boards(request)
         if not as_json:
             _print_plan(found, request)
-        if plan or not found.jobs:
+        old = outdated(out) if remove_old else {}
+        if plan or not (found.jobs or old):
             if as_json:
                 print_json(_document(found, request))
             return
@@ -93,6 +101,8 @@ def boards(
 
             left = run_plan(found, request, advance)
         pack_tree(out)
+        for folder, why in (remove_outdated(out) if remove_old else {}).items():
+            typer.echo(f"removed: {folder}: {why}", err=True)
         page = _report(out, data, figure, pictures)
     except BenchmarkError as error:
         fail(error)

@@ -34,7 +34,7 @@ Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
 RETIRED = {
     "calibration": "one of its seven conditions decided it; unknown-camera asks the same in fine steps",
 }
-"""Tasks of earlier versions that nobody runs any more, and why; their results stay."""
+"""Tasks of earlier versions that nobody runs any more, and why."""
 SUCCESS_PATTERN = re.compile(r"success_(\d+(?:\.\d+)?)(km|arcsec|px)")
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from markupsafe import escape
 from matplotlib.axes import Axes
@@ -14,15 +16,31 @@ from benchmark.report.formatting import percent
 from benchmark.report.site.panels import colour_of
 from benchmark.report.site.revisions import PageMark, not_of_today
 from benchmark.report.site.site_view import MatrixRow, SiteView
+from benchmark.report.site.task_groups import OTHERS, group_of
+from benchmark.report.site.tree import TaskFacts
 from generator.drawing.palette import INK, SOFT
 from generator.drawing.style import DPI, axes_at, house_style, new_figure
 from generator.drawing.svg import standalone_svg
 
 _LEAST_WIDTH_PX = 660
-_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 30, 90, 48, 18
+_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 88, 22, 24, 96, 48, 18
 _TITLE_PX, _AXIS_PX = 34, 30
 _LINE_LETTERS = 18
+_MOST_COLUMNS = 8
 _TICKS = ((0.0, "0"), (0.5, ""), (1.0, "100 %"))
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Part of the picture: some groups of tasks, side by side, with all solvers that ran them; `title` at its top."""
+
+    title: str
+    places: tuple[int, ...]
+    rows: tuple[MatrixRow, ...]
+
+    @property
+    def height_px(self) -> int:
+        return (_TITLE_PX if self.title else 0) + _HEAD_PX + _ROW_PX * len(self.rows) + _AXIS_PX
 
 
 @house_style()
@@ -36,39 +54,71 @@ def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
         Of the results that are drawn.
     """
     matrix = next(matrix for matrix in view.matrices if matrix.key == "success")
-    blocks = [(one.title, [row for row in matrix.rows if row.detections == one.key]) for one in view.overall]
-    width = max(_EDGE_PX * 2 + _NAME_PX + len(view.tasks) * (_CELL_PX + _GAP_PX), _LEAST_WIDTH_PX)
-    height = _HEAD_PX + sum(_TITLE_PX + _ROW_PX * len(rows) + _AXIS_PX for _, rows in blocks) + _FOOT_PX
+    rows_of = {one.key: [row for row in matrix.rows if row.detections == one.key] for one in view.overall}
+    bands = [band for one in view.overall for band in _bands(one.title, view.tasks, rows_of[one.key])]
+    most = max(len(band.places) for band in bands)
+    width = max(_EDGE_PX * 2 + _NAME_PX + most * (_CELL_PX + _GAP_PX), _LEAST_WIDTH_PX)
+    height = _EDGE_PX + sum(band.height_px for band in bands) + _FOOT_PX
     figure = new_figure(width, height)
-    lefts = [_EDGE_PX + _NAME_PX + column * (_CELL_PX + _GAP_PX) for column in range(len(view.tasks))]
-    for left, task in zip(lefts, view.tasks, strict=True):
-        _words(figure, left, 24, task.name, bold=True)
-        lines = textwrap.wrap(task.condition, _LINE_LETTERS, max_lines=3, placeholder="…")
-        for number, line in enumerate(lines):
-            _words(figure, left, 41 + 15 * number, line, soft=True)
-    top = _HEAD_PX
-    for title, rows in blocks:
-        _words(figure, _EDGE_PX, top + 0.5 * _TITLE_PX, title, bold=True)
-        top += _TITLE_PX
-        _draw_block(figure, rows, lefts, top)
-        top += _ROW_PX * len(rows) + _AXIS_PX
+    top = float(_EDGE_PX)
+    for band in bands:
+        _draw_band(figure, band, view.tasks, top)
+        top += band.height_px
     note = "Share of frames solved to within 10 km, with 95 % intervals."
     _words(figure, _EDGE_PX, height - 36, note, soft=True)
     _words(figure, _EDGE_PX, height - 18, f"{mark.sentence} ° not of today's code.", soft=True)
-    n_solvers = len({row.label for _, rows in blocks for row in rows})
+    n_solvers = len({row.label for band in bands for row in band.rows})
     drawing = standalone_svg(figure, f"Success of {n_solvers} solvers on {len(view.tasks)} tasks", note)
     return drawing.replace("</svg>", f"{mark.line}\n<desc>{escape(mark.sentence)}</desc>\n</svg>")
 
 
-def _draw_block(figure: Figure, rows: Sequence[MatrixRow], lefts: Sequence[float], top: float) -> None:
+def _bands(title: str, tasks: Sequence[TaskFacts], rows: Sequence[MatrixRow]) -> list[_Band]:
+    """Groups of tasks that these solvers ran, as many beside each other as there is room for."""
+    ran = [place for place in range(len(tasks)) if any(row.cells[place][1] is not None for row in rows)]
+    packed: list[list[int]] = []
+    for _, group in itertools.groupby(ran, key=lambda place: group_of(tasks[place].name)):
+        every = list(group)
+        for start in range(0, len(every), _MOST_COLUMNS):
+            part = every[start : start + _MOST_COLUMNS]
+            if packed and len(packed[-1]) + len(part) <= _MOST_COLUMNS:
+                packed[-1].extend(part)
+            else:
+                packed.append(list(part))
+    bands = []
+    for n, places in enumerate(packed):
+        mine = [row for row in rows if any(row.cells[place][1] is not None for place in places)]
+        bands.append(_Band("" if n else title, tuple(places), tuple(mine)))
+    return bands
+
+
+def _draw_band(figure: Figure, band: _Band, tasks: Sequence[TaskFacts], top: float) -> None:
+    if band.title:
+        _words(figure, _EDGE_PX, top + 0.4 * _TITLE_PX, band.title, bold=True)
+        top += _TITLE_PX
+    lefts = [_EDGE_PX + _NAME_PX + n * (_CELL_PX + _GAP_PX) for n in range(len(band.places))]
+    before = ""
+    for left, place in zip(lefts, band.places, strict=True):
+        task = tasks[place]
+        group = group_of(task.name)
+        if group not in (before, OTHERS):
+            _words(figure, left, top + 8, group, soft=True)
+        before = group
+        _words(figure, left, top + 30, task.name, bold=True)
+        lines = textwrap.wrap(task.condition, _LINE_LETTERS, max_lines=3, placeholder="…")
+        for number, line in enumerate(lines):
+            _words(figure, left, top + 47 + 15 * number, line, soft=True)
+    _draw_block(figure, band, lefts, top + _HEAD_PX)
+
+
+def _draw_block(figure: Figure, band: _Band, lefts: Sequence[float], top: float) -> None:
     """The solvers' names and their successes on each task, from a height of `top` px down."""
-    for n, row in enumerate(rows):
+    for n, row in enumerate(band.rows):
         middle = top + _ROW_PX * (n + 0.5)
         _words(figure, _EDGE_PX, middle, _short(row.label), bold=True)
-        if not_of_today(entry for _, entry in row.cells if entry is not None):
+        if not_of_today(entry for _, entry in (row.cells[place] for place in band.places) if entry is not None):
             _words(figure, _EDGE_PX + _NAME_PX - 14, middle, "°", soft=True)
-    for column, left in enumerate(lefts):
-        _draw_task(axes_at(figure, left, top, _CELL_PX, _ROW_PX * len(rows)), rows, column)
+    for column, left in zip(band.places, lefts, strict=True):
+        _draw_task(axes_at(figure, left, top, _CELL_PX, _ROW_PX * len(band.rows)), band.rows, column)
 
 
 def _draw_task(axes: Axes, rows: Sequence[MatrixRow], column: int) -> None:

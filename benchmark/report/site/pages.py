@@ -41,6 +41,7 @@ from benchmark.report.site.site_view import (
     make_view,
     solver_page,
 )
+from benchmark.report.site.task_groups import group_of
 from benchmark.report.site.tree import read_tree
 from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import writing
@@ -132,7 +133,7 @@ def render_site(
     """
     styles = make_styles(boards)
     view = make_view(boards, styles, places)
-    template = _templates(styles)
+    template = _templates(styles, view.name)
     by = report_command(places)
     pages = {"index.html": template("index.html").render(site=view, mark=page_mark(entries_of(boards), ["*"], by))}
     anchors = {}
@@ -223,9 +224,12 @@ def shared_files() -> dict[str, str]:
     return {"site.css": style} | {name: read_sheet(f"site/{name}") for name in _SCRIPTS}
 
 
-def _templates(styles: Mapping[str, Style]) -> Callable[[str], jinja2.Template]:
+def _templates(styles: Mapping[str, Style], name: str) -> Callable[[str], jinja2.Template]:
     pages = environment(
         fold=fold,
+        group_of=group_of,
+        site_name=name,
+        success=columns.SUCCESS,
         styles=styles,
         solver_page=solver_page,
         leading=columns.LEADING,

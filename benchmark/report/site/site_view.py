@@ -14,6 +14,7 @@ from benchmark.report.site.columns import BOUND, MEDIAN, NEES, RISK, SUCCESS, TI
 from benchmark.report.site.commands import Places, commands_of
 from benchmark.report.site.overall import OverallRow, overall_rows
 from benchmark.report.site.revisions import revision_words
+from benchmark.report.site.task_groups import group_of, groups_among, place_of
 from benchmark.report.site.tree import TaskFacts
 from benchmark.run.identities import identities_in
 from benchmark.solvers.isolation import NOT_ISOLATED
@@ -86,12 +87,15 @@ class Overall:
     n_sets : int
         Sets of frames that each row is a mean over.
     rows : tuple of OverallRow
+    by_group : mapping of str to mapping of str to OverallRow
+        The same over the sets of one group of tasks, by group and solver; empty where there is one group alone.
     """
 
     key: str
     title: str
     n_sets: int
     rows: tuple[OverallRow, ...]
+    by_group: Mapping[str, Mapping[str, OverallRow]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +115,12 @@ class SolverView:
 
 @dataclass(frozen=True, eq=False)
 class SiteView:
-    """Everything the first page shows."""
+    """Everything the first page shows; `groups` are those of its tasks."""
 
+    name: str
     boards: tuple[Board, ...]
     tasks: tuple[TaskFacts, ...]
+    groups: tuple[str, ...]
     solvers: tuple[SolverView, ...]
     families: tuple[str, ...]
     modes: tuple[str, ...]
@@ -145,8 +151,10 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Plac
     tasks = tasks_of(boards)
     solvers = _solvers(boards)
     return SiteView(
-        boards=tuple(boards),
+        name=site_name(boards),
+        boards=tuple(sorted(boards, key=lambda board: place_of(board.task.name))),
         tasks=tasks,
+        groups=groups_among(task.name for task in tasks),
         solvers=solvers,
         families=tuple(sorted({solver.family for solver in solvers})),
         modes=tuple(sorted({board.detections for board in boards})),
@@ -160,8 +168,17 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Plac
 
 
 def tasks_of(boards: Sequence[Board]) -> tuple[TaskFacts, ...]:
-    """What the boards' frames are, each once."""
-    return tuple({board.task.key: board.task for board in boards}.values())
+    """What the boards' frames are, each once, group by group."""
+    found = {board.task.key: board.task for board in boards}.values()
+    return tuple(sorted(found, key=lambda task: place_of(task.name)))
+
+
+def site_name(boards: Sequence[Board]) -> str:
+    """What the pages are of: a round by its name, or else the leaderboard."""
+    rounds = {
+        board.task.title if board.entries[0].stored.provenance.frames.frozen is not None else "" for board in boards
+    }
+    return rounds.pop() if len(rounds) == 1 and "" not in rounds else "skybench leaderboard"
 
 
 def overall_of(boards: Sequence[Board]) -> tuple[Overall, ...]:
@@ -170,9 +187,19 @@ def overall_of(boards: Sequence[Board]) -> tuple[Overall, ...]:
     for board in boards:
         groups[board.detections].append(board)
     return tuple(
-        Overall(mode, _QUESTIONS.get(mode, f"{mode} detections"), len(group), overall_rows(group))
+        Overall(
+            mode, _QUESTIONS.get(mode, f"{mode} detections"), len(group), overall_rows(group), _overall_by_group(group)
+        )
         for mode, group in sorted(groups.items())
     )
+
+
+def _overall_by_group(boards: Sequence[Board]) -> dict[str, dict[str, OverallRow]]:
+    names = groups_among(board.task.name for board in boards)
+    return {
+        name: {row.label: row for row in overall_rows([board for board in boards if group_of(board.task.name) == name])}
+        for name in (names if len(names) > 1 else ())
+    }
 
 
 def _solvers(boards: Sequence[Board]) -> tuple[SolverView, ...]:

@@ -23,6 +23,7 @@ from benchmark.run.freshness import Age, age_of, origin_of, today
 from benchmark.run.packed import read_packed
 from benchmark.run.provenance import RunProvenance, read_provenance
 from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary
+from benchmark.run.superseded import superseded
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.frame_metrics import read_frames, success_limit_km
 from benchmark.stats.metrics import ERROR, FIX
@@ -149,6 +150,8 @@ def family_of(solver: str) -> str:
 def read_tree(root: Path) -> list[list[StoredResult]]:
     """Read all results, grouped by frames and mode of detections, in the order of their paths.
 
+    Those of a task's earlier revision are left out where a later one is there (`benchmark.run.superseded`).
+
     Raises
     ------
     ResultsError
@@ -158,7 +161,10 @@ def read_tree(root: Path) -> list[list[StoredResult]]:
     replaced = {(result.folder.parent, result.solver) for result in raw}
     packed = [result for listing in sorted(root.glob(_PACKED_PATTERN)) for result in _unpacked(listing)]
     kept = [result for result in packed if (result.folder.parent, result.solver) not in replaced]
-    found = sorted((*raw, *kept), key=lambda result: result.folder)
+    old = superseded(root)
+    found = sorted(
+        (result for result in (*raw, *kept) if root / result.task.key not in old), key=lambda result: result.folder
+    )
     now = today(origin_of(result.provenance) for result in found)
     groups: defaultdict[Path, list[StoredResult]] = defaultdict(list)
     for result in found:

@@ -21,6 +21,7 @@ from benchmark.report.site.columns import CALIBRATION, HEADLINE, MORE
 from benchmark.report.site.tree import read_tree
 from benchmark.run.freshness import Age, State
 from benchmark.run.packing import pack_tree
+from benchmark.run.superseded import outdated, remove_outdated, superseded
 from benchmark.solvers.definition import read_solver_folder
 
 TODAY, OLDER = Age(State.TODAY, "a" * 12), Age(State.OLDER, "b" * 12, ("today's is " + "a" * 12,))
@@ -184,3 +185,22 @@ def test_two_raw_results_of_one_solver_are_not_packed(tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match="two results of skybench; delete the folder of the older one"):
         pack_tree(root)
     assert folder.is_dir()
+
+
+def test_an_earlier_revision_is_left_out_of_the_report_and_removed_when_asked(tmp_path: Path) -> None:
+    root = write_results(tmp_path / "results", TASKS, SOLVERS, frames_per_level=10, modes=("own",))
+    pack_tree(root)
+    old = root / "bortle@1"
+    newer = shutil.copytree(old, root / "bortle@10")
+    listing = newer / "dev.json"
+    listing.write_text(listing.read_text().replace("bortle@1", "bortle@10"))
+    shutil.copytree(old, root / "calibration@3")
+    assert outdated(root) == {old: "bortle@10 is there", root / "calibration@3": "the task is retired"}
+    assert superseded(root) == {old: "bortle@10 is there"}
+    shutil.rmtree(root / "calibration@3")
+    assert {stored.task.key for group in read_tree(root) for stored in group} == {"bortle@10"}
+    outcome = CliRunner().invoke(app, ["report", "--out", str(root)], catch_exceptions=False)
+    assert "bortle@1: bortle@10 is there; `skybench bench boards --remove-old` removes it" in outcome.stderr
+    assert list(remove_outdated(root)) == [old]
+    assert not old.exists()
+    assert superseded(root) == {}
