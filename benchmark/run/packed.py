@@ -5,7 +5,7 @@ each solver, in the order of the rows of ``PART.json``; null where a solver was 
 a provenance for each row and the SHA-256 of the table that it belongs to, so that neither changes alone.
 
 Numbers are kept to as many binary digits as their use needs (`_DIGITS`), which is more than any page prints. Errors are cut
-towards zero, so that none comes to lie on the other side of a limit of success; others are rounded. Hashes are bytes.
+towards zero, so that none comes to lie on the other side of a limit of whole kilometres; others are rounded. Hashes: bytes.
 Positions, the solver's own account of its stages and its detections are not kept: a run makes them again.
 """
 

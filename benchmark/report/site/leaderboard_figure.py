@@ -23,10 +23,10 @@ from generator.drawing.style import DPI, axes_at, house_style, new_figure
 from generator.drawing.svg import standalone_svg
 
 _LEAST_WIDTH_PX = 660
-_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 88, 22, 24, 96, 48, 18
+_NAME_PX, _CELL_PX, _GAP_PX, _ROW_PX, _HEAD_PX, _FOOT_PX, _EDGE_PX = 168, 96, 24, 24, 96, 48, 18
 _TITLE_PX, _AXIS_PX = 34, 30
 _LINE_LETTERS = 18
-_MOST_COLUMNS = 8
+_MOST_COLUMNS = 7
 _TICKS = ((0.0, "0"), (0.5, ""), (1.0, "100 %"))
 
 

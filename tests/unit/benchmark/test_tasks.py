@@ -22,6 +22,7 @@ from benchmark.errors import ResultsError, TaskError
 from benchmark.frames.task_frames import FrameChoice, make_task_frames, wanted_shards
 from benchmark.instruments import told
 from benchmark.protocol import CameraRecord, Observation
+from benchmark.report.site.task_groups import OTHERS, group_of, groups_among
 from benchmark.run.provenance import blanks
 from benchmark.solvers.celnav_solver import answer_of
 from benchmark.stats.frame_metrics import success_limit_km
@@ -373,3 +374,8 @@ def test_the_list_shows_all_tasks_and_solvers():
     assert outcome.exit_code == 0
     for name in (*FROZEN, "tetra3rs", "cedar-solve"):
         assert name in outcome.output
+
+
+def test_every_task_has_a_group_in_the_report():
+    assert OTHERS not in {group_of(name) for name in task_names()}
+    assert groups_among(["phone", "mine", "bortle"]) == ("sky and camera", "hand, vehicle, street", OTHERS)

@@ -85,9 +85,22 @@
     apply();
   };
 
-  document.addEventListener("DOMContentLoaded", () => {
+  // Parts that the page carries as compressed text, so that a folder of many pages stays light.
+  const unfold = async (part) => {
+    const packed = part.querySelector("script").textContent.trim();
+    const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const unfolded = document.createElement("template");
+    unfolded.innerHTML = await new Response(stream).text();
+    part.replaceWith(unfolded.content);
+  };
+
+  document.addEventListener("DOMContentLoaded", async () => {
     setUpTheme();
+    await Promise.all([...document.querySelectorAll(".folded")].map(unfold));
     document.querySelectorAll("table.sortable").forEach(setUpSorting);
     document.querySelectorAll("form.filters:not([id])").forEach(setUpFilters);
+    // What a link means may have moved down since the browser went there.
+    if (location.hash) document.getElementById(decodeURIComponent(location.hash.slice(1)))?.scrollIntoView();
   });
 })();
