@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from celnav.camera import Camera
 from celnav.checking import bounded, check_fields
+from celnav.detecting.star_shape import median
 from celnav.identification.verification import rotation_of, turning_derivatives
 
 F8 = NDArray[np.float64]
@@ -236,7 +237,7 @@ def adjust(
     prior[3:] = 1 / sigmas[free] ** 2
     own = np.ones(len(detection))
     if relative_sigma is not None:
-        own = (relative_sigma / np.median(relative_sigma))[detection]
+        own = (relative_sigma / median(relative_sigma))[detection]
     own_square = own * own
     dirs, observed = stars.take(star, axis=0), uv.take(detection, axis=0)
     # By axis and parameter, so that every step passes over the pairs in the order of the memory.

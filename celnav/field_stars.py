@@ -30,6 +30,7 @@ F8 = NDArray[np.float64]
 MOST_PAIRS = 30_000
 # Fewest stars in the field for which fainter ones are left out.
 FEWEST_STARS = 200
+_NO_PLANETS = np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
 # Stars so faint that fewer of them, in multiples of chance, have a detection are left out: one in eight would be false.
 _OVER_CHANCE = 8.0
 
@@ -123,13 +124,15 @@ def seen_planets(
     is_free = np.ones(len(prepared.uv), dtype=bool)
     is_free[taken] = False
     free = np.flatnonzero(is_free[:n_bright])
+    if not len(free):
+        return _NO_PLANETS
     predicted = predict(camera, planet_directions(problem.utc) @ inertial.T, adjusted.camera_values)
     visible = np.flatnonzero(np.isfinite(predicted[:, 0]))
     scale = camera.radians_per_px(predicted[visible])
     # Far outside the image a place may have an image by the lens' formula, and no scale.
     visible, scale = visible[np.isfinite(scale)], scale[np.isfinite(scale)]
-    if not len(free) or not len(visible):
-        return np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
+    if not len(visible):
+        return _NO_PLANETS
     radius = float(np.max(2 * ACCURACY_RAD / scale)) + 4 * adjusted.sigma_px
     seen, planet, distance = candidate_pairs(prepared.uv[free], predicted[visible], radius)
     order = np.argsort(distance, kind="stable")
@@ -211,7 +214,7 @@ def describe(
         reason=Reason.OK,
         confidence=confidence,
         matches=np.concatenate((matches.astype(np.int64), planets)),
-        residual_rms_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(sure) else math.nan,
+        residual_rms_px=math.sqrt(float(np.vdot(residuals, residuals)) / len(sure)) if len(sure) else math.nan,
         residuals_px=np.concatenate((residuals, planet_residuals)),
         R_icrs_to_camera=inertial,
         rotation_cov_rad2=adjusted.cov[:3, :3],

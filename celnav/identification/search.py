@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,7 @@ def choose_pairs(rays: F4, ranks: tuple[int, int], lags: tuple[int, int], separa
     brightness come first, so that a crowd of bright clutter at the head of the list does not keep all pairs of true
     stars waiting (the ordering of Mortari et al. 2004 in its effect).
     """
-    first, second = np.triu_indices(ranks[1] - ranks[0], 1)
+    first, second = _all_pairs(ranks[1] - ranks[0])
     lag = second - first
     chosen = (lag >= lags[0]) & (lag <= lags[1])
     first, second, lag = first[chosen] + ranks[0], second[chosen] + ranks[0], lag[chosen]
@@ -59,6 +60,11 @@ def choose_pairs(rays: F4, ranks: tuple[int, int], lags: tuple[int, int], separa
     good = np.flatnonzero((chord >= low) & (chord <= high))
     order = good[np.lexsort((first[good], lag[good]))]
     return np.column_stack((first[order], second[order]))
+
+
+@lru_cache(maxsize=4)
+def _all_pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.triu_indices(n, 1)
 
 
 def triads(a: F4, b: F4) -> F4:

@@ -88,11 +88,19 @@ def rotation_of(vector: F8) -> F8:
 
     Solving from centroids needs nothing of scipy, whose import would take several times as long as the solution.
     """
-    angle = math.sqrt(float(vector @ vector))
-    cross = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]])
+    x, y, z = vector.tolist()
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
     if angle < 1e-12:
-        return np.asarray(np.eye(3) + cross)
-    return np.asarray(np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross))
+        return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
+    s, c = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
+    return np.array(
+        [
+            [1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+            [c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x],
+            [c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)],
+        ]
+    )
 
 
 def turning_derivatives(dirs: F8, by_direction: F8) -> F8:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from celnav.adjustment import Adjusted, CameraPriors, design_of
 from celnav.attitude import Attitude
 from celnav.camera import Camera
+from celnav.detecting.star_shape import median
 from celnav.fix import Estimate
 from celnav.horizon import horizontal_frame
 from celnav.uncertainty.lens_errors import lens_covariance, lens_derivatives, turn_by_lens
@@ -113,7 +114,7 @@ class NamedStars:
         detection, star = adjusted.detection[rows], adjusted.star[rows]
         own = np.ones(len(rows))
         if field.relative_sigma is not None:
-            own = (field.relative_sigma / np.median(field.relative_sigma))[detection]
+            own = (field.relative_sigma / median(field.relative_sigma))[detection]
         precision = adjusted.weight[rows] / (adjusted.sigma_px * own) ** 2
         turned = field.dirs.take(star, axis=0) @ adjusted.rotation.T
         free = np.flatnonzero(adjusted.camera_sigmas > 0)
@@ -204,7 +205,8 @@ def shown_refraction(named: NamedStars) -> Estimate | None:
     if not (scale > 0).all():
         return None
     normal /= np.outer(scale, scale)
-    if np.linalg.cond(normal) > _WORST_CONDITION:
+    eigenvalues = np.linalg.eigvalsh(normal)
+    if not eigenvalues[-1] <= _WORST_CONDITION * eigenvalues[0]:
         return None
     inverse = np.linalg.inv(normal)
     fitted = inverse[-1] @ (weighted.T @ named.residual.ravel() / scale)

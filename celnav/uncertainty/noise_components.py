@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.star_shape import median
+
 F8 = NDArray[np.float64]
 
 MOST_AIRMASS = 15.0
@@ -62,8 +64,7 @@ def relative_sigmas(half_square: F8, weight: F8, rows: NDArray[np.intp], own: F8
     """
     if float(weight.sum()) < FEWEST_STARS:
         return None
-    claims = np.sort(own[rows])
-    scale = float(claims[(len(claims) - 1) // 2] + claims[len(claims) // 2]) / 2
+    scale = median(own[rows])
     parts = [(own / scale) ** 2, np.ones(len(own))]
     if mass is not None:
         parts.append(mass)

@@ -189,8 +189,8 @@ def _score(cells: _Cells, correlations: F8, held: F8) -> float:
     inner = np.einsum("lkac,jac->lkj", spreading, fitted)
     trace = precision.sum() - np.einsum("lkk->l", inner)
     power = (
-        2 * np.einsum("c,lcd,d->l", cells.precision, correlations**2, cells.precision, optimize=True)
-        - 2 * np.einsum("c,lkac->l", cells.precision, spreading**2)
+        2 * (correlations * correlations @ cells.precision) @ cells.precision
+        - 2 * ((spreading * spreading).sum(axis=(1, 2)) @ cells.precision)
         + np.einsum("lkj,lkj->l", inner, inner)
     )
     square = np.einsum("lac,ac->l", sums @ correlations, sums)
