@@ -76,7 +76,11 @@ def main() -> None:
     """Entry point of the command."""
     # Loading modules makes a hundred thousand objects; to look for garbage after each 700 of them takes a tenth of the start.
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    app()
+    try:
+        app()
+    finally:
+        # Python looks through all of them several times as it ends.
+        gc.freeze()
 
 
 if __name__ == "__main__":
