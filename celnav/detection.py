@@ -40,7 +40,7 @@ from celnav.detecting.star_candidates import (
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
 from celnav.detecting.strips import strips
-from celnav.detecting.tiles import Tiles
+from celnav.detecting.tiles import Tiles, mean_map
 from celnav.errors import ConfigError, DetectionError
 
 F4 = NDArray[np.float32]
@@ -181,7 +181,8 @@ def detect(
     counts, step = pixels, step_of(pixels)
     if original.ndim == 2:
         pixels = level_mosaic(pixels, used, config.tile_px, step)
-    background, white = background_and_noise(pixels, used, tiles, step)
+    levels, whites = zip(*(background_and_noise(pixels, used, grid, step) for grid in tiles.both()), strict=True)
+    background, white = mean_map(levels), mean_map(whites)
     whole = bool(used.all())
     saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
     largest = max(float(pixels.max()), -float(pixels.min()))
@@ -276,7 +277,8 @@ def _search(
     middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
     extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
     tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
-    effective = replace(noise, ratio=noise_ratio(filtered, noise, used, tiles))
+    ratio = mean_map([noise_ratio(filtered, noise, used, grid) for grid in tiles.both()])
+    effective = replace(noise, ratio=ratio)
     at, significance = _standing_out(filtered, effective, config.grow_sigma)
     seeded = significance > config.seed_sigma
     if parts is None:

@@ -253,7 +253,9 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if mild and len(uv) < _FEWEST_OF_MILD:
         return fixed
     both = alike | agreeing
-    rest: F8 = np.abs(covariance - middle).sum(axis=1)[both]
+    # What six coefficients fit of chance is no variation.
+    free = max(int(alike.sum()) - terms.shape[1], 1)
+    rest: F8 = np.abs(covariance - middle).sum(axis=1)[both] * np.sqrt(free / alike.sum())
     residual: F8 = np.abs(covariance - terms @ best.coefficients).sum(axis=1)[both]
     least = _MILD if mild else _STRONG
     return best if median(residual) < least * median(rest) else fixed

@@ -6,6 +6,7 @@ masked, changes nothing farther away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, TypeVar
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
 Value = TypeVar("Value", bound=np.generic)
 
 # Samples along each side of a tile: the mean of 144 pixels is good to 8 % of the noise.
@@ -58,6 +60,13 @@ class Tiles:
     def shape(self) -> tuple[int, int]:
         """Rows and columns of tiles."""
         return len(self.row_edges) - 1, len(self.column_edges) - 1
+
+    def both(self) -> tuple[Tiles, Tiles]:
+        """Return the grid, and the one that lies half a tile further.
+
+        A mean over both (`mean_map`) hardly depends on where the tiles fall on clouds, and so on what is cut off or added.
+        """
+        return self, Tiles(_half_further(self.row_edges), _half_further(self.column_edges))
 
     def pairs(self, image: NDArray[Value]) -> NDArray[Value]:
         """Sample every tile, shape (tiles, 144): neighbours two by two, for the sake of colour mosaics."""
@@ -117,7 +126,9 @@ class Tiles:
 
     def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
         """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
-        rows, columns = (_Between.of(edges, extrapolated) for edges in (self.row_edges, self.column_edges))
+        rows, columns = (
+            _Between.of(_middles(edges), int(edges[-1]), extrapolated) for edges in (self.row_edges, self.column_edges)
+        )
         return TileMap(np.asarray(grid, dtype=np.float32), rows, columns)
 
 
@@ -172,6 +183,11 @@ class TileMap:
         """Values where rows and columns cross, shape (rows, columns)."""
         return _between(self._across.take(columns, axis=1), self._rows.left[rows], self._rows.part[rows])
 
+    def _centred(self, rows: F8, columns: F8) -> F4:
+        """Values where places between pixels cross, shape (rows, columns)."""
+        across = _between(self.grid.T, *_within(self._columns.centres, columns, self._columns.extrapolated)).T
+        return _between(across, *_within(self._rows.centres, rows, self._rows.extrapolated))
+
     def times(self, factor: float) -> TileMap:
         """Return the map of all values times a factor."""
         return replace(self, grid=self.grid * np.float32(factor))
@@ -179,6 +195,26 @@ class TileMap:
     def whole(self) -> F4:
         """Values of all pixels, shape (height, width)."""
         return self.strip(0, len(self._rows.left))
+
+
+def mean_map(maps: Sequence[TileMap]) -> TileMap:
+    """Mean of maps of one image: a map over the centres of all of their tiles, which is exact."""
+    rows, columns = (
+        np.unique(np.concatenate([axis.centres for axis in axes]))
+        for axes in ([each._rows for each in maps], [each._columns for each in maps])
+    )
+    grid: F4 = np.stack([each._centred(rows, columns) for each in maps]).mean(axis=0)
+    height, width = len(maps[0]._rows.left), len(maps[0]._columns.left)
+    extrapolated = maps[0]._rows.extrapolated
+    along, across = (_Between.of(centres, side, extrapolated) for centres, side in ((rows, height), (columns, width)))
+    return TileMap(grid, along, across)
+
+
+def _half_further(edges: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Edges in the middles of tiles; one tile alone stays."""
+    if len(edges) == 2:
+        return edges
+    return np.concatenate((edges[:1], (edges[:-1] + edges[1:]) // 2, edges[-1:]))
 
 
 def _places(edges: NDArray[np.int_], paired: bool) -> NDArray[np.int_]:
@@ -193,19 +229,27 @@ def _places(edges: NDArray[np.int_], paired: bool) -> NDArray[np.int_]:
 class _Between:
     """Between which centres of tiles the pixels along an axis lie: the one before, and how far from it to the next."""
 
+    centres: F8
+    extrapolated: bool
     left: NDArray[np.intp]
     part: F4
 
     @classmethod
-    def of(cls, edges: NDArray[np.int_], extrapolated: bool) -> _Between:
-        pixels, tiles = int(edges[-1]), len(edges) - 1
-        if tiles == 1:
-            return cls(np.zeros(pixels, dtype=np.intp), np.zeros(pixels, dtype=np.float32))
-        centres = (edges[:-1] + edges[1:] - 1) / 2
-        at = np.arange(pixels)
-        left = np.clip(np.searchsorted(centres, at) - 1, 0, tiles - 2)
-        part = (at - centres[left]) / (centres[left + 1] - centres[left])
-        return cls(left, np.asarray(part if extrapolated else np.clip(part, 0, 1), dtype=np.float32))
+    def of(cls, centres: F8, pixels: int, extrapolated: bool) -> _Between:
+        return cls(centres, extrapolated, *_within(centres, np.arange(pixels), extrapolated))
+
+
+def _middles(edges: NDArray[np.int_]) -> F8:
+    return np.asarray((edges[:-1] + edges[1:] - 1) / 2)
+
+
+def _within(centres: F8, at: NDArray[np.number], extrapolated: bool) -> tuple[NDArray[np.intp], F4]:
+    """Find the centre before each place, and the part of the way to the next, shapes (n,)."""
+    if len(centres) == 1:
+        return np.zeros(len(at), dtype=np.intp), np.zeros(len(at), dtype=np.float32)
+    left = np.clip(np.searchsorted(centres, at) - 1, 0, len(centres) - 2)
+    part = (at - centres[left]) / (centres[left + 1] - centres[left])
+    return left, np.asarray(part if extrapolated else np.clip(part, 0, 1), dtype=np.float32)
 
 
 def _between(values: F4, left: NDArray[np.intp], part: F4) -> F4:

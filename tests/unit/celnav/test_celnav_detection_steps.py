@@ -11,7 +11,7 @@ from celnav.detecting.connected import connected
 from celnav.detecting.filtered_noise import _one_sided
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_shape import StarShape, gaussians, inverse, offsets, windows
-from celnav.detecting.tiles import Tiles
+from celnav.detecting.tiles import Tiles, mean_map
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3, 0.7])
@@ -58,6 +58,16 @@ def test_a_map_is_the_same_by_strips_pixels_and_meshes(size, extrapolated):
     np.testing.assert_allclose(
         values.mesh(np.arange(0, size[0], 7), np.arange(0, size[1], 5)), whole[::7, ::5], rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("size", [(20, 300), (97, 131), (640, 64)])
+@pytest.mark.parametrize("extrapolated", [False, True])
+def test_the_mean_of_maps_is_that_of_their_pixels(size, extrapolated):
+    rng = np.random.default_rng(4)
+    grids = Tiles.of(size, 32).both()
+    maps = [grid.map_of(rng.normal(100, 5, grid.shape), extrapolated) for grid in grids]
+    expected = (maps[0].whole() + maps[1].whole()) / 2
+    np.testing.assert_allclose(mean_map(maps).whole(), expected, rtol=2e-6)
 
 
 def test_a_map_is_linear_between_the_centres_of_tiles():
