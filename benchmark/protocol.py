@@ -69,6 +69,11 @@ class SequencePlace:
     length: int
     tilt_bias_sigma_deg: float
 
+    def as_given(self) -> dict[str, Any]:
+        """The place as solvers get it."""
+        fields = dataclasses.asdict(self)
+        return {"id": fields.pop("sequence_id"), **fields}
+
 
 @dataclass(frozen=True)
 class Observation:

@@ -79,22 +79,7 @@ def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str
         "temperature_c": seen.temperature_c,
         **{name: getattr(seen, name) for name in SIGMAS},
         "detections": found,
-        **_sequence_of(seen),
-    }
-
-
-def _sequence_of(seen: Observation) -> dict[str, Any]:
-    """What a request says of the frame's sequence; nothing of a frame by itself."""
-    place = seen.sequence
-    if place is None:
-        return {}
-    return {
-        "sequence": {
-            "id": place.sequence_id,
-            "index": place.index,
-            "length": place.length,
-            "tilt_bias_sigma_deg": place.tilt_bias_sigma_deg,
-        }
+        **({} if seen.sequence is None else {"sequence": seen.sequence.as_given()}),
     }
 
 

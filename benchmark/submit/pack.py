@@ -132,7 +132,7 @@ def public_record(name: str, frame: Frame) -> dict[str, Any]:
             "pressure_sigma_hpa": seen.pressure_sigma_hpa,
             "temperature_sigma_c": seen.temperature_sigma_c,
         },
-        **({} if seen.sequence is None else {"sequence": dataclasses.asdict(seen.sequence)}),
+        **({} if seen.sequence is None else {"sequence": seen.sequence.as_given()}),
     }
 
 

@@ -119,7 +119,7 @@ def test_the_place_in_the_sequence_reaches_an_adapter_and_a_submission(dataset):
     assert "sequence" not in alone
     answer_request(Listening(), alone)
     assert heard == [frame.observation.sequence, None]
-    assert public_record("x", frame)["sequence"]["index"] == 1
+    assert public_record("x", frame)["sequence"] == request["sequence"]
     assert "sequence" not in public_record("x", by_itself)
 
 
