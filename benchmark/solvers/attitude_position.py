@@ -8,11 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 import celnav
 from benchmark.protocol import CameraRecord, Observation
-from benchmark.solvers.told_errors import EARTH_RADIUS_KM, covariance_of_told
+from benchmark.solvers.told_errors import covariance_of_told
 from celnav.sky.astrometry import aberrate, celestial_to_terrestrial, earth_at, enu_rotation
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.refraction import unrefract_rays
 from celnav.sky.utc import parse_utc
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 ROTATION_TOLERANCE = 1e-4
 _LEAST_RAYS = 3
@@ -110,7 +111,7 @@ def covariance_of_attitude(
     about = to_enu @ cov_rad2 @ to_enu.T
     # A turn about north takes the zenith to the east, one about east takes it to the south.
     turned = np.array([[about[1, 1], -about[0, 1]], [-about[0, 1], about[0, 0]]])
-    return EARTH_RADIUS_KM**2 * turned + covariance_of_told(place[0], told)
+    return MEAN_RADIUS_KM**2 * turned + covariance_of_told(place[0], told)
 
 
 def best_rotation(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:

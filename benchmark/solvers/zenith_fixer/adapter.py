@@ -16,7 +16,8 @@ import celnav
 from benchmark.protocol import Answer, CameraRecord, Detections, Observation
 from benchmark.solvers.detected_points import Points
 from benchmark.solvers.pinhole import PERSPECTIVE, pinhole_view
-from benchmark.solvers.told_errors import EARTH_RADIUS_KM, covariance_of_told
+from benchmark.solvers.told_errors import covariance_of_told
+from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 FISHEYE_K1 = 0.1
 """Of the law on which fisheyes are laid; without a coefficient it takes the focal length from the size of the image."""
@@ -78,7 +79,7 @@ def position_covariance(stated_rad2: Any, latitude_deg: float, told: Observation
     altitude, at least 1 arcmin; it takes vertical and time for exact.
     """
     (north, both), (_, east) = np.asarray(stated_rad2, dtype=np.float64)
-    return EARTH_RADIUS_KM**2 * np.array([[east, both], [both, north]]) + covariance_of_told(latitude_deg, told)
+    return MEAN_RADIUS_KM**2 * np.array([[east, both], [both, north]]) + covariance_of_told(latitude_deg, told)
 
 
 def _as_its_lens(
