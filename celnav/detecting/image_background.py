@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.strips import strips
 from celnav.detecting.tiles import PixelMap, TileMap, Tiles
 from celnav.errors import ImageError
@@ -196,27 +195,26 @@ class Outstanding:
     sigma: F4
 
 
-def outstanding(light: F4, noise: NoiseMap) -> Outstanding:
+def outstanding(light: F4, noise: PixelMap) -> Outstanding:
     """Find pixels that differ from the background by `OUTSTANDING` standard deviations."""
     height, width = light.shape
     flat = light.ravel()
     parts = []
     for top, bottom in strips(height, width):
-        far = np.abs(light[top:bottom]) > np.float32(OUTSTANDING) * noise.limit(top, bottom)
-        far[:, 0] = far[:, -1] = False
+        own = noise.strip(top, bottom)
+        far = np.abs(light[top:bottom]) > np.float32(OUTSTANDING) * own
+        far[:, [0, -1]] = False
         if top == 0:
             far[0] = False
         if bottom == height:
             far[-1] = False
-        parts.append(far.ravel().nonzero()[0] + top * width)
-    at = np.concatenate(parts)
-    value, own = flat.take(at), noise.at(*np.divmod(at, width))
-    exceeding = (np.abs(value) > np.float32(OUTSTANDING) * own).nonzero()[0]
-    at, value, own = at.take(exceeding), value.take(exceeding), own.take(exceeding)
-    beside = flat.take(at - width)
-    for neighbour in (at + width, at - 1, at + 1):
-        beside += flat.take(neighbour)
-    return Outstanding(at, value, beside * np.float32(0.25), own)
+        found = np.flatnonzero(far)
+        at = found + top * width
+        beside = flat.take(at - width)
+        for neighbour in (at + width, at - 1, at + 1):
+            beside += flat.take(neighbour)
+        parts.append((at, flat.take(at), beside * np.float32(0.25), own.ravel().take(found)))
+    return Outstanding(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def repair_defects(light: F4, far: Outstanding) -> Outstanding:
