@@ -91,7 +91,11 @@ def distance_km(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_
 
 
 def honest_place(
-    terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude, scatter_cov_rad2: F8 | None = None
+    terrestrial_to_camera: F8,
+    cov_rad2: F8,
+    attitude: Attitude,
+    scatter_cov_rad2: F8 | None = None,
+    doubt_deg: float = 0.0,
 ) -> Place:
     """Find the position, and doubt an attitude that the stars contradict.
 
@@ -102,11 +106,11 @@ def honest_place(
 
     Parameters are those of `place_from_rotation`; `scatter_cov_rad2` is the covariance by the stars' scatter alone. The
     position weighs stars and heading by it and by the attitude as it was told: what widens the covariance does not move the
-    position.
+    position. `doubt_deg` is added to the attitude's standard deviations for another reason.
     """
     weights = attitude, cov_rad2 if scatter_cov_rad2 is None else scatter_cov_rad2
     place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude, weights)
-    raised = _raised(attitude, place)
+    raised = _with_doubt(_raised(attitude, place), doubt_deg)
     return place if raised is attitude else place_from_rotation(terrestrial_to_camera, cov_rad2, raised, weights)
 
 
@@ -119,10 +123,16 @@ def _raised(attitude: Attitude, place: Place) -> Attitude:
     if attitude.kind != "rotation" or place.chi2 <= LEAST_CONTRADICTION:
         return attitude
     more = place.heading_off_deg**2 * (1 - LEAST_CONTRADICTION / place.chi2)
+    return _with_doubt(attitude, more**0.5)
+
+
+def _with_doubt(attitude: Attitude, doubt_deg: float) -> Attitude:
+    if not doubt_deg:
+        return attitude
     return replace(
         attitude,
-        tilt_deg=math.hypot(attitude.tilt_deg, more**0.5),
-        heading_deg=math.hypot(attitude.heading_deg, more**0.5),
+        tilt_deg=math.hypot(attitude.tilt_deg, doubt_deg),
+        heading_deg=math.hypot(attitude.heading_deg, doubt_deg),
     )
 
 

@@ -31,6 +31,7 @@ from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
 from celnav.sky.refraction import unrefract_rays
+from celnav.uncertainty.contradicted import FREED_FOCAL, better, doubt_deg, freed, lens_contradicted
 from celnav.uncertainty.field_errors import (
     FieldOfStars,
     NamedStars,
@@ -90,6 +91,9 @@ class SkybenchConfig:
         A frame whose residuals scatter more is refused.
     max_heading_off_deg : float
         A heading that the stars contradict by more (plus five standard deviations) is refused.
+    max_moved_deg : float
+        Where the vertical is told with a standard deviation, a heading that is off by no more is a mount that moved, and the
+        position is as uncertain as the heading has proved to be.
     """
 
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -104,6 +108,7 @@ class SkybenchConfig:
     min_stars: int = bounded(4, 1)
     max_sigma_px: float = bounded(8.0, 0)
     max_heading_off_deg: float = bounded(1.0, 0)
+    max_moved_deg: float = bounded(5.0, 0)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -156,7 +161,12 @@ class SkybenchSolver:
             message = f"two orientations explain the detections about as well: {counts}"
             return replace(Fix.refusal(Reason.AMBIGUOUS, message, confidence=0.5), work=effort.work)
         with clock.stage("fix"):
-            fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment)
+            told = self._priors(problem)
+            fix = self._fix(problem, prepared, orientation, to_terrestrial, alignment, told)
+            if self.config.calibrate == "auto" and lens_contradicted(fix, problem.observation, problem.sigmas):
+                free = freed(told, problem.observation.camera)
+                again = self._fix(problem, prepared, orientation, to_terrestrial, alignment, free)
+                fix = again if better(fix, again) else fix
             return replace(fix, work=effort.work)
 
     def _time_limit_s(self, problem: Problem) -> float:
@@ -171,6 +181,7 @@ class SkybenchSolver:
         orientation: EarthOrientation,
         to_terrestrial: F8,
         alignment: Alignment,
+        priors: CameraPriors,
         air: Estimate | None = None,
     ) -> Fix:
         """Match the whole field, adjust it, and find the place; `air` is the refraction's error that the stars have shown."""
@@ -180,8 +191,7 @@ class SkybenchSolver:
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
-        priors = self._priors(problem)
-        adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment)
+        adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment, priors)
         shared, scatter_cov, common = None, np.zeros((3, 3)), np.zeros((3, 3))
         if adjusted is not None:
             weather = problem.weather.pressure_hpa, problem.weather.temperature_c
@@ -192,12 +202,12 @@ class SkybenchSolver:
             if air is None and (shown := shown_refraction(named)) is not None:
                 problem = replace(problem, weather=refracting(problem.weather, shown.value))
                 corrected = _prepare(problem, to_terrestrial, self.config)
-                return self._fix(problem, corrected, orientation, to_terrestrial, identified, shown)
+                return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
             widened, shared = with_shared_errors(named, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 again = self._adjust(
-                    problem, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment
+                    problem, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment, priors
                 )
                 if again is not None:
                     adjusted, seen = again, replace(seen, relative_sigma=sigmas)
@@ -221,7 +231,8 @@ class SkybenchSolver:
                 message="the stars are identified and give R_icrs_to_camera; a position needs the vertical too: "
                 "give Attitude.up",
             )
-        place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude, scatter_cov)
+        doubt = doubt_deg(adjusted, camera, problem.sigmas, self._priors(problem))
+        place = honest_place(adjusted.rotation, adjusted.cov[:3, :3], problem.attitude, scatter_cov, doubt)
         place = replace(place, cov_km2=problem.sigmas.with_time(place.cov_km2, place.lat_deg))
         if refusal := self._contradiction(problem, place) or _below_horizon(problem, adjusted, dirs):
             return replace(fix, reason=Reason.INCONSISTENT, message=refusal)
@@ -238,12 +249,13 @@ class SkybenchSolver:
         pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
         rotation: F8,
         alignment: Alignment,
+        priors: CameraPriors,
     ) -> Adjusted | None:
         start = np.zeros(5)
         mode = self.config.calibrate
         if mode != "none":
             start[0] = alignment.log_f
-        camera, priors = problem.observation.camera, self._priors(problem)
+        camera = problem.observation.camera
         radius = pairing_radius(alignment.sigma_px)
         sigma, turned = max(alignment.sigma_px, 0.1), rotation
         adjusted = None
@@ -270,6 +282,8 @@ class SkybenchSolver:
             pairs = detection, star
         if mode != "auto" or problem.sigmas.focal > 0 or problem.sigmas.distortion > 0 or adjusted is None:
             return adjusted
+        if priors.focal >= FREED_FOCAL:
+            return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
 
@@ -289,6 +303,8 @@ class SkybenchSolver:
         assert problem.attitude is not None
         loose = problem.sigmas.loosened(problem.attitude, problem.observation.camera)
         limit = self.config.max_heading_off_deg + 5 * loose.heading_deg
+        if problem.attitude.tilt_deg:
+            limit = max(limit, self.config.max_moved_deg)
         if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:

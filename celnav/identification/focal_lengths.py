@@ -13,6 +13,7 @@ from celnav.identification.effort import Effort
 from celnav.identification.identify import Identified, Question, identify
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import SkyIndex
+from celnav.identification.verification import WHOLE_SKY
 
 
 def identify_at_focal_lengths(
@@ -54,16 +55,15 @@ def identify_at_focal_lengths(
     others = tuple(factors) if question.ranked else ()
     work_each = int(share * effort.max_work)
     kept = config.kept_for_rival(effort.max_work)
-    effort.allow(effort.max_work - kept - len(others) * work_each - effort.work)
-    found = identify(question, index, config, effort)
+    as_given = effort.max_work - kept - len(others) * work_each - effort.work
+    found = _identify_as_told(question, index, config, effort, as_given)
     for factor in others:
         if found.alignment is not None:
             break
         scaled, rows = _with_focal_length(question, factor)
         if not len(rows):
             continue
-        effort.allow(work_each)
-        found = identify(scaled, index, config, effort)
+        found = _identify_as_told(scaled, index, config, effort, work_each)
         if found.alignment is not None:
             alignment = found.alignment
             found = replace(
@@ -73,6 +73,21 @@ def identify_at_focal_lengths(
                 ),
             )
     return found
+
+
+def _identify_as_told(
+    question: Question, index: SkyIndex, config: SearchConfig, effort: Effort, work: int
+) -> Identified:
+    """Search with the attitude as it is told, where hypotheses come from it, and then, for a mount that moved, without it."""
+    begun = effort.work
+    if question.local is not None:
+        effort.allow(config.told_share * work)
+        found = identify(question, index, config, effort)
+        if found.alignment is not None:
+            return found
+        question = replace(question, local=None, region=WHOLE_SKY)
+    effort.allow(work - (effort.work - begun))
+    return identify(question, index, config, effort)
 
 
 def _with_focal_length(question: Question, factor: float) -> tuple[Question, NDArray[np.intp]]:

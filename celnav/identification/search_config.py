@@ -127,6 +127,9 @@ class SearchConfig:
     near_share : float
         Part of the work for the neighbourhood of a last known position; the rest is for the whole sky, so that a wrong one
         is noticed.
+    told_share : float
+        Part of the work on the camera as it is given that is for the attitude as it is told, where it is known so well that
+        hypotheses are places; the rest is for any orientation, so that a mount that moved is noticed.
     least_rival : int
         Detections that another orientation must explain.
     rival_share : float
@@ -161,6 +164,7 @@ class SearchConfig:
     sharp_scale: float = bounded(4.0, 1)
     given_order_share: float = bounded(1 / 3, 0, 1)
     near_share: float = bounded(0.5, 0, 1)
+    told_share: float = bounded(0.6, 0, 1)
     least_rival: int = bounded(8, 1)
     rival_share: float = bounded(0.5, 0, 1)
     same_deg: float = bounded(2.0, 0, 180)
