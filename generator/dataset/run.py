@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import queue
 import signal
-import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -17,8 +16,6 @@ from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
 from generator.dataset.inputs import check_name, store_inputs
@@ -259,30 +256,6 @@ def prepare_worker() -> None:
 
     set_threads(1)
     threadpool_limits(1)
-    _tell_pyarrow_of_no_pandas()
-
-
-class _NoPandas:
-    """A finder of modules that knows of no pandas."""
-
-    @staticmethod
-    def find_spec(name: str, path: object = None, target: object = None) -> None:
-        if name == "pandas":
-            raise ModuleNotFoundError(f"no module named {name}", name=name)
-
-
-def _tell_pyarrow_of_no_pandas() -> None:
-    """Let pyarrow ask for pandas now, in vain: with its first array it would import it, a seventh of a worker's start.
-
-    It asks once, except where a data frame is wanted from it; pandas itself can be imported as before.
-    """
-    if "pandas" in sys.modules:
-        return
-    sys.meta_path.insert(0, _NoPandas)
-    try:
-        pa.array(np.zeros(1))
-    finally:
-        sys.meta_path.remove(_NoPandas)
 
 
 def _start_worker(scenario: Scenario, spec: DatasetSpec, target: Target, done: Any) -> None:

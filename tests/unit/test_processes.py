@@ -3,10 +3,8 @@
 import gc
 import multiprocessing
 import os
-import sys
 from concurrent.futures import ProcessPoolExecutor
 
-from generator.dataset.run import prepare_worker
 from generator.processes import begin, packed
 
 VARIABLE = "SKYBENCH_TEST_OF_A_WORKER"
@@ -25,17 +23,3 @@ def test_a_worker_loads_what_it_needs_without_looking_for_garbage_and_then_looks
     start = packed(remember, "started")
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), begin, (start,)) as pool:
         assert pool.submit(state).result() == ("started False", True, True, "1")
-
-
-def tables() -> tuple[bool, int]:
-    import numpy as np
-    import pyarrow as pa
-
-    table = pa.table({"hip": pa.array(np.arange(3))})
-    return "pandas" in sys.modules, len(table.to_pandas())
-
-
-def test_a_worker_that_makes_tables_imports_no_pandas_until_it_wants_a_data_frame() -> None:
-    start = packed(prepare_worker)
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), begin, (start,)) as pool:
-        assert pool.submit(tables).result() == (False, 3)
