@@ -28,8 +28,9 @@ _RADII = (1.0, 0.6, 0.35)
 # Steps of the cover of all orientations and focal lengths: how far a position may move between a step and what it stands
 # for, in radii of agreement.
 _TURN_STEP, _FOCAL_STEP = 0.5, 0.25
-# Searches of one frame at most: three focal lengths, and two orders of detections or a second one of the whole sky.
-_SEARCHES = 6
+# Searches of one frame: three focal lengths, two orders of detections or a second one of the whole sky, and each with the
+# attitude as it is told and without.
+_SEARCHES = 12
 
 
 @dataclass(frozen=True, eq=False)
