@@ -40,8 +40,9 @@ def test_an_observation_holds_no_truth(folder):
     assert set(vars(observation)) == {
         "camera", "utc", "R_cam", "tilt_sigma_deg", "heading_sigma_deg", "pressure_hpa", "temperature_c",
         "utc_sigma_s", "focal_sigma", "principal_point_sigma_px", "distortion_sigma", "pressure_sigma_hpa",
-        "temperature_sigma_c",
+        "temperature_sigma_c", "sequence",
     }  # fmt: skip
+    assert observation.sequence is None
     lens = {"f_px", "fy_px", "cx_px", "cy_px", "k", "p", "s", "tilt_rad"}
     assert set(vars(observation.camera)) == {"model", "width", "height"} | lens
 
