@@ -16,6 +16,7 @@ from scipy import stats
 from benchmark.stats.clustered import Resamples, expanded_levels, percentile_interval, proportion_estimate
 from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, resamples_of, succeeded
 from benchmark.stats.intervals import CONFIDENCE, Estimate
+from benchmark.stats.metrics import SUCCESS_KM
 
 F8 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -81,7 +82,9 @@ def _bins(confidence: F8, n_bins: int) -> NDArray[np.intp]:
     return np.clip(np.ceil(confidence * n_bins).astype(np.intp) - 1, 0, n_bins - 1)
 
 
-def reliability(frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS) -> tuple[ReliabilityBin, ...]:
+def reliability(
+    frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS, limit_km: float = SUCCESS_KM
+) -> tuple[ReliabilityBin, ...]:
     """Success against confidence, in bins of equal width; empty bins are left out.
 
     References
@@ -91,7 +94,7 @@ def reliability(frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS) -> tuple[R
     """
     confidence, known = _confident(frames)
     part = frames[known]
-    confidence, right = confidence[known], succeeded(part)
+    confidence, right = confidence[known], succeeded(part, limit_km)
     place = _bins(confidence, n_bins)
     found = []
     for i in np.unique(place):
@@ -127,7 +130,9 @@ def expected_calibration_error(confidence: F8, success: Bools, n_bins: int = REL
     return float(np.abs(gaps).sum()) / len(confidence)
 
 
-def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = RELIABILITY_BINS) -> Estimate:
+def calibration_error(
+    frames: pd.DataFrame, resamples: Resamples, n_bins: int = RELIABILITY_BINS, limit_km: float = SUCCESS_KM
+) -> Estimate:
     """Expected calibration error over the fixes (`expected_calibration_error`) with its interval.
 
     The value is that of the sample, as is the custom; the gaps' absolute values make it larger than that of the solver,
@@ -145,9 +150,10 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
     n = int(known.sum())
     if n == 0:
         return UNDEFINED
-    gap = np.where(known, succeeded(frames) - np.nan_to_num(confidence), 0.0)
+    right = succeeded(frames, limit_km)
+    gap = np.where(known, right - np.nan_to_num(confidence), 0.0)
     place = _bins(np.nan_to_num(confidence), n_bins)
-    sample = expected_calibration_error(confidence[known], succeeded(frames)[known], n_bins)
+    sample = expected_calibration_error(confidence[known], right[known], n_bins)
     if resamples.n_clusters < 2:
         return Estimate(sample, 0.0, 1.0, n)
     by_bin = gap[:, None] * (place[:, None] == np.arange(n_bins))
@@ -164,20 +170,20 @@ def calibration_error(frames: pd.DataFrame, resamples: Resamples, n_bins: int = 
     return Estimate(sample, sample * float(low), min(1.0, sample + spread), n)
 
 
-def overconfidence(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+def overconfidence(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
     """Mean confidence less success over the fixes: above 0 the solver is overconfident. Independent of bins and unbiased."""
     confidence, known = _confident(frames)
     n = int(known.sum())
     if n == 0:
         return UNDEFINED
-    gap = np.where(known, np.nan_to_num(confidence) - succeeded(frames), 0.0)
+    gap = np.where(known, np.nan_to_num(confidence) - succeeded(frames, limit_km), 0.0)
     sums = resamples.sums(np.column_stack((gap, known)))
     replicates = sums[:, 0] / np.where(sums[:, 1] > 0, sums[:, 1], np.nan)
     low, high = percentile_interval(replicates, resamples.n_clusters, (-1.0, 1.0))
     return Estimate(float(gap.sum() / n), low, high, n)
 
 
-def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
+def risk_coverage(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> RiskCoverage:
     """Risk-coverage curve and its area; frames of one confidence are accepted in random order, on average.
 
     Fixes without a confidence come after all that have one. Refused frames come last and count as wrong, so that the
@@ -189,7 +195,7 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
     Deep Neural Networks", NeurIPS 2017; Y. Geifman, G. Uziel, R. El-Yaniv, "Bias-Reduced Uncertainty Estimation for
     Deep Neural Classifiers", ICLR 2019 (the area).
     """
-    wrong, order, block = _ranked(frames)
+    wrong, order, block = _ranked(frames, limit_km)
     n = len(frames)
     if n == 0:
         return RiskCoverage(np.empty(0), np.empty(0), 0, 0, UNDEFINED)
@@ -213,13 +219,13 @@ def risk_coverage(frames: pd.DataFrame) -> RiskCoverage:
     )
 
 
-def _ranked(frames: pd.DataFrame) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
+def _ranked(frames: pd.DataFrame, limit_km: float) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
     """Which frames are wrong; their order from the most confident; where each block of equals starts in that order."""
     confidence, known = _confident(frames)
     rank = np.where(known, confidence, np.where(fixed(frames), -1.0, -2.0))
     order = np.argsort(-rank, kind="stable")
     block = np.flatnonzero(np.diff(rank[order], prepend=math.inf))
-    return ~succeeded(frames), order, block
+    return ~succeeded(frames, limit_km), order, block
 
 
 def _curve(weights: NDArray[np.uint8], wrong: Bools, block: NDArray[np.intp]) -> tuple[F8, F8]:
@@ -250,8 +256,10 @@ def _cumulated(counts: NDArray[np.uint8]) -> NDArray[np.int32]:
     return sums
 
 
-CONFIDENCE_METRICS: tuple[Metric, ...] = (
-    Metric("ece", "calibration error", "", -1, calibration_error),
-    Metric("overconfidence", "overconfidence", "", 0, overconfidence),
-    Metric("risk_coverage_area", "risk-coverage area", "", -1, lambda f, r: risk_coverage(f).area),
-)
+def confidence_metrics_within(limit_km: float) -> tuple[Metric, ...]:
+    """Metrics of the stated confidences, where fixes are right within a limit, that of their task."""
+    return (
+        Metric("ece", "calibration error", "", -1, lambda f, r: calibration_error(f, r, limit_km=limit_km)),
+        Metric("overconfidence", "overconfidence", "", 0, lambda f, r: overconfidence(f, r, limit_km)),
+        Metric("risk_coverage_area", "risk-coverage area", "", -1, lambda f, r: risk_coverage(f, limit_km).area),
+    )

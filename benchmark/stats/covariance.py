@@ -15,6 +15,7 @@ from scipy import stats
 from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate
 from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, succeeded
 from benchmark.stats.intervals import Estimate
+from benchmark.stats.metrics import SUCCESS_KM
 
 F8 = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ def nees_values(frames: pd.DataFrame) -> F8:
     return np.where(proper, square, np.where(known, math.inf, math.nan))
 
 
-def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
+def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
     """Mean of `nees_values` over the fixes within the limit of success; undefined where none comes with a covariance.
 
     An honest covariance gives 2, one that is too small more. The interval resamples sites and supposes no distribution.
@@ -45,7 +46,7 @@ def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
     ----------
     Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.2.
     """
-    values = np.where(succeeded(frames), nees_values(frames), math.nan)
+    values = np.where(succeeded(frames, limit_km), nees_values(frames), math.nan)
     n = int(np.count_nonzero(~np.isnan(values)))
     if n == 0:
         return UNDEFINED
@@ -68,7 +69,9 @@ def _ellipse_at(level: float) -> Metric:
     )  # fmt: skip
 
 
-COVARIANCE_METRICS: tuple[Metric, ...] = (
-    Metric("nees", "NEES of right fixes", "", 0, nees_of_right_fixes),
-    *(_ellipse_at(level) for level in ELLIPSE_LEVELS),
-)
+def covariance_metrics_within(limit_km: float) -> tuple[Metric, ...]:
+    """Metrics of the stated covariances, where fixes are right within a limit, that of their task."""
+    return (
+        Metric("nees", "NEES of right fixes", "", 0, lambda f, r: nees_of_right_fixes(f, r, limit_km)),
+        *(_ellipse_at(level) for level in ELLIPSE_LEVELS),
+    )

@@ -22,8 +22,14 @@ from benchmark.report.site.tree import StoredResult, TaskFacts
 from benchmark.run.identities import identities_in
 from benchmark.stats.break_point import Discrimination, break_point, discrimination
 from benchmark.stats.comparison import Comparison, Rank, compare, detectable, ranks
-from benchmark.stats.confidence import CONFIDENCE_METRICS, ReliabilityBin, RiskCoverage, reliability, risk_coverage
-from benchmark.stats.covariance import COVARIANCE_METRICS
+from benchmark.stats.confidence import (
+    ReliabilityBin,
+    RiskCoverage,
+    confidence_metrics_within,
+    reliability,
+    risk_coverage,
+)
+from benchmark.stats.covariance import covariance_metrics_within
 from benchmark.stats.frame_metrics import (
     METRICS,
     UNDEFINED,
@@ -32,6 +38,7 @@ from benchmark.stats.frame_metrics import (
     fixed,
     groups_of,
     measure,
+    metrics_within,
     succeeded,
     success_metric,
 )
@@ -106,8 +113,8 @@ class Entry:
     stored : StoredResult
         Where it comes from.
     metrics : mapping of str to Estimate
-        All of `METRICS`, `CONFIDENCE_METRICS` and `COVARIANCE_METRICS` by key. The area under the risk-coverage curve is
-        undefined where no fix has a confidence.
+        All of `metrics_within`, `confidence_metrics_within` and `covariance_metrics_within` by key, with the task's
+        limit. The area under the risk-coverage curve is undefined where no fix has a confidence.
     success : Estimate
         By the limit of the task's own metric.
     rank : Rank
@@ -267,9 +274,9 @@ def _successes(frames: pd.DataFrame, task: TaskFacts, circumstance: Circumstance
 
 def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstance]) -> Entry:
     frames, task = result.frames, result.task
-    curve = risk_coverage(frames)
-    others = [metric for metric in (*CONFIDENCE_METRICS, *COVARIANCE_METRICS) if metric.key != "risk_coverage_area"]
-    metrics = measure(frames, (*METRICS, *others))
+    curve, limit_km = risk_coverage(frames, task.limit_km), task.limit_km
+    asked = (*metrics_within(limit_km), *confidence_metrics_within(limit_km), *covariance_metrics_within(limit_km))
+    metrics = measure(frames, [metric for metric in asked if metric.key != "risk_coverage_area"])
     metrics["risk_coverage_area"] = curve.area if curve.n_confidences else UNDEFINED
     statuses = Counter(frames["status"])
     return Entry(
@@ -279,7 +286,7 @@ def _entry(result: StoredResult, rank: Rank, circumstances: Sequence[Circumstanc
         rank=rank,
         break_point=break_point(frames, task.harder, limit_km=task.limit_km) if task.graded else _NO_BREAK,
         levels=_levels(frames, task),
-        bins=reliability(frames),
+        bins=reliability(frames, limit_km=limit_km),
         curve=curve,
         by_circumstance=tuple(_successes(frames, task, one) for one in circumstances),
         statuses={status: statuses[status] for status in (FIX, REFUSED, ERROR)},

@@ -100,7 +100,9 @@ def _metric(key: str) -> Callable[[Measured], Estimate]:
 
 SUCCESS = Column("success", "of all frames", lambda entry: entry.success, percent, "descending", True)
 MEDIAN = Column("median error, km", "refused = ∞", _metric("median_error_km"), number, "ascending")
-WRONG = Column("wrong and confident", "a fix ≥ 10 km off", _metric("wrong_and_confident"), percent, "ascending", True)
+WRONG = Column(
+    "wrong and confident", "a fix beyond the limit", _metric("wrong_and_confident"), percent, "ascending", True
+)
 TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number, "ascending")
 BOUND = Column("error / bound", "median of right fixes", _metric("right_bound_ratio"), number, "ascending")
 NEES = Column("NEES", "right fixes; honest: 2", _metric("nees"), number, "ascending")

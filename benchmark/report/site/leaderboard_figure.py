@@ -64,7 +64,9 @@ def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
     for band in bands:
         _draw_band(figure, band, view.tasks, top)
         top += band.height_px
-    note = "Share of frames solved to within 10 km, with 95 % intervals."
+    limits = {task.limit_km for task in view.tasks}
+    within = f"{limits.pop():g} km" if len(limits) == 1 else "each task's limit"
+    note = f"Share of frames solved to within {within}, with 95 % intervals."
     _words(figure, _EDGE_PX, height - 36, note, soft=True)
     _words(figure, _EDGE_PX, height - 18, f"{mark.sentence} ° not of today's code.", soft=True)
     n_solvers = len({row.label for band in bands for row in band.rows})

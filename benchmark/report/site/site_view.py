@@ -26,7 +26,12 @@ NOT_RECORDED = "not recorded"
 
 _QUESTIONS = {"own": "Whole system: own detections", "shared": "Identification alone: shared detections"}
 _MATRICES = (
-    ("success", "success", "Share of all frames with a fix less than 10 km off. Bars: intervals, 0 to 100 %.", SUCCESS),
+    (
+        "success",
+        "success",
+        "Share of all frames with a fix within the task's limit. Bars: intervals, 0 to 100 %.",
+        SUCCESS,
+    ),
     ("bound", "error / bound", "Median over the right fixes of the error over the frame's Cramér-Rao bound.", BOUND),
     (
         "nees",
@@ -34,7 +39,7 @@ _MATRICES = (
         "Mean over the right fixes of the squared error in units of the covariance claimed; honest: 2, too bold: more.",
         NEES,
     ),
-    ("wrong", "honesty: wrong and confident", "Share of all frames with a fix 10 km or more off.", WRONG),
+    ("wrong", "honesty: wrong and confident", "Share of all frames with a fix beyond the task's limit.", WRONG),
     ("time", "median time, ms", "Detection and solving, refused frames included.", TIME),
     (
         "risk",

@@ -65,7 +65,7 @@ def leaderboard_table(boards: Sequence[Board]) -> Table:
     """Success of each solver on each task with its interval, for the terminal."""
     tasks = tasks_of(boards)
     matrix = next(matrix for matrix in matrices_of(boards, tasks) if matrix.column is columns.SUCCESS)
-    title = "Percentage of frames within 10 km of the truth, and its 95 % interval"
+    title = "Percentage of frames within the task's limit, and its 95 % interval"
     table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
     table.add_column("solver", overflow="fold")
     table.add_column("by")
