@@ -19,6 +19,8 @@ from generator.drawing.style import LIGHT_PX, house_style
 SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
+# Letters of a condition that a small panel holds under its axis.
+_AXIS_LETTERS = 40
 _SQUARE_PX = (150, 128)
 _FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
 # Marks of a figure that holds all solvers, against those of a small panel.
@@ -248,9 +250,10 @@ def risk_coverages(
 
 
 def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
-    """Axis of a task's condition, harder to the right."""
+    """Axis of a task's condition, harder to the right; its words are cut to what a small panel holds."""
     levels = sorted({level.condition for curve in curves for level in curve})
-    scale = level_scale(levels, task.axis)
+    words = _short(task.condition, _AXIS_LETTERS)
+    scale = level_scale(levels, f"{words}, {task.unit}" if task.unit else words)
     if task.harder > 0:
         return scale
     return Scale(lambda value: 1.0 - scale.place(value), scale.ticks, scale.title)
