@@ -17,7 +17,7 @@ def superseded(root: Path) -> dict[Path, str]:
     found: defaultdict[str, dict[int, Path]] = defaultdict(dict)
     for folder in sorted(root.glob("*@*")):
         name, _, revision = folder.name.rpartition("@")
-        if revision.isdecimal() and any(folder.iterdir()):
+        if revision.isdecimal() and folder.is_dir() and any(folder.iterdir()):
             found[name][int(revision)] = folder
     return {
         folder: f"{name}@{max(revisions)} is there"
@@ -29,7 +29,7 @@ def superseded(root: Path) -> dict[Path, str]:
 
 def outdated(root: Path) -> dict[Path, str]:
     """The `superseded` folders and those of retired tasks, and why."""
-    retired = {folder: "the task is retired" for name in sorted(RETIRED) for folder in sorted(root.glob(f"{name}@*"))}
+    retired = {folder: "the task is retired" for name in sorted(RETIRED) for folder in sorted(root.glob(f"{name}@*/"))}
     return superseded(root) | retired
 
 
