@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate
-from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, succeeded
+from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, identified
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import SUCCESS_KM
 
@@ -37,8 +37,8 @@ def nees_values(frames: pd.DataFrame) -> F8:
     return np.where(proper, square, np.where(known, math.inf, math.nan))
 
 
-def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Mean of `nees_values` over the fixes within the limit of success; undefined where none comes with a covariance.
+def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
+    """Mean of `nees_values` over the fixes that are `identified`; undefined where none comes with a covariance.
 
     An honest covariance gives 2, one that is too small more. The interval resamples sites and supposes no distribution.
 
@@ -46,7 +46,7 @@ def nees_of_right_fixes(frames: pd.DataFrame, resamples: Resamples, limit_km: fl
     ----------
     Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4.2.
     """
-    values = np.where(succeeded(frames, limit_km), nees_values(frames), math.nan)
+    values = np.where(identified(frames, limit_km), nees_values(frames), math.nan)
     n = int(np.count_nonzero(~np.isnan(values)))
     if n == 0:
         return UNDEFINED
@@ -72,6 +72,6 @@ def _ellipse_at(level: float) -> Metric:
 def covariance_metrics_within(limit_km: float) -> tuple[Metric, ...]:
     """Metrics of the stated covariances, where fixes are right within a limit, that of their task."""
     return (
-        Metric("nees", "NEES of right fixes", "", 0, lambda f, r: nees_of_right_fixes(f, r, limit_km)),
+        Metric("nees", "NEES of identified fixes", "", 0, lambda f, r: nees_of_identified(f, r, limit_km)),
         *(_ellipse_at(level) for level in ELLIPSE_LEVELS),
     )

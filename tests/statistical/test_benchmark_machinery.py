@@ -22,7 +22,7 @@ from benchmark.stats.clustered import (
 )
 from benchmark.stats.comparison import compare, difference_estimate, ranks
 from benchmark.stats.confidence import calibration_error, overconfidence, risk_coverage
-from benchmark.stats.covariance import ellipse_coverage, nees_of_right_fixes
+from benchmark.stats.covariance import ellipse_coverage, nees_of_identified
 from benchmark.stats.intervals import Estimate, wilson
 from benchmark.stats.overall import mean_of
 from benchmark.stats.paired_tests import holm, mcnemar_clustered, mcnemar_exact, sign_flip
@@ -266,12 +266,12 @@ def test_an_honest_covariance_passes_and_a_bold_one_does_not():
         east, north = rng.multivariate_normal([0, 0], covariance, n).T
         frames = frame_table(np.arange(n), np.ones(n, bool), error_east_km=east, error_north_km=north,
                              cov_ee_km2=0.5, cov_en_km2=0.2, cov_nn_km2=0.3)  # fmt: skip
-        claimed.append(nees_of_right_fixes(frames, resamples(rng, n, 1)))
+        claimed.append(nees_of_identified(frames, resamples(rng, n, 1)))
         held.append(ellipse_coverage(frames, Resamples.of(np.arange(n), 10), 0.95))
     # The mean of a skew number: its percentile interval falls short of 95 % by one to two points at 60 sites.
     assert_covers(claimed, 2.0)
     assert_covers(held, 0.95, highest=0.99)
-    bold = nees_of_right_fixes(frames.assign(cov_ee_km2=0.125, cov_en_km2=0.05, cov_nn_km2=0.075), resamples(rng, n, 1))
+    bold = nees_of_identified(frames.assign(cov_ee_km2=0.125, cov_en_km2=0.05, cov_nn_km2=0.075), resamples(rng, n, 1))
     assert bold.value == pytest.approx(4 * claimed[-1].value)
     assert bold.low > 2.0
 

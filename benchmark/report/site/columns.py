@@ -104,8 +104,8 @@ WRONG = Column(
     "wrong and confident", "a fix beyond the limit", _metric("wrong_and_confident"), percent, "ascending", True
 )
 TIME = Column("median time, ms", "per frame", _metric("median_time_ms"), number, "ascending")
-BOUND = Column("error / bound", "median of right fixes", _metric("right_bound_ratio"), number, "ascending")
-NEES = Column("NEES", "right fixes; honest: 2", _metric("nees"), number, "ascending")
+BOUND = Column("error / bound", "median of identified fixes", _metric("identified_bound_ratio"), number, "ascending")
+NEES = Column("NEES", "identified fixes; honest: 2", _metric("nees"), number, "ascending")
 RISK = Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending")
 LEADING = (SUCCESS, BOUND, NEES, WRONG, TIME)
 """The four numbers that lead every table: success, error over bound, honesty (two columns), time."""

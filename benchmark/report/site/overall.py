@@ -17,7 +17,7 @@ COLUMNS = (*LEADING, RISK)
 _SUCCESS_KEY = "success"
 KEYS: dict[Column, str] = {
     SUCCESS: _SUCCESS_KEY,
-    BOUND: "right_bound_ratio",
+    BOUND: "identified_bound_ratio",
     NEES: "nees",
     WRONG: "wrong_and_confident",
 } | {
@@ -44,7 +44,7 @@ class OverallRow:
         Sets that there are; where it did not answer all of them its numbers are undefined, as they would be of easier or
         harder frames than those of others.
     metrics : mapping of str to Estimate
-        Of `COLUMNS`, by the metrics' keys. A number of right fixes that a solver has on some sets alone (it has no right
+        Of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver has on some sets alone (it has no such
         fix on the others) is the mean over these.
     lacking : mapping of str to int
         Sets without the number, by key; those alone that are not 0.

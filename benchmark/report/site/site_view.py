@@ -32,11 +32,11 @@ _MATRICES = (
         "Share of all frames with a fix within the task's limit. Bars: intervals, 0 to 100 %.",
         SUCCESS,
     ),
-    ("bound", "error / bound", "Median over the right fixes of the error over the frame's Cramér-Rao bound.", BOUND),
+    ("bound", "error / bound", "Median over the identified fixes of the error over the frame's Cramér-Rao bound.", BOUND),
     (
         "nees",
         "honesty: NEES",
-        "Mean over the right fixes of the squared error in units of the covariance claimed; honest: 2, too bold: more.",
+        "Mean over the identified fixes of the squared error in units of the covariance claimed; honest: 2, too bold: more.",
         NEES,
     ),
     ("wrong", "honesty: wrong and confident", "Share of all frames with a fix beyond the task's limit.", WRONG),

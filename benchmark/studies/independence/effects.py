@@ -13,8 +13,8 @@ from scipy import stats
 
 from benchmark.stats.clustered import mean_estimate
 from benchmark.stats.comparison import compare, difference_estimate, paired
-from benchmark.stats.covariance import NEES_DIMENSIONS, ellipse_coverage, nees_of_right_fixes, nees_values
-from benchmark.stats.frame_metrics import UNDEFINED, bound_ratio_of_right_fixes, resamples_of, succeeded, success
+from benchmark.stats.covariance import NEES_DIMENSIONS, ellipse_coverage, nees_of_identified, nees_values
+from benchmark.stats.frame_metrics import UNDEFINED, bound_ratio_of_identified, identified, resamples_of, success
 from benchmark.stats.intervals import Estimate
 
 F8 = NDArray[np.float64]
@@ -42,10 +42,10 @@ class Effect:
     success : Change
         Share of frames within 10 km; the difference.
     bound_ratio : Change
-        Median over right fixes of the error over the bound; the geometric mean of the ratio of errors on the frames on which
+        Median over identified fixes of the error over the bound; the geometric mean of the ratio of errors on the frames on which
         both have a fix.
     nees, ellipse : Change
-        NEES, and share of right fixes whose 95 % ellipse holds the truth; the mean difference over frames right in both.
+        NEES, and share of identified fixes whose 95 % ellipse holds the truth; the mean difference over frames identified in both.
     success_p, error_p : float
         McNemar's test and a sign-flip test of the errors, adjusted by Holm over all perturbations and solvers.
     """
@@ -101,8 +101,8 @@ def effects_of(before: Tables, after: Mapping[str, Tables]) -> tuple[Effect, ...
                 solver,
                 Change(_of(unperturbed, success), _of(perturbed, success), pair.difference),
                 Change(
-                    _of(unperturbed, bound_ratio_of_right_fixes),
-                    _of(perturbed, bound_ratio_of_right_fixes),
+                    _of(unperturbed, bound_ratio_of_identified),
+                    _of(perturbed, bound_ratio_of_identified),
                     pair.error_ratio,
                 ),
                 _nees_change(unperturbed, perturbed),
@@ -119,29 +119,29 @@ def _of(table: pd.DataFrame, metric: Callable[..., Estimate]) -> Estimate:
 
 
 def _nees_change(before: pd.DataFrame, after: pd.DataFrame) -> Change:
-    known = _right_in_both(before, after)
+    known = _identified_in_both(before, after)
     gap = np.where(known, nees_values(after) - nees_values(before), math.nan)
     finite = known.any() and bool(np.isfinite(gap[known]).all())
     change = mean_estimate(gap, resamples_of(before)) if finite else UNDEFINED
-    return Change(_of(before, nees_of_right_fixes), _of(after, nees_of_right_fixes), change)
+    return Change(_of(before, nees_of_identified), _of(after, nees_of_identified), change)
 
 
 def _ellipse_change(before: pd.DataFrame, after: pd.DataFrame) -> Change:
-    known = _right_in_both(before, after)
+    known = _identified_in_both(before, after)
     change = UNDEFINED
     if known.any():
         limit = float(stats.chi2.ppf(ELLIPSE, NEES_DIMENSIONS))
         inside, inside_before = (nees_values(table)[known] <= limit for table in (after, before))
         gap = inside.astype(np.float64) - inside_before.astype(np.float64)
         change = difference_estimate(gap, resamples_of(before[known]))
-    return Change(_ellipse(before[succeeded(before)]), _ellipse(after[succeeded(after)]), change)
+    return Change(_ellipse(before[identified(before)]), _ellipse(after[identified(after)]), change)
 
 
 def _ellipse(right: pd.DataFrame) -> Estimate:
     return _of(right, ellipse_coverage) if len(right) else UNDEFINED
 
 
-def _right_in_both(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.bool_]:
-    """Frames that are right in both and come with a covariance in both."""
-    known = succeeded(before) & succeeded(after)
+def _identified_in_both(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.bool_]:
+    """Frames whose stars are identified in both and come with a covariance in both."""
+    known = identified(before) & identified(after)
     return np.asarray(known & ~np.isnan(nees_values(before)) & ~np.isnan(nees_values(after)))

@@ -20,7 +20,7 @@ from benchmark.stats.confidence import (
     reliability,
     risk_coverage,
 )
-from benchmark.stats.covariance import ellipse_coverage, nees_of_right_fixes, nees_values
+from benchmark.stats.covariance import ellipse_coverage, nees_of_identified, nees_values
 from benchmark.stats.frame_metrics import (
     METRICS,
     groups_of,
@@ -61,7 +61,7 @@ def test_every_metric_by_hand():
         "star_precision": 18 / 30, "star_recall": 18 / 48,
         "kelvins_score": pytest.approx((1.0 + 4 / 16 - 1.0 + 0.0 + 0.0) / 5),
         # 2, 1, 50, inf; the frame without a bound takes no part.
-        "bound_ratio": pytest.approx((2.0 + 50.0) / 2), "right_bound_ratio": 1.5,
+        "bound_ratio": pytest.approx((2.0 + 50.0) / 2), "identified_bound_ratio": 1.5,
         "median_time_ms": 3.0, "p95_time_ms": 100.0, "peak_memory_mib": 300.0,
     }  # fmt: skip
 
@@ -241,12 +241,12 @@ def test_squared_errors_in_units_of_the_covariance():
     assert nees_values(frames)[:4].tolist() == pytest.approx([1.0, 1.0, 2 / 3, math.inf])
     assert math.isnan(nees_values(frames)[4])
     three = frames.iloc[:3]
-    found = nees_of_right_fixes(three, resamples_of(three))
+    found = nees_of_identified(three, resamples_of(three))
     assert (found.n, found.value) == (3, pytest.approx(8 / 9))
-    assert nees_of_right_fixes(frames, resamples_of(frames)).value == math.inf
+    assert nees_of_identified(frames, resamples_of(frames)).value == math.inf
     wrong = three.assign(error_km=[1.0, 100.0, 1.0])
-    assert nees_of_right_fixes(wrong, resamples_of(wrong)).value == pytest.approx((1 + 2 / 3) / 2)
-    assert math.isnan(nees_of_right_fixes(frames.iloc[4:], resamples_of(frames.iloc[4:])).value)
+    assert nees_of_identified(wrong, resamples_of(wrong)).value == pytest.approx((1 + 2 / 3) / 2)
+    assert math.isnan(nees_of_identified(frames.iloc[4:], resamples_of(frames.iloc[4:])).value)
     assert ellipse_coverage(frames, resamples_of(frames)).value == 0.75
 
 

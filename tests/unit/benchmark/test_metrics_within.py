@@ -1,11 +1,12 @@
-"""What counts as right is within the limit of the task, in every number of a page."""
+"""What counts as right is within the limit of the task, in every number of a page; what counts as identified."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark.stats.confidence import confidence_metrics_within
 from benchmark.stats.covariance import covariance_metrics_within
-from benchmark.stats.frame_metrics import measure, metrics_within
+from benchmark.stats.frame_metrics import identified, measure, metrics_within
 
 FRAMES = pd.DataFrame(
     {
@@ -21,7 +22,7 @@ FRAMES = pd.DataFrame(
         "confidence": [0.9, 0.9, 0.9, None],
     }
 )
-KEYS = ("wrong_and_confident", "right_bound_ratio", "nees", "overconfidence", "risk_coverage_area")
+KEYS = ("wrong_and_confident", "identified_bound_ratio", "nees", "overconfidence", "risk_coverage_area")
 
 
 @pytest.mark.parametrize(
@@ -37,3 +38,46 @@ def test_right_is_within_the_task_s_limit(limit_km, wrong, ratio, nees, over, ar
     asked = (*metrics_within(limit_km), *covariance_metrics_within(limit_km), *confidence_metrics_within(limit_km))
     found = measure(FRAMES, [metric for metric in asked if metric.key in KEYS])
     assert [found[key].value for key in KEYS] == pytest.approx([wrong, ratio, nees, over, area])
+
+
+@pytest.mark.parametrize(
+    ("status", "error_km", "n_matches", "n_correct", "is_identified"),
+    [
+        ("fix", 50.0, 10, 6, True),
+        ("fix", 50.0, 10, 5, False),
+        ("fix", 50.0, 0, 0, False),
+        ("fix", 5.0, 0, 0, True),
+        ("fix", 5.0, 10, 0, True),
+        ("refused", None, 10, 10, False),
+    ],
+)
+def test_identified_by_most_of_its_stars_or_within_the_limit(status, error_km, n_matches, n_correct, is_identified):
+    row = {"status": status, "error_km": error_km, "n_matches": n_matches, "n_correct": n_correct}
+    assert identified(pd.DataFrame([row]), 10.0).tolist() == [is_identified]
+
+
+def test_a_close_limit_does_not_flatter_covariances():
+    """Honest errors of 65 km on each axis: 2 whatever the limit, where fixes within 30 km alone would give 0.1.
+
+    The sum over n fixes is chi-squared with 2 n degrees of freedom, of standard deviation 0.032 for the mean of 4,000.
+    """
+    n, sigma_km = 4000, 65.0
+    east, north = np.random.default_rng(17).normal(0.0, sigma_km, (2, n))
+    frames = pd.DataFrame(
+        {
+            "frame_id": [f"frame-{i}" for i in range(n)],
+            "status": "fix",
+            "error_km": np.hypot(east, north),
+            "error_east_km": east,
+            "error_north_km": north,
+            "cov_ee_km2": sigma_km**2,
+            "cov_en_km2": 0.0,
+            "cov_nn_km2": sigma_km**2,
+            "n_matches": 20,
+            "n_correct": 19,
+        }
+    )
+    named = measure(frames, covariance_metrics_within(30.0))["nees"].value
+    unnamed = measure(frames.assign(n_matches=0, n_correct=0), covariance_metrics_within(30.0))["nees"].value
+    assert named == pytest.approx(2.0, abs=4 * 0.032)
+    assert unnamed == pytest.approx(0.1, abs=0.03)

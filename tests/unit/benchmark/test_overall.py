@@ -82,7 +82,7 @@ def test_terminal_and_documents_lead_with_the_four_numbers(boards):
     ]  # fmt: skip
     (overall,) = overall_document(boards)
     assert overall["sets"] == len(TASKS)
-    names = ["success", "right_bound_ratio", "nees", "wrong_and_confident", "median_time_ms", "risk_coverage_area"]
+    names = ["success", "identified_bound_ratio", "nees", "wrong_and_confident", "median_time_ms", "risk_coverage_area"]
     assert list(overall["solvers"][0])[2:8] == names
     assert list(boards_document(boards)[0]["solvers"][0])[2:8] == names
     (table,) = overall_of(boards)
