@@ -42,10 +42,11 @@ class Effect:
     success : Change
         Share of frames within 10 km; the difference.
     bound_ratio : Change
-        Median over identified fixes of the error over the bound; the geometric mean of the ratio of errors on the frames on which
-        both have a fix.
+        Median over identified fixes of the error over the bound; the geometric mean of the ratio of errors on the frames
+        on which both have a fix.
     nees, ellipse : Change
-        NEES, and share of identified fixes whose 95 % ellipse holds the truth; the mean difference over frames identified in both.
+        NEES, and share of identified fixes whose 95 % ellipse holds the truth; the mean difference over frames identified
+        in both.
     success_p, error_p : float
         McNemar's test and a sign-flip test of the errors, adjusted by Holm over all perturbations and solvers.
     """
