@@ -32,7 +32,12 @@ _MATRICES = (
         "Share of all frames with a fix within the task's limit. Bars: intervals, 0 to 100 %.",
         SUCCESS,
     ),
-    ("bound", "error / bound", "Median over the identified fixes of the error over the frame's Cramér-Rao bound.", BOUND),
+    (
+        "bound",
+        "error / bound",
+        "Median over the identified fixes of the error over the frame's Cramér-Rao bound.",
+        BOUND,
+    ),
     (
         "nees",
         "honesty: NEES",
