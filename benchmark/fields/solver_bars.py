@@ -16,6 +16,7 @@ from benchmark.judge.cramer_rao import (
     VERTICAL,
     covariance_bound,
     information_on_position,
+    lens_derivatives,
     median_error_km,
     turn_derivatives,
 )
@@ -100,7 +101,8 @@ def bound_km(condition: Condition, field: Field) -> float:
     by_turn = turn_derivatives(camera_of(condition), field.R_cam, uv)
     places = np.broadcast_to(np.eye(2) / condition.noise_px**2, (len(uv), 2, 2))
     prior = EXACT if condition.exact_attitude else VERTICAL
-    return median_error_km(covariance_bound(information_on_position(by_turn, places, field.lat_deg, prior)))
+    by_lens = lens_derivatives(camera_of(condition), uv)
+    return median_error_km(covariance_bound(information_on_position(by_turn, by_lens, places, field.lat_deg, prior)))
 
 
 def measure(condition: Condition, n_fields: int, seed: int, solver: str = "skybench") -> Measured:

@@ -3,9 +3,10 @@
 From the noise of the pixels to the position in three steps. (1) A star's pixels give Fisher information on its place
 (`benchmark.judge.place_information`). (2) The camera's projection turns the place's information into that on the
 direction of the sky. (3) Moving east or north turns the sky; where the attitude is not known exactly, its error turns
-the sky as well, and the information on position is the Schur complement that remains.
+the sky as well, and errors of the focal length and the principal point move the stars too. The information on position is
+the Schur complement that remains.
 
-The stars are taken as identified, the camera and the time as known. A real solver knows less, so the bound holds.
+The stars are taken as identified, distortion, air and time as known. A real solver knows less, so the bound holds.
 Refraction's own change of the scale (below 1 % at 10 degrees of altitude) is left out. Stars whose middle lies outside
 the frame are left out, those near its edge count whole: on average over places the two make up for each other.
 
@@ -38,8 +39,8 @@ _NODES = 48
 
 
 @dataclass(frozen=True)
-class AttitudePrior:
-    """How well the solver knows its attitude.
+class Prior:
+    """How well the solver knows its attitude and its camera.
 
     Attributes
     ----------
@@ -47,14 +48,26 @@ class AttitudePrior:
         Standard deviation of the tilt about each horizontal axis; 0: exact.
     heading_deg : float
         Standard deviation of the heading; 0: exact, infinite: unknown (only the vertical is given).
+    focal : float
+        Standard deviation of the focal length, relative.
+    principal_point_px : float
+        Standard deviation of each of the principal point's coordinates.
     """
 
     tilt_deg: float = 0.0
     heading_deg: float = 0.0
+    focal: float = 0.0
+    principal_point_px: float = 0.0
+
+    @property
+    def sigmas(self) -> F8:
+        """Of the turns about east, north and up (rad) and of the lens as in `lens_derivatives`, shape (6,)."""
+        turns = np.radians([self.tilt_deg, self.tilt_deg, self.heading_deg])
+        return np.concatenate((turns, [self.focal, self.principal_point_px, self.principal_point_px]))
 
 
-EXACT = AttitudePrior()
-VERTICAL = AttitudePrior(heading_deg=math.inf)
+EXACT = Prior()
+VERTICAL = Prior(heading_deg=math.inf)
 
 
 def displacement_turns(latitude_deg: float) -> F8:
@@ -98,19 +111,30 @@ def turn_derivatives(camera: celnav.Camera, R_cam: F8, uv: F8) -> F8:
     return found
 
 
-def information_on_position(by_turn: F8, places: F8, latitude_deg: float, prior: AttitudePrior = EXACT) -> F8:
+def lens_derivatives(camera: celnav.Camera, uv: F8) -> F8:
+    """Derivatives of stars' places by the relative focal length and the principal point's coordinates, shape (n, 2, 3), px.
+
+    All projections are scaled by the focal length and shifted by the principal point after their distortion.
+    """
+    by_focal = uv - np.array([camera.cx_px, camera.cy_px])
+    return np.concatenate((by_focal[:, :, None], np.broadcast_to(np.eye(2), (len(uv), 2, 2))), axis=2)
+
+
+def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: float, prior: Prior = EXACT) -> F8:
     """Fisher information that stars' places hold on the horizontal position.
 
     Parameters
     ----------
     by_turn : ndarray, shape (n, 2, 3)
         See `turn_derivatives`; stars with NaN count nothing.
+    by_lens : ndarray, shape (n, 2, 3)
+        See `lens_derivatives`.
     places : ndarray, shape (n, 2, 2)
         Information on each star's place, 1/px^2.
     latitude_deg : float
         Of the observer.
-    prior : AttitudePrior
-        How well the attitude is known.
+    prior : Prior
+        How well attitude and lens are known.
 
     Returns
     -------
@@ -118,17 +142,22 @@ def information_on_position(by_turn: F8, places: F8, latitude_deg: float, prior:
         East-north, 1/km^2.
     """
     usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(places).all(axis=(1, 2))
-    by_turn, weighted = by_turn[usable], places[usable] @ by_turn[usable]
-    turning = by_turn.reshape(-1, 3).T @ weighted.reshape(-1, 3)
+    by_all = np.concatenate((by_turn[usable], by_lens[usable]), axis=2)
+    held = by_all.reshape(-1, 6).T @ (places[usable] @ by_all).reshape(-1, 6)
     moves = displacement_turns(latitude_deg)
-    sigmas = np.radians([prior.tilt_deg, prior.tilt_deg, prior.heading_deg])
-    free = np.flatnonzero(sigmas > 0)
-    information = np.asarray(moves.T @ turning @ moves)
+    free = np.flatnonzero(prior.sigmas > 0)
+    information = np.asarray(moves.T @ held[:3, :3] @ moves)
     if len(free):
-        known = np.diag(1.0 / sigmas[free] ** 2)
-        shared = moves.T @ turning[:, free]
-        information = information - shared @ np.linalg.pinv(turning[np.ix_(free, free)] + known) @ shared.T
+        known = np.diag(1.0 / prior.sigmas[free] ** 2)
+        shared = moves.T @ held[:3, free]
+        information = information - shared @ _inverse(held[np.ix_(free, free)] + known) @ shared.T
     return np.asarray((information + information.T) / 2.0)
+
+
+def _inverse(information: F8) -> F8:
+    """Pseudo-inverse of a symmetric matrix whose unknowns have different units: each is scaled to 1 first."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    return np.asarray(np.linalg.pinv(information * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale))
 
 
 def covariance_bound(information: F8) -> F8:
@@ -139,24 +168,25 @@ def covariance_bound(information: F8) -> F8:
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def position_information(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
+def position_information(light: StarLight, prior: Prior = EXACT) -> F8:
     """Fisher information of a frame's light on the horizontal position, east-north, shape (2, 2), 1/km^2."""
     camera = celnav.Camera.from_dict(dataclasses.asdict(light.camera))
     by_turn = turn_derivatives(camera, light.R_cam, light.uv)
     usable = np.isfinite(by_turn).all(axis=(1, 2)) & np.isfinite(light.background_e2)
     places = place_information(light.take(usable))
-    return information_on_position(by_turn[usable], places, light.latitude_deg, prior)
+    by_lens = lens_derivatives(camera, light.uv[usable])
+    return information_on_position(by_turn[usable], by_lens, places, light.latitude_deg, prior)
 
 
-def position_bound(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
+def position_bound(light: StarLight, prior: Prior = EXACT) -> F8:
     """Cramér-Rao bound on the covariance of the horizontal position.
 
     Parameters
     ----------
     light : StarLight
         Of the frame, see `benchmark.judge.frame_bounds`.
-    prior : AttitudePrior
-        How well the solver knows its attitude.
+    prior : Prior
+        How well the solver knows its attitude and its camera.
 
     Returns
     -------
@@ -166,7 +196,7 @@ def position_bound(light: StarLight, prior: AttitudePrior = EXACT) -> F8:
     return covariance_bound(position_information(light, prior))
 
 
-def bound_km(light: StarLight, prior: AttitudePrior = EXACT) -> float:
+def bound_km(light: StarLight, prior: Prior = EXACT) -> float:
     """Root of the trace of `position_bound`: the least root mean square error, km; infinite without a bound."""
     return math.sqrt(float(np.trace(position_bound(light, prior))))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmark.frames.dataset import Frame, true_observation
 from benchmark.frames.record_values import optional_number, read_record
-from benchmark.judge.cramer_rao import AttitudePrior, bound_km
+from benchmark.judge.cramer_rao import Prior, bound_km
 from benchmark.judge.geodesy import ROTATION_RAD_S, radii_of_curvature_km
 from benchmark.judge.place_information import StarLight, background_variance
 
@@ -50,7 +50,7 @@ def ground_speed_km_s(latitude_deg: float) -> float:
 
 
 def bound_of(frame: Frame) -> float | None:
-    """Least root mean square position error, km, for a solver with the stated uncertainty of attitude and time.
+    """Least root mean square position error, km, for a solver with the stated uncertainty of attitude, lens and time.
 
     None where the frame has no bound: no width of the point spread function on record, no stars that fix a position, or a
     frame of a sequence after the first, where a solver may know more than the frame says.
@@ -61,7 +61,8 @@ def bound_of(frame: Frame) -> float | None:
     if light is None:
         return None
     given = frame.observation
-    bound = bound_km(light, AttitudePrior(given.tilt_sigma_deg, given.heading_sigma_deg))
+    prior = Prior(given.tilt_sigma_deg, given.heading_sigma_deg, given.focal_sigma, given.principal_point_sigma_px)
+    bound = bound_km(light, prior)
     # An error of the time turns the sky about the pole, as another longitude does: the two add up.
     bound = math.hypot(bound, given.utc_sigma_s * ground_speed_km_s(light.latitude_deg))
     return bound if math.isfinite(bound) else None

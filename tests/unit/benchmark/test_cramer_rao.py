@@ -16,7 +16,7 @@ from benchmark.frames.dataset import open_dataset
 from benchmark.judge.cramer_rao import (
     EXACT,
     VERTICAL,
-    AttitudePrior,
+    Prior,
     bound_km,
     median_error_km,
     position_bound,
@@ -155,16 +155,20 @@ def local_axes(latitude, longitude):
     ])  # fmt: skip
 
 
-def places(earth_fixed, position, R_cam, turn=(0.0, 0.0, 0.0)):
-    """Pixels of the stars seen from a position by a camera whose attitude in local axes is R_cam after a small turn."""
+def places(earth_fixed, position, R_cam, turn=(0.0, 0.0, 0.0), lens=(0.0, 0.0, 0.0)):
+    """Pixels of the stars seen from a position by a camera whose attitude in local axes is R_cam after a small turn.
+
+    Its lens is off by a relative focal length and by a shift of the principal point, px.
+    """
     enu = earth_fixed @ local_axes(*position).T
     enu = enu + np.cross(np.radians(turn), enu)
     x, y, z = (enu @ R_cam.T).T
-    return np.column_stack((CAMERA.cx_px + 400 * x / z, CAMERA.cy_px + 400 * y / z)).ravel()
+    f_px, (cx_px, cy_px) = 400 * (1 + lens[0]), np.array([CAMERA.cx_px, CAMERA.cy_px]) + lens[1:]
+    return np.column_stack((cx_px + f_px * x / z, cy_px + f_px * y / z)).ravel()
 
 
 def finite_differences(light, earth_fixed, position):
-    """Derivatives of all places by km east and north (lengths by the geodesic) and by degrees of three turns."""
+    """Derivatives of all places by km east and north (lengths by the geodesic), by degrees of three turns and by the lens."""
     h = 1e-4
     lat, lon = position
     columns = []
@@ -177,10 +181,22 @@ def finite_differences(light, earth_fixed, position):
             earth_fixed, position, light.R_cam, -h * axis
         )
         columns.append(change / (2 * h))
+    for unit in np.eye(3):
+        change = places(earth_fixed, position, light.R_cam, lens=h * unit) - places(
+            earth_fixed, position, light.R_cam, lens=-h * unit
+        )
+        columns.append(change / (2 * h))
     return np.column_stack(columns)
 
 
-PRIORS = {"exact": EXACT, "vertical": VERTICAL, "sigmas": AttitudePrior(0.02, 0.5), "tilt": AttitudePrior(tilt_deg=0.1)}
+PRIORS = {
+    "exact": EXACT,
+    "vertical": VERTICAL,
+    "sigmas": Prior(0.02, 0.5),
+    "tilt": Prior(tilt_deg=0.1),
+    "lens": Prior(0.0, math.inf, 1e-3, 0.3),
+    "unknown lens": Prior(0.05, 3.0, math.inf, math.inf),
+}
 
 
 @pytest.mark.parametrize("latitude", [35.0, -78.0, 0.0])
@@ -192,7 +208,8 @@ def test_information_by_finite_differences(kind, latitude):
     design = finite_differences(light, earth_fixed, position)
     weights = np.repeat(place_information(light)[:, 0, 0], 2)
     full = design.T @ (weights[:, None] * design)
-    sigmas = np.array([prior.tilt_deg, prior.tilt_deg, prior.heading_deg])
+    point = prior.principal_point_px
+    sigmas = np.array([prior.tilt_deg, prior.tilt_deg, prior.heading_deg, prior.focal, point, point])
     keep = [0, 1, *(2 + np.flatnonzero(sigmas > 0))]
     full = full[np.ix_(keep, keep)]
     full[range(2, len(keep)), range(2, len(keep))] += 1 / sigmas[sigmas > 0] ** 2
@@ -203,7 +220,7 @@ def test_information_by_finite_differences(kind, latitude):
 def test_an_efficient_solver_reaches_the_bound(kind):
     """Weighted least squares on places with the noise the bound assumes: the error's covariance is the bound."""
     light, earth_fixed, position = random_sky(2)
-    design = finite_differences(light, earth_fixed, position)[:, : 2 if kind == "exact" else 5]
+    design = finite_differences(light, earth_fixed, position)
     design = design[:, [0, 1]] if kind == "exact" else design[:, [0, 1, 4]]
     weights = np.repeat(place_information(light)[:, 0, 0], 2)
     trials = 4000
@@ -243,12 +260,12 @@ def test_celnav_claims_about_the_bound_on_clean_fields():
 
 def test_knowing_less_never_helps():
     light, _, _ = random_sky(3)
-    chain = [EXACT, AttitudePrior(0.0, 0.01), AttitudePrior(0.0, 1.0), VERTICAL, AttitudePrior(0.01, math.inf)]
+    chain = [EXACT, Prior(0.0, 0.01), Prior(0.0, 1.0), VERTICAL, Prior(0.01, math.inf)]
     bounds = [bound_km(light, prior) for prior in chain]
     assert bounds == sorted(bounds)
     # A tilt of 0.01 degrees about each axis alone is 1.11 km east and north.
     assert bounds[-1] == pytest.approx(math.hypot(1.11, 1.11), rel=0.01)
-    assert bound_km(light, AttitudePrior(math.inf, math.inf)) == math.inf
+    assert bound_km(light, Prior(math.inf, math.inf)) == math.inf
     nothing = dataclasses.replace(
         light, uv=light.uv[:0], electrons_e=light.electrons_e[:0], background_e2=light.background_e2[:0],
         streak_px=light.streak_px[:0],
@@ -258,6 +275,21 @@ def test_knowing_less_never_helps():
     assert bound_km(streaked) > bound_km(light)
     outside = dataclasses.replace(light, uv=light.uv + 5000)
     assert (position_information(outside) == 0).all()
+
+
+def test_a_shift_of_a_narrow_field_is_as_good_as_a_turn():
+    """A star tracker that looks up: 0.2 px of 53 arcsec are 10.6 arcsec, along each axis a displacement of the same angle."""
+    f_px, rng = math.degrees(3600) / 53, rng_for(8)
+    uv, n = rng.uniform(300, 700, (40, 2)), 40
+    light = StarLight(
+        uv, np.full(n, 1e4), np.ones(n), np.zeros((n, 2)), 1.0,
+        CameraRecord("pinhole", 1024, 1024, f_px, f_px, 511.5, 511.5), np.eye(3), 0.0,
+    )  # fmt: skip
+    told = position_bound(light, Prior(heading_deg=math.inf, principal_point_px=0.2))
+    # 10.6 arcsec of the radii of curvature at the equator, 6378.1 km east and 6335.4 km north: stars known to 0.01 px do not
+    # tell a shift from a turn.
+    by_angle = np.radians(10.6 / 3600) * np.array([6378.1, 6335.4])
+    assert np.sqrt(np.diag(told)) == pytest.approx(by_angle, rel=0.02)
 
 
 def test_the_median_of_a_gaussian_error():
@@ -289,6 +321,9 @@ def test_the_bound_of_a_frame_on_disk(tmp_path):
     bound = bound_of(frame)
     assert bound is not None
     assert bound == pytest.approx(bound_km(light_of(frame)))
+    unsure = dataclasses.replace(frame.observation, focal_sigma=0.01, principal_point_sigma_px=0.2)
+    prior = Prior(focal=0.01, principal_point_px=0.2)
+    assert bound_of(dataclasses.replace(frame, observation=unsure)) == pytest.approx(bound_km(light_of(frame), prior))
     # What a solver is told wrongly changes what it can know, not where the stars are.
     told = dataclasses.replace(frame.observation, R_cam=np.eye(3), tilt_sigma_deg=0.1, heading_sigma_deg=math.inf)
     misled = dataclasses.replace(frame, observation=told)
