@@ -30,8 +30,7 @@ def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
     """
     from scipy import ndimage
 
-    samples = tiles.pairs(pixels)
-    same = (samples == samples[:, :1]).all(axis=1)
+    same = tiles.same_value(pixels)
     if not same.any() or same.all():
         return None
     rows, columns = pixels.shape[0] // _BLOCK_PX, pixels.shape[1] // _BLOCK_PX
@@ -55,6 +54,6 @@ def blank_border(pixels: F4, tiles: Tiles) -> Mask | None:
     )
     blank = np.asarray(near & (pixels == value))
     of_sky = ~tiles.pairs(blank).any(axis=1)
-    if of_sky.mean() < _LEAST_SKY or (samples[of_sky] == samples[of_sky, :1]).all(axis=1).mean() > _LEAST_SKY:
+    if of_sky.mean() < _LEAST_SKY or same[of_sky].mean() > _LEAST_SKY:
         return None
     return blank

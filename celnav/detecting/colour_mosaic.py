@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.image_background import medians
-from celnav.detecting.tiles import SAMPLES, Tiles
+from celnav.detecting.row_statistics import count_true, medians, moments_within
+from celnav.detecting.tiles import SAMPLES, Tiles, smooth
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -60,7 +60,7 @@ def level_mosaic(pixels: F4, used: Mask, tile_px: int, step: float) -> F4:
     levelled = pixels.copy()
     enough = np.where(found.known, SAMPLES**2, 0)
     for (row, column), difference in zip(_SETS, found.values, strict=True):
-        grid = tiles.smooth(tiles.filled(difference.astype(np.float32), enough))
+        grid = smooth(tiles.filled(difference.astype(np.float32), enough))
         part = levelled[row::2, column::2]
         pattern = tiles.map_of(grid, extrapolated=False).whole()
         fill = [(0, whole - own) for whole, own in zip(part.shape, pattern.shape, strict=True)]
@@ -86,12 +86,12 @@ def _differences(pixels: F4, used: Mask, tiles: Tiles, step: float) -> _Differen
         counted = np.ones_like(samples, dtype=bool)
         if not whole:
             counted = tiles.spread_samples(used[row:height:2, column:width:2])
-            known &= counted.sum(axis=1) >= _FEWEST
-        off = samples - medians(samples, counted)[:, None]
+            known &= count_true(counted) >= _FEWEST
+        middle = medians(samples, counted)
+        off = samples - middle[:, None]
         spread = np.float32(1.4826) * medians(np.abs(off), counted)
-        kept = counted & (np.abs(off) <= np.maximum(_CLIP * spread, np.float32(step))[:, None])
-        number = np.maximum(kept.sum(axis=1), 1)
-        levels.append(np.where(kept, samples, 0).sum(axis=1) / number)
-        scatters.append(np.sqrt(np.where(kept, off * off, 0).sum(axis=1) / number))
+        mean, square = moments_within(off, np.maximum(_CLIP * spread, np.float32(step)), counted)
+        levels.append((middle + mean).astype(np.float64))
+        scatters.append(np.sqrt(square))
     noise = float(np.median(np.stack(scatters)[:, known])) if known.any() else 0.0
     return _Differences(np.stack(levels) - np.mean(levels, axis=0), known, noise)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from celnav.detecting.matched_filter import Filtered
 from celnav.detecting.noise_map import NoiseMap
-from celnav.detecting.tiles import TileMap, Tiles
+from celnav.detecting.row_statistics import count_true
+from celnav.detecting.tiles import TileMap, Tiles, smooth
 
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -51,18 +52,17 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
     else:
         white *= filtered.noise_factor[0, 0]
     relative = relative / white
-    number = counted.sum(axis=1)
+    number = count_true(counted)
     relative[~counted] = np.inf
     relative.sort(axis=1)
     spreads = _one_sided(relative, number, tiles)
-    alike = np.minimum(*(tiles.smooth(spread) for spread in spreads))
-    own = np.minimum(*spreads)
+    alike, own = smooth(spreads).min(axis=0), spreads.min(axis=0)
     ratio = np.maximum(alike, own / np.float32(_OWN))
     return tiles.map_of(np.sqrt(np.maximum(ratio * ratio - _HOLLOWS, 1)), extrapolated=False)
 
 
-def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4, F4]:
-    """Standard deviations of normal distributions by their upper and lower sides, as grids of tiles.
+def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> F4:
+    """Standard deviations of normal distributions by their upper and lower sides, as two grids of tiles.
 
     Parameters
     ----------
@@ -75,9 +75,10 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4,
     middle = ordered[row, np.minimum(number // 2, ordered.shape[1] - 1)]
     with np.errstate(invalid="ignore"):  # tiles without any sample are unknown
         deviation = ordered - middle[:, None]
-    deviation[number == 0] = 0
-    below = np.count_nonzero(deviation < 0, axis=1)
-    above = np.count_nonzero(deviation > 0, axis=1) - np.where(number > 0, ordered.shape[1] - number, 0)
+    whole = bool((number == ordered.shape[1]).all())
+    if not whole:
+        deviation[np.arange(ordered.shape[1]) >= number[:, None]] = 0
+    below, above = count_true(deviation < 0), count_true(deviation > 0)
     # Upper medians of the deviations of each side.
     typical = (
         deviation[row, np.minimum(number - above + above // 2, ordered.shape[1] - 1)],
@@ -85,16 +86,16 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> tuple[F4,
     )
     spreads = []
     # Where all samples count, the middle one parts the two sides.
-    half = ordered.shape[1] // 2 if (number == ordered.shape[1]).all() else None
+    half = ordered.shape[1] // 2 if whole else None
     sides = (
-        (deviation if half is None else deviation[:, half:], above, typical[0]),
-        (-(deviation if half is None else deviation[:, :half]), below, typical[1]),
+        (deviation[:, half:], above, typical[0]),
+        (-deviation[:, :half], below, typical[1]),
     )
     for side, count, usual in sides:
         limit = _CLIP * np.float32(1.4826) * usual
-        inside = np.where((side > 0) & (side <= limit[:, None]), side, np.float32(0))
-        kept = np.count_nonzero(inside, axis=1)
+        within = (side > 0) & (side <= limit[:, None])
+        inside, kept = side * within, count_true(within)
         square = np.einsum("ij,ij->i", inside, inside) / np.maximum(kept, 1)
         spread = np.where(count > 0, np.sqrt(square) / _CLIPPED_NORMAL, np.nan)
         spreads.append(tiles.filled(np.asarray(spread, dtype=np.float32), 2 * kept))
-    return spreads[0], spreads[1]
+    return np.stack(spreads)

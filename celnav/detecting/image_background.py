@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.detecting.row_statistics import count_true, medians, moments_within
 from celnav.detecting.strips import strips
-from celnav.detecting.tiles import PixelMap, TileMap, Tiles
+from celnav.detecting.tiles import PixelMap, TileMap, Tiles, smooth
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
@@ -84,37 +85,14 @@ def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float) -> t
     steps = (samples[:, 1::2] - samples[:, ::2]) * np.float32(np.sqrt(0.5))
     both = counted[:, 1::2] & counted[:, ::2]
     limit = np.maximum(_CLIP * np.float32(1.4826) * medians(np.abs(steps), both), np.float32(step))
-    mean, square = _moments_within(steps, limit, both)
+    mean, square = moments_within(steps, limit, both)
     spread = np.asarray(np.sqrt(np.maximum(square - mean * mean, 0)) / _CLIPPED_NORMAL, dtype=np.float32)
     middle = medians(samples, counted)
-    offset, _ = _moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(step)), counted)
+    offset, _ = moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(step)), counted)
     level = middle + offset
-    return (
-        tiles.map_of(tiles.smooth(tiles.filled(level, counted.sum(axis=1)))),
-        tiles.map_of(tiles.smooth(tiles.filled(spread, 2 * both.sum(axis=1))), extrapolated=False),
-    )
-
-
-def _moments_within(deviation: F4, limit: F4, counted: Mask) -> tuple[F4, F4]:
-    """Means of each row, shape (n,), and of its squares, of the values no larger than the row's limit.
-
-    Medians alone are too coarse for integers where the noise is less than a step or two.
-    """
-    kept = counted & (np.abs(deviation) <= limit[:, None])
-    number = np.maximum(kept.sum(axis=1), 1).astype(np.float32)
-    inside = deviation * kept
-    return inside.sum(axis=1) / number, np.asarray(np.einsum("ij,ij->i", inside, inside) / number, dtype=np.float32)
-
-
-def medians(samples: F4, counted: Mask) -> F4:
-    """Upper medians of the counted samples of each row, shape (n,); NaN for rows without any."""
-    number = counted.sum(axis=1)
-    if (number == samples.shape[1]).all():
-        middle = samples.shape[1] // 2
-        return np.asarray(np.partition(samples, middle, axis=1)[:, middle])
-    ordered = np.sort(np.where(counted, samples, np.float32(np.inf)), axis=1)
-    middles = ordered[np.arange(len(samples)), np.minimum(number // 2, samples.shape[1] - 1)]
-    return np.where(number > 0, middles, np.float32(np.nan))
+    known = tiles.filled(level, count_true(counted)), tiles.filled(spread, 2 * count_true(both))
+    levels, spreads = smooth(np.stack(known))
+    return tiles.map_of(levels), tiles.map_of(spreads, extrapolated=False)
 
 
 def typical(values: PixelMap, used: Mask) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Value = TypeVar("Value", bound=np.generic)
 
 # Samples along each side of a tile: the mean of 144 pixels is good to 8 % of the noise.
@@ -113,21 +114,19 @@ class Tiles:
         nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         return np.asarray(grid[tuple(nearest)])
 
-    def smooth(self, grid: F4) -> F4:
-        """Return the 3 x 3 median of a grid of tiles; beyond the border the outermost ones are repeated."""
-        rows, columns = grid.shape
-        wide = np.empty((rows + 2, columns + 2), dtype=np.float32)
-        wide[1:-1, 1:-1] = grid
-        wide[0, 1:-1], wide[-1, 1:-1] = grid[0], grid[-1]
-        wide[:, 0], wide[:, -1] = wide[:, 1], wide[:, -2]
-        nine = np.stack([wide[row : row + rows, column : column + columns] for row in range(3) for column in range(3)])
-        nine.partition(4, axis=0)
-        return nine[4]
+    def same_value(self, image: NDArray[Value]) -> Mask:
+        """Tell in which tiles all samples of `pairs` have one value, shape (tiles,)."""
+        rows, columns = self._places(paired=True)
+        first = image[rows[::SAMPLES]].take(columns, axis=1).reshape(*self.shape, SAMPLES)
+        if not (first == first[..., :1]).all(axis=2).any():
+            return np.zeros(self.shape[0] * self.shape[1], dtype=bool)
+        samples = self.pairs(image)
+        return np.asarray((samples == samples[:, :1]).all(axis=1))
 
     def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
         """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
         rows, columns = (
-            _Between.of(_middles(edges), int(edges[-1]), extrapolated) for edges in (self.row_edges, self.column_edges)
+            _Between(_middles(edges), int(edges[-1]), extrapolated) for edges in (self.row_edges, self.column_edges)
         )
         return TileMap(np.asarray(grid, dtype=np.float32), rows, columns)
 
@@ -194,7 +193,7 @@ class TileMap:
 
     def whole(self) -> F4:
         """Values of all pixels, shape (height, width)."""
-        return self.strip(0, len(self._rows.left))
+        return self.strip(0, self._rows.pixels)
 
 
 def mean_map(maps: Sequence[TileMap]) -> TileMap:
@@ -204,10 +203,32 @@ def mean_map(maps: Sequence[TileMap]) -> TileMap:
         for axes in ([each._rows for each in maps], [each._columns for each in maps])
     )
     grid: F4 = np.stack([each._centred(rows, columns) for each in maps]).mean(axis=0)
-    height, width = len(maps[0]._rows.left), len(maps[0]._columns.left)
-    extrapolated = maps[0]._rows.extrapolated
-    along, across = (_Between.of(centres, side, extrapolated) for centres, side in ((rows, height), (columns, width)))
-    return TileMap(grid, along, across)
+    axes = ((rows, maps[0]._rows), (columns, maps[0]._columns))
+    return TileMap(grid, *(replace(axis, centres=centres) for centres, axis in axes))
+
+
+def smooth(grid: F4) -> F4:
+    """Return the 3 x 3 median of grids of tiles, shape (..., rows, columns); beyond the border the outermost ones are repeated.
+
+    It is the median of three: the highest of the columns' lowest values, the median of their medians, the lowest of their
+    highest.
+    """
+    rows, columns = grid.shape[-2:]
+    wide = np.empty((*grid.shape[:-2], rows + 2, columns + 2), dtype=np.float32)
+    wide[..., 1:-1, 1:-1] = grid
+    wide[..., 0, 1:-1], wide[..., -1, 1:-1] = grid[..., 0, :], grid[..., -1, :]
+    wide[..., 0], wide[..., -1] = wide[..., 1], wide[..., -2]
+    lowest, middle, highest = _in_order(wide[..., :-2, :], wide[..., 1:-1, :], wide[..., 2:, :])
+    of_lowest, of_middle, of_highest = (
+        _in_order(each[..., :-2], each[..., 1:-1], each[..., 2:]) for each in (lowest, middle, highest)
+    )
+    return _in_order(of_lowest[2], of_middle[1], of_highest[0])[1]
+
+
+def _in_order(a: F4, b: F4, c: F4) -> tuple[F4, F4, F4]:
+    """Lowest, middle and highest of three."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    return np.minimum(low, c), np.maximum(low, np.minimum(high, c)), np.maximum(high, c)
 
 
 def _half_further(edges: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -230,13 +251,20 @@ class _Between:
     """Between which centres of tiles the pixels along an axis lie: the one before, and how far from it to the next."""
 
     centres: F8
+    pixels: int
     extrapolated: bool
-    left: NDArray[np.intp]
-    part: F4
 
-    @classmethod
-    def of(cls, centres: F8, pixels: int, extrapolated: bool) -> _Between:
-        return cls(centres, extrapolated, *_within(centres, np.arange(pixels), extrapolated))
+    @property
+    def left(self) -> NDArray[np.intp]:
+        return self._located[0]
+
+    @property
+    def part(self) -> F4:
+        return self._located[1]
+
+    @cached_property
+    def _located(self) -> tuple[NDArray[np.intp], F4]:
+        return _within(self.centres, np.arange(self.pixels), self.extrapolated)
 
 
 def _middles(edges: NDArray[np.int_]) -> F8:
