@@ -39,7 +39,6 @@ from celnav.detecting.star_candidates import (
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
-from celnav.detecting.strips import strips
 from celnav.detecting.tiles import Tiles, mean_map
 from celnav.errors import ConfigError, DetectionError
 
@@ -185,13 +184,14 @@ def detect(
     background, white = mean_map(levels), mean_map(whites)
     whole = bool(used.all())
     saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
-    largest = max(float(pixels.max()), -float(pixels.min()))
+    of_whole_numbers = np.issubdtype(original.dtype, np.integer)
+    largest = 0.0 if of_whole_numbers else max(float(pixels.max()), -float(pixels.min()))
     light = pixels
     highest = take_off(light, background, used)
     if highest <= 0:
         return nothing
     floor = 1.0
-    if not np.issubdtype(original.dtype, np.integer):
+    if not of_whole_numbers:
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
     noise = NoiseMap(white, floor / config.seed_sigma)
     cores = saturated_cores(saturated, light)
@@ -289,24 +289,11 @@ def _search(
 
 def _standing_out(filtered: Filtered, noise: NoiseMap, least: float) -> tuple[NDArray[np.intp], F4]:
     """Find pixels above `least` standard deviations: indices of the flattened image, and their own number; shapes (n,)."""
-    height, width = filtered.amplitude.shape
     zones = filtered.noise_factor if filtered.noise_factor.size > 1 else None
-    assert noise.ratio is not None
-    scale = _NOISE_MARGIN * least * (1.0 if zones is not None else float(filtered.noise_factor[0, 0]))
-    limits = replace(noise, ratio=noise.ratio.times(scale))
-    found = []
-    for top, bottom in strips(height, width):
-        bound = limits.limit(top, bottom)
-        above = filtered.amplitude[top:bottom] > (bound if zones is None else bound * zones[top:bottom])
-        found.append(above.ravel().nonzero()[0] + top * width)
-    at = np.concatenate(found)
-    amplitude, limit = filtered.amplitude.ravel().take(at), limits.at(*np.divmod(at, width))
-    if zones is not None:
-        limit *= zones.ravel().take(at)
-    standing = (amplitude > limit).nonzero()[0]
-    at, amplitude, limit = at.take(standing), amplitude.take(standing), limit.take(standing)
+    times = _NOISE_MARGIN * least * (1.0 if zones is not None else float(filtered.noise_factor[0, 0]))
+    at, limit = noise.exceeding(filtered.amplitude, times, zones)
     with np.errstate(divide="ignore"):
-        return at, amplitude / limit * np.float32(least)
+        return at, filtered.amplitude.ravel().take(at) / limit * np.float32(least)
 
 
 def _like_stars(stars: Measured, covariance: F8, guessed: bool) -> Mask:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.row_statistics import count_true, medians, moments_within
 from celnav.detecting.strips import strips
 from celnav.detecting.tiles import PixelMap, TileMap, Tiles, smooth
@@ -173,26 +174,18 @@ class Outstanding:
     sigma: F4
 
 
-def outstanding(light: F4, noise: PixelMap) -> Outstanding:
+def outstanding(light: F4, noise: NoiseMap) -> Outstanding:
     """Find pixels that differ from the background by `OUTSTANDING` standard deviations."""
     height, width = light.shape
-    flat = light.ravel()
-    parts = []
-    for top, bottom in strips(height, width):
-        own = noise.strip(top, bottom)
-        far = np.abs(light[top:bottom]) > np.float32(OUTSTANDING) * own
-        far[:, [0, -1]] = False
-        if top == 0:
-            far[0] = False
-        if bottom == height:
-            far[-1] = False
-        found = np.flatnonzero(far)
-        at = found + top * width
-        beside = flat.take(at - width)
-        for neighbour in (at + width, at - 1, at + 1):
-            beside += flat.take(neighbour)
-        parts.append((at, flat.take(at), beside * np.float32(0.25), own.ravel().take(found)))
-    return Outstanding(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    at, limit = noise.exceeding(light, OUTSTANDING, either_sign=True)
+    rows = at // width
+    columns = at - rows * width
+    inner = ((rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1)).nonzero()[0]
+    at, flat = at.take(inner), light.ravel()
+    beside = flat.take(at - width)
+    for neighbour in (at + width, at - 1, at + 1):
+        beside += flat.take(neighbour)
+    return Outstanding(at, flat.take(at), beside * np.float32(0.25), limit.take(inner) / np.float32(OUTSTANDING))
 
 
 def repair_defects(light: F4, far: Outstanding) -> Outstanding:

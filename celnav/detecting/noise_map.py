@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.strips import strips
 from celnav.detecting.tiles import TileMap
 
 F4 = NDArray[np.float32]
@@ -41,7 +42,46 @@ class NoiseMap:
             noise *= self.ratio.strip(top, bottom)
         return noise
 
-    def limit(self, top: int, bottom: int) -> F4:
+    def exceeding(
+        self, values: F4, times: float, zones: F4 | None = None, either_sign: bool = False
+    ) -> tuple[NDArray[np.intp], F4]:
+        """Find pixels that hold more than so many standard deviations.
+
+        Parameters
+        ----------
+        values : ndarray, shape (height, width)
+            Of the pixels.
+        times : float
+            Standard deviations.
+        zones : ndarray, shape (height, width), optional
+            Factor on the standard deviation of each pixel.
+        either_sign : bool
+            Whether pixels below zero count by their size.
+
+        Returns
+        -------
+        at : ndarray of int, shape (n,)
+            The pixels, as indices of the flattened image, in order.
+        limit : ndarray, shape (n,)
+            What each of them exceeds.
+        """
+        height, width = values.shape
+        found = []
+        for top, bottom in strips(height, width):
+            bound = self._bound(top, bottom) * np.float32(times)
+            strip = np.abs(values[top:bottom]) if either_sign else values[top:bottom]
+            above = strip > (bound if zones is None else bound * zones[top:bottom])
+            found.append(above.ravel().nonzero()[0] + top * width)
+        at = np.concatenate(found)
+        value, rows = values.ravel().take(at), at // width
+        limit = self.at(rows, at - rows * width)
+        limit *= np.float32(times)
+        if zones is not None:
+            limit *= zones.ravel().take(at)
+        standing = ((np.abs(value) if either_sign else value) > limit).nonzero()[0]
+        return at.take(standing), limit.take(standing)
+
+    def _bound(self, top: int, bottom: int) -> F4:
         """Return for each column a bound that no value of the rows from `top` to `bottom` is below, shape (width,)."""
         bound = np.maximum(self.white.least(top, bottom), np.float32(self.least))
         if self.ratio is not None:

@@ -187,10 +187,6 @@ class TileMap:
         across = _between(self.grid.T, *_within(self._columns.centres, columns, self._columns.extrapolated)).T
         return _between(across, *_within(self._rows.centres, rows, self._rows.extrapolated))
 
-    def times(self, factor: float) -> TileMap:
-        """Return the map of all values times a factor."""
-        return replace(self, grid=self.grid * np.float32(factor))
-
     def whole(self) -> F4:
         """Values of all pixels, shape (height, width)."""
         return self.strip(0, self._rows.pixels)
