@@ -195,7 +195,8 @@ def detect(
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
     noise = NoiseMap(white, floor / config.seed_sigma)
     cores = saturated_cores(saturated, light)
-    light = remove_line_offsets(light, noise, used)
+    usual_noise = typical(noise, used)
+    light = remove_line_offsets(light, usual_noise, used)
     far = repair_defects(light, outstanding(light, noise))
 
     shape = first_guess = _given_shape(config, pixels.shape)
@@ -227,7 +228,7 @@ def detect(
     uv = uv[without_flanks(uv, amplitude, sigma_amplitude, config.seed_sigma, shape, cores)]
     gain = config.gain_e_per_dn
     if gain is None:
-        gain = max(typical(background, used), 1e-6) / typical(noise, used) ** 2
+        gain = max(typical(background, used), 1e-6) / usual_noise**2
     covariance = shape.at(uv)
     stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
     guessed = not known and shape is first_guess

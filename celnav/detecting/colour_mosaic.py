@@ -79,19 +79,17 @@ class _Differences:
 
 def _differences(pixels: F4, used: Mask, tiles: Tiles, step: float) -> _Differences:
     height, width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
-    whole = bool(used.all())
-    levels, scatters, known = [], [], np.ones(tiles.shape[0] * tiles.shape[1], dtype=bool)
-    for row, column in _SETS:
-        samples = tiles.spread_samples(pixels[row:height:2, column:width:2])
-        counted = np.ones_like(samples, dtype=bool)
-        if not whole:
-            counted = tiles.spread_samples(used[row:height:2, column:width:2])
-            known &= count_true(counted) >= _FEWEST
-        middle = medians(samples, counted)
-        off = samples - middle[:, None]
-        spread = np.float32(1.4826) * medians(np.abs(off), counted)
-        mean, square = moments_within(off, np.maximum(_CLIP * spread, np.float32(step)), counted)
-        levels.append((middle + mean).astype(np.float64))
-        scatters.append(np.sqrt(square))
-    noise = float(np.median(np.stack(scatters)[:, known])) if known.any() else 0.0
-    return _Differences(np.stack(levels) - np.mean(levels, axis=0), known, noise)
+    sets = [(slice(row, height, 2), slice(column, width, 2)) for row, column in _SETS]
+    samples = np.concatenate([tiles.spread_samples(pixels[each]) for each in sets])
+    counted = np.ones(samples.shape, dtype=bool)
+    if not used.all():
+        counted = np.concatenate([tiles.spread_samples(used[each]) for each in sets])
+    known = (count_true(counted).reshape(len(sets), -1) >= _FEWEST).all(axis=0)
+    middle = medians(samples, counted)
+    off = samples - middle[:, None]
+    spread = np.float32(1.4826) * medians(np.abs(off), counted)
+    mean, square = moments_within(off, np.maximum(_CLIP * spread, np.float32(step)), counted)
+    levels = (middle + mean).astype(np.float64).reshape(len(sets), -1)
+    scatter = np.sqrt(square).reshape(len(sets), -1)
+    noise = float(np.median(scatter[:, known])) if known.any() else 0.0
+    return _Differences(levels - levels.mean(axis=0), known, noise)

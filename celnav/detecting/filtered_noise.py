@@ -46,12 +46,12 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
     counted = np.asarray(white > np.float32(1.001 * noise.least))
     if not used.all():
         counted &= tiles.spread_samples(used)
-    white = np.maximum(white, _LEAST_NOISE)
+    np.maximum(white, _LEAST_NOISE, out=white)
     if filtered.noise_factor.size > 1:
         white *= tiles.spread_samples(filtered.noise_factor)
     else:
         white *= filtered.noise_factor[0, 0]
-    relative = relative / white
+    relative /= white
     number = count_true(counted)
     relative[~counted] = np.inf
     relative.sort(axis=1)

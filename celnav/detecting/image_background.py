@@ -115,20 +115,19 @@ def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
     return highest
 
 
-def remove_line_offsets(light: F4, noise: PixelMap, used: Mask) -> F4:
+def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
     """Take off what rows and columns have in common, where that is more than chance leaves.
 
     Parameters
     ----------
     light : ndarray, shape (height, width)
         Image less background.
-    noise : PixelMap
-        Standard deviation of its pixels.
+    usual : float
+        Typical standard deviation of its pixels.
     used : ndarray of bool, shape (height, width)
         Pixels that count. The light of the others is zero.
     """
     whole = bool(used.all())
-    usual = typical(noise, used)
     for axis in (1, 0):
         lines, counted = (light, used) if axis == 1 else (light.T, used.T)
         if lines.shape[1] < 32:

@@ -23,7 +23,7 @@ CENTROID_FLOOR_PX = 0.03
 # Part of a neighbour's light that stays when its model has been taken off.
 _LEFT_OF_NEIGHBOUR = 0.05
 _ROUNDS = 5
-_PATCH_PIXELS = 50_000  # at a time, which stay in the processor's cache
+_PATCH_PIXELS = 65_000  # at a time, which stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ Widths are measured by adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class StarShape:
         large, small = axes(np.array([[uu, uv, vv]]))
         return float((large[0] * small[0]) ** 0.25) if large[0] < _ROUND**2 * small[0] else None
 
-    @property
+    @cached_property
     def filter_sigma_px(self) -> float | None:
         """Standard deviation of one round filter that serves the whole frame; None where none does.
 
@@ -171,14 +172,15 @@ def adaptive_moments(
     cut = np.matmul(smoothing, np.tensordot(smoothing, cut, axes=1))
     at, covariance = uv.copy(), start + np.array([_SMOOTHED, 0, _SMOOTHED])
     for _ in range(rounds):
-        total, step, seen = _windowed_moments(cut, *offsets(rows, columns, at), inverse(covariance))
+        window = inverse(covariance)
+        total, step, seen = _windowed_moments(cut, *offsets(rows, columns, at), window)
         total = np.where(total > 0, total, np.nan)[:, None]
         step /= total
         u, v = step.T
         seen = seen / total - np.stack((u * u, u * v, v * v), axis=1)
         at += 2 * np.clip(step, -1, 1)
         # Light and window multiply: their inverse covariances add.
-        difference = inverse(seen) - inverse(covariance)
+        difference = inverse(seen) - window
         good = (difference[:, 0] > 0) & (difference[:, 0] * difference[:, 2] > difference[:, 1] ** 2)
         covariance = np.where(good[:, None], inverse(np.where(good[:, None], difference, [[1.0, 0.0, 1.0]])), np.nan)
         large, small = axes(covariance)
@@ -306,11 +308,9 @@ def _near(covariance: F8, middle: F8, factor: float) -> Mask:
 
 def _largest_agreement(covariance: F8) -> Mask:
     """Tell which covariances agree with the one that most agree with: stars are alike, particles' tracks are not."""
-    apart = np.zeros((len(covariance), len(covariance)))
-    difference = np.empty_like(apart)
-    for moment in covariance.T:
-        np.subtract.outer(moment, moment, out=difference)
-        apart += np.abs(difference, out=difference)
+    from scipy.spatial.distance import cdist
+
+    apart = cdist(covariance, covariance, "cityblock")
     near = apart < _tolerance(covariance)[:, None]
     return np.asarray(near[np.argmax(near.sum(axis=1))])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-_BYTES = 1 << 17
+_BYTES = 1 << 18
 _FEWEST_ROWS, _MOST_ROWS = 8, 64
 
 
