@@ -84,7 +84,7 @@ def _differences(pixels: F4, used: Mask, tiles: Tiles, step: float) -> _Differen
     counted = np.ones(samples.shape, dtype=bool)
     if not used.all():
         counted = np.concatenate([tiles.spread_samples(used[each]) for each in sets])
-    known = (count_true(counted).reshape(len(sets), -1) >= _FEWEST).all(axis=0)
+    known = np.asarray((count_true(counted).reshape(len(sets), -1) >= _FEWEST).all(axis=0))
     middle = medians(samples, counted)
     off = samples - middle[:, None]
     spread = np.float32(1.4826) * medians(np.abs(off), counted)

@@ -1,7 +1,7 @@
 """Robust statistics of many rows of samples at once, of which some do not count.
 
-Rows are sorted rather than partitioned, and what does not count is multiplied by zero rather than left out by a mask: both are
-several times as fast, as processors sort and multiply many numbers at a time.
+Rows are sorted rather than partitioned, and what does not count is multiplied by zero rather than chosen by a mask:
+processors do both for many numbers at a time.
 """
 
 from __future__ import annotations

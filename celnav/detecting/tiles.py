@@ -204,10 +204,10 @@ def mean_map(maps: Sequence[TileMap]) -> TileMap:
 
 
 def smooth(grid: F4) -> F4:
-    """Return the 3 x 3 median of grids of tiles, shape (..., rows, columns); beyond the border the outermost ones are repeated.
+    """Return 3 x 3 medians of grids of tiles, shape (..., rows, columns); beyond the border the outermost ones are repeated.
 
-    It is the median of three: the highest of the columns' lowest values, the median of their medians, the lowest of their
-    highest.
+    Each is the median of three: the highest of the columns' lowest values, the median of their medians, and the lowest of
+    their highest.
     """
     rows, columns = grid.shape[-2:]
     wide = np.empty((*grid.shape[:-2], rows + 2, columns + 2), dtype=np.float32)
