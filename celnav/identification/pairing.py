@@ -20,8 +20,13 @@ def candidate_pairs(seen: F8, predicted: F8, radius_px: float) -> tuple[Rows, Ro
     order = predicted[:, 0].argsort()
     u, v = predicted[:, 0].take(order), predicted[:, 1].take(order)
     seen_u, seen_v = seen[:, 0].copy(), seen[:, 1].copy()
-    first = u.searchsorted(seen_u - radius_px)
-    count = u.searchsorted(seen_u + radius_px, side="right") - first
+    # Looked up in order: at random places a processor guesses wrong which half to go on with.
+    by_u = seen_u.argsort()
+    ordered = seen_u.take(by_u)
+    first, count = np.empty((2, len(seen)), dtype=np.intp)
+    first[by_u] = u.searchsorted(ordered - radius_px)
+    count[by_u] = u.searchsorted(ordered + radius_px, side="right")
+    count -= first
     end = count.cumsum()
     found = []
     start = 0

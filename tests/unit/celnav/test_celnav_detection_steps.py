@@ -10,8 +10,9 @@ from celnav.detecting import strips
 from celnav.detecting.connected import connected
 from celnav.detecting.filtered_noise import _one_sided
 from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.row_statistics import count_true, medians, moments_within
 from celnav.detecting.star_shape import StarShape, gaussians, inverse, offsets, windows
-from celnav.detecting.tiles import Tiles, mean_map
+from celnav.detecting.tiles import Tiles, mean_map, smooth
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3, 0.7])
@@ -135,3 +136,61 @@ def test_gaussians_of_any_inclination(covariance):
     p, q, r = np.linalg.inv([covariance[:2], covariance[1:]])[[0, 0, 1], [0, 1, 1]]
     expected = np.exp(-0.5 * (p * du[None] ** 2 + 2 * q * du[None] * dv[:, None] + r * dv[:, None] ** 2))
     np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+def test_medians_of_nine_tiles():
+    grids = np.random.default_rng(1).normal(0, 1, (2, 7, 11)).astype(np.float32)
+    expected = [ndimage.median_filter(grid, 3, mode="nearest") for grid in grids]
+    np.testing.assert_array_equal(smooth(grids), expected)
+    np.testing.assert_array_equal(smooth(grids[0, :1, :1]), grids[0, :1, :1])
+
+
+def test_statistics_of_rows_leave_out_what_does_not_count():
+    rng = np.random.default_rng(2)
+    samples = rng.normal(5, 2, (20, 144)).astype(np.float32)
+    counted = rng.random(samples.shape) < rng.random((20, 1))
+    counted[3] = False
+    number = count_true(counted)
+    np.testing.assert_array_equal(number, [np.count_nonzero(row) for row in counted])
+    upper = [
+        np.sort(row[keep])[keep.sum() // 2] if keep.any() else np.nan
+        for row, keep in zip(samples, counted, strict=True)
+    ]
+    np.testing.assert_array_equal(medians(samples, counted), np.array(upper, dtype=np.float32))
+    np.testing.assert_array_equal(medians(samples, np.ones_like(counted)), np.sort(samples, axis=1)[:, 72])
+    mean, square = moments_within(samples, np.full(20, 6, dtype=np.float32), counted)
+    for k, (row, keep) in enumerate(zip(samples.astype(float), counted, strict=True)):
+        kept = row[keep & (np.abs(row) <= 6)]
+        assert mean[k] == pytest.approx(kept.mean() if len(kept) else 0, rel=1e-6)
+        assert square[k] == pytest.approx((kept**2).mean() if len(kept) else 0, rel=1e-6)
+
+
+def test_tiles_of_one_value_are_told():
+    image = np.random.default_rng(3).integers(0, 50, (96, 128)).astype(np.float32)
+    tiles = Tiles.of((96, 128), 32)
+    assert not tiles.same_value(image).any()
+    image[:32, 32:64] = 7
+    image[64, 64:96] = 9  # the first row of a tile alone
+    assert np.flatnonzero(tiles.same_value(image)).tolist() == [1]
+
+
+@pytest.mark.parametrize("either_sign", [False, True])
+@pytest.mark.parametrize("by_zones", [False, True])
+def test_pixels_that_exceed_the_noise(either_sign, by_zones):
+    rng = np.random.default_rng(6)
+    values = rng.normal(0, 3, (150, 2000)).astype(np.float32)
+    tiles = Tiles.of(values.shape, 32)
+    white, ratio = (
+        tiles.map_of(rng.uniform(1, 2, tiles.shape).astype(np.float32), extrapolated=False) for _ in range(2)
+    )
+    noise = NoiseMap(white, 1.2, ratio=ratio)
+    zones = rng.uniform(0.5, 1, values.shape).astype(np.float32) if by_zones else None
+    at, limit = noise.exceeding(values, 1.5, zones, either_sign)
+    limits = 1.5 * noise.strip(0, 150).astype(float) * (1 if zones is None else zones)
+    sizes = np.abs(values) if either_sign else values
+    assert np.all(np.diff(at) > 0)
+    np.testing.assert_allclose(limit, limits.ravel()[at], rtol=1e-5)
+    beyond = sizes > limits
+    beyond.ravel()[at] ^= True
+    # Only rounding tells them apart.
+    assert np.all(np.abs(sizes / limits - 1)[beyond] < 1e-5)
