@@ -2,8 +2,9 @@
 
 Around the axis all lenses are alike but for their scale: r = f theta up to the third order of theta. So the detections of a
 disk about the middle of the frame, whose radius is a fixed angle of the focal length that is tried, are identified among all
-stars of the sky (`celnav.identification`), for focal lengths in steps of 12 %. An identification is accepted at the solver's
-own bound of false alarms.
+stars of the sky (`celnav.identification`), for focal lengths in steps of 12 %. Fields below some 20 deg are identified by the
+shapes of triangles, for all focal lengths at once (`celnav.identification.triangles`). An identification is accepted at the
+solver's own bound of false alarms.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.calibrating.frames import CalibrationFrame, Sky
+from celnav.calibrating.frames import CalibrationFrame, Sky, apparent
 from celnav.camera import Camera
+from celnav.field_stars import aberrated
 from celnav.identification.effort import Effort
 from celnav.identification.identify import Question, identify
 from celnav.identification.search_config import SearchConfig
-from celnav.identification.sky_index import load_sky_index
+from celnav.identification.sky_index import NARROW, load_sky_index
+from celnav.identification.triangles import find_narrow_field
+from celnav.identification.verification import Alignment, rotation_of
 
 F8 = NDArray[np.float64]
 
@@ -29,11 +33,20 @@ FEWEST_DETECTIONS = 8
 WORK = 4_000_000
 
 
+# Look-ups of one search for a narrow field: three times the most that is needed where stars are found.
+NARROW_WORK = 120_000_000
+# Focal lengths of narrow fields, in the frame's shorter side: 23 to 2.2 deg across it.
+NARROW_FOCAL = (2.4, 26.0)
+# How far a guess of the focal length may be off, as a factor.
+_GUESSED = 1.07
+
+
 @dataclass(frozen=True)
 class Pass:
     """Radius of the disk, in focal lengths; range of focal lengths, in the frame's shorter side; step, and work for each.
 
-    `frames` is the most frames that it is tried on.
+    `frames` is the most frames that it is tried on. A reach of 0 is a search for a narrow field, by triangles of the whole
+    frame.
     """
 
     reach_rad: float
@@ -44,13 +57,14 @@ class Pass:
     frames: int
 
 
-# From an image circle of 180 deg over a third of the frame to 5 deg across it. Where clutter is bright or stars are few,
-# finer steps and more work find what the first passes miss. All together take 3.7e9 look-ups at most, and 1.6e9 of one frame,
-# however many frames there are; those that are tried lie evenly in their order.
+# From an image circle of 180 deg over a third of the frame to 14 deg across it, and narrow fields to 2.2 deg. Where clutter
+# is bright or stars are few, finer steps and more work find what the first passes miss. All together take 3.3e9 look-ups at
+# most, and 1.3e9 of one frame, however many frames there are; those that are tried lie evenly in their order.
 PASSES = (
-    Pass(0.35, 0.1135, 11.0, 1.12, WORK, 12),
-    Pass(0.5, 0.1135, 11.0, 1.12, WORK, 2),
-    Pass(0.35, 0.5, 11.0, 1.05, 5 * WORK, 1),
+    Pass(0.35, 0.1135, 4.0, 1.12, WORK, 12),
+    Pass(0.0, *NARROW_FOCAL, 0.0, NARROW_WORK, 5),
+    Pass(0.5, 0.1135, 4.0, 1.12, WORK, 2),
+    Pass(0.35, 0.5, 4.0, 1.05, 5 * WORK, 1),
 )
 
 
@@ -80,6 +94,11 @@ def find_start(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...] = PAS
     """Find focal length and attitude from nothing; None where the middle of the frame shows no stars to be named."""
     shorter = min(frame.size)
     for each in passes:
+        if each.reach_rad == 0:
+            focal_px = each.shortest * shorter, each.longest * shorter
+            if (found := identify_narrow(frame, sky, focal_px, each.work)) is not None:
+                return found
+            continue
         steps = int(math.log(each.longest / each.shortest) / math.log(each.step)) + 1
         for step in range(steps):
             f_px = each.shortest * shorter * each.step**step
@@ -93,13 +112,38 @@ def is_mirrored(frame: CalibrationFrame, sky: Sky) -> bool:
     """Tell whether the stars of the frame are found once it is turned over: a picture whose rows run upwards."""
     uv = frame.uv * [1.0, -1.0] + [0.0, frame.size[1] - 1.0]
     turned = replace(frame, detections=replace(frame.detections, uv=uv))
-    return find_start(turned, sky, PASSES[:1]) is not None
+    return find_start(turned, sky, PASSES[:2]) is not None
+
+
+def is_narrow(camera: Camera) -> bool:
+    """Tell whether the sky holds so many fields of the camera that they are narrow."""
+    return NARROW * camera.solid_angle_sr < 4 * math.pi
+
+
+def identify_with(frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float) -> Start | None:
+    """Name the detections within `reach_px` of the middle of the frame with a camera whose focal length is 6 % good."""
+    if not is_narrow(camera):
+        return identify_middle(frame, sky, camera, reach_px)
+    f_px = math.sqrt(camera.f_px * camera.fy_px)
+    found = identify_narrow(frame, sky, (f_px / _GUESSED, f_px * _GUESSED), NARROW_WORK)
+    if found is None:
+        return None
+    scale = found.camera.f_px / f_px
+    return replace(found, camera=replace(camera, f_px=camera.f_px * scale, fy_px=camera.fy_px * scale))
+
+
+def identify_narrow(frame: CalibrationFrame, sky: Sky, focal_px: tuple[float, float], work: int) -> Start | None:
+    """Name the detections of a narrow field whose focal length lies in a range."""
+    if len(frame.uv) < FEWEST_DETECTIONS:
+        return None
+    found = find_narrow_field(frame.uv, frame.size, focal_px, Effort(work), SearchConfig())
+    return None if found is None else _started(frame, sky, found[0], found[1], math.hypot(*frame.size) / 2)
 
 
 def identify_middle(
     frame: CalibrationFrame, sky: Sky, camera: Camera, reach_px: float, work: int = WORK
 ) -> Start | None:
-    """Name the detections within `reach_px` of the middle of the frame with a camera whose focal length is 6 % good."""
+    """Name the detections of a field that is not narrow, as `identify_with` does, for so much work."""
     width, height = frame.size
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     near = np.flatnonzero(np.hypot(*(frame.uv - middle).T) <= reach_px)[:MOST_DETECTIONS]
@@ -114,8 +158,18 @@ def identify_middle(
         None, np.eye(3), None, None,
     )  # fmt: skip
     found = identify(question, load_sky_index(), SearchConfig(), Effort(work)).alignment
-    if found is None:
-        return None
+    return None if found is None else _started(frame, sky, camera, found, reach_px)
+
+
+def _started(frame: CalibrationFrame, sky: Sky, camera: Camera, found: Alignment, reach_px: float) -> Start:
+    """Turn an orientation among the catalogue's places to one among the places where stars are seen.
+
+    Aberration and refraction shift a narrow field by many pixels of a long lens.
+    """
     scale = math.exp(found.log_f)
     fitted = replace(camera, f_px=camera.f_px * scale, fy_px=camera.fy_px * scale)
-    return Start(fitted, found.rotation @ sky.enu_of_icrs.T, reach_px, len(found.detection))
+    rotation = aberrated(found.rotation, camera, frame.utc) @ sky.enu_of_icrs.T
+    true = rotation.T @ camera.to_rays([[(camera.width - 1) / 2, (camera.height - 1) / 2]])[0]
+    if true[2] > 0.05:
+        rotation = rotation @ rotation_of(np.cross(true, apparent(true[None], sky.site.weather)[0])).T
+    return Start(fitted, rotation, reach_px, len(found.detection))

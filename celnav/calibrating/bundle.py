@@ -7,6 +7,7 @@ true, or Cauchy's (Holland & Welsch 1977, Commun. Stat. A 6(9) 813) while wrong 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -83,6 +84,9 @@ class Bundle:
         Covariance of a small rotation of each group in the camera frame, radians squared, the lens held.
     turn_by_lens : ndarray, shape (g, 3, m), or None
         How each group is turned in the camera frame, radians, by a change of a parameter of the lens.
+    centre_sigma_px : float
+        Standard deviation of the principal point about the middle of the frame, as it is expected. In a narrow field it is
+        one with the attitude, and nothing else holds it.
     """
 
     form: LensForm
@@ -92,6 +96,7 @@ class Bundle:
     cov: F8 | None = None
     turn_cov: F8 | None = None
     turn_by_lens: F8 | None = None
+    centre_sigma_px: float = math.inf
 
     def predict(self, dirs: F8, group: Rows) -> F8:
         """Project directions, shape (n, 3), east-north-up, with the attitude of each one's group."""
@@ -120,8 +125,7 @@ def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, pri
     Bundle
         With the covariance, the inverse of the information for the standard deviations given.
     """
-    held = np.zeros(len(bundle.values)) if prior is None else prior
-    begun = bundle.values
+    held, begun = _expected(bundle, np.zeros(len(bundle.values)) if prior is None else prior)
     order = np.argsort(group, kind="stable")
     seen, group = seen.take(order), group[order]
     first = np.searchsorted(group, np.arange(len(bundle.rotations) + 1))
@@ -147,6 +151,18 @@ def adjust(bundle: Bundle, seen: Observations, group: Rows, *, robust: bool, pri
         if settled:
             break
     return replace(bundle, cov=normal.lens_cov, turn_cov=normal.turn_cov, turn_by_lens=normal.turn_by_lens)
+
+
+def _expected(bundle: Bundle, prior: F8) -> tuple[F8, F8]:
+    """Return weights and values, shapes (m,), that the lens is held to: `prior` to the start, the centre to the middle."""
+    weights, values = prior.copy(), bundle.values.copy()
+    if math.isfinite(bundle.centre_sigma_px):
+        weight = 1 / bundle.centre_sigma_px**2
+        for name, size in zip(("cx_px", "cy_px"), bundle.size, strict=True):
+            column = bundle.form.names.index(name)
+            values[column] = (prior[column] * values[column] + weight * (size - 1) / 2) / (prior[column] + weight)
+            weights[column] += weight
+    return weights, values
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +230,7 @@ def _moved(bundle: Bundle, step: tuple[F8, F8]) -> Bundle | None:
     except CameraError:
         return None
     turned = np.stack([rotation_of(s) @ r for s, r in zip(step[1], bundle.rotations, strict=True)])
-    return Bundle(bundle.form, bundle.size, values, turned)
+    return Bundle(bundle.form, bundle.size, values, turned, centre_sigma_px=bundle.centre_sigma_px)
 
 
 def _square(residual: F8, sigma_px: F8) -> F8:

@@ -89,8 +89,7 @@ def calibrate(
         raise ConfigError(f"lens model {unknown[0]!r} is not known; known: {', '.join(LAWS)}")
     skies = [sky_over(site, frame.utc) for frame in frames]
     field = Field(frames, skies, [np.ones(len(frame.uv), dtype=bool) for frame in frames])
-    used, general = fit_all(field, None if camera is None else _guess(camera))
-    part = field.take(used)
+    used, part, general = fit_all(field, None if camera is None else _guess(camera))
     night = nights_of(part.frames, site.lon_deg)
     seen_group = general.group[general.seen.frame]
     judged: list[Judged] = []

@@ -21,7 +21,8 @@ F8 = NDArray[np.float64]
 
 LOWEST_ALTITUDE_DEG = 5.0
 """Stars below it are left out: refraction of the real air differs from the standard one's by more than a part of a pixel."""
-FAINTEST_MAG = 8.0
+FAINTEST_MAG, DEEP_MAG = 8.0, 10.0
+"""Of the stars that are looked for: in usual fields, and in narrow ones (`sky_index.NARROW`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,17 +82,27 @@ class Sky:
         Names.
     enu_of_icrs : ndarray, shape (3, 3)
         From the catalogue's axes to east, north, up.
+    site, utc
+        Where and when.
     """
 
     dirs: F8
     v_mag: F8
     star_id: NDArray[np.int32]
     enu_of_icrs: F8
+    site: Site
+    utc: Utc
 
     @cached_property
     def altitude_deg(self) -> F8:
         """Apparent altitudes, shape (n,)."""
         return np.asarray(np.degrees(np.arcsin(np.clip(self.dirs[:, 2], -1, 1))))
+
+    def magnitude_of(self, predicted: F8, size: tuple[int, int], count: int) -> float:
+        """Return the magnitude down to which `count` stars stand in a frame, given where each does, shape (n, 2)."""
+        u, v = np.nan_to_num(predicted, nan=-1e6).T
+        inside = np.flatnonzero((u > -0.5) & (u < size[0] - 0.5) & (v > -0.5) & (v < size[1] - 0.5))
+        return float(self.v_mag[inside[:count][-1]]) if len(inside) else -np.inf
 
 
 def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
@@ -106,7 +117,7 @@ def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
     above = dirs[:, 2] > np.sin(np.radians(LOWEST_ALTITUDE_DEG))
     rows = high[above]
     turned = enu_rotation(site.lat_deg, site.lon_deg) @ to_terrestrial
-    return Sky(dirs[above], catalog.v_mag[rows], catalog.star_id[rows], turned)
+    return Sky(dirs[above], catalog.v_mag[rows], catalog.star_id[rows], turned, site, utc)
 
 
 def apparent(true_enu: F8, weather: Weather) -> F8:

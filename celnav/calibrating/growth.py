@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.calibrating.blind_start import Start
+from celnav.calibrating.blind_start import Start, is_narrow
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.frames import CalibrationFrame, Sky
 from celnav.calibrating.lens_form import LensForm
@@ -18,11 +18,13 @@ F8 = NDArray[np.float64]
 # Kannala-Brandt's odd polynomial is general: it follows any of the laws over the field that the law can show.
 GENERAL = LensForm("kannala_brandt", 4)
 GROWTH = 1.15
-_FIRST_MAG = 5.0
+# Stars that the lens grows by: down to this magnitude, and so many of the frame at least.
+_FIRST_MAG, _STARS_IN_FRAME = 6.5, 80
 _WIDEST_RADIUS_PX, _NARROWEST_RADIUS_PX = 6.0, 1.5
 # How far the terms may stray where few stars hold them. Those of the tangent, the steepest law, are 1/3, 2/15, 17/315, ...
 _TERM_SIGMAS = (0.3, 0.2, 0.1, 0.05)
-_CENTRE_SIGMA = 0.05  # of the frame's width
+_CORNER_SIGMA = 0.01
+CENTRE_SIGMA = 0.05  # of the frame's width
 FEWEST = 12
 
 
@@ -33,16 +35,18 @@ def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
     form = GENERAL
     camera = start.camera
     values = np.array([math.sqrt(camera.f_px * camera.fy_px), camera.cx_px, camera.cy_px, 0.0, 0.0, 0.0, 0.0])
-    bundle = Bundle(form, frame.size, values, start.rotation[None])
+    expected = CENTRE_SIGMA * max(frame.size) if is_narrow(camera) else math.inf
+    bundle = Bundle(form, frame.size, values, start.rotation[None], centre_sigma_px=expected)
     corner, reach, radius = math.hypot(width, height) / 2, start.reach_px, _WIDEST_RADIUS_PX
     while True:
         for _ in range(2):
             predicted = bundle.predict(sky.dirs, np.zeros(len(sky.dirs), dtype=np.intp))
-            match = match_frame(frame, sky, predicted, radius, faintest_mag=_FIRST_MAG + 1.5, region=(middle, reach))
+            faintest = max(_FIRST_MAG, sky.magnitude_of(predicted, frame.size, _STARS_IN_FRAME))
+            match = match_frame(frame, sky, predicted, radius, faintest_mag=faintest, region=(middle, reach))
             if len(match.detection) < FEWEST:
                 break
             seen = observations([frame], [sky], [match])
-            bundle = adjust(bundle, seen, seen.frame, robust=True, prior=held(form, frame.size))
+            bundle = adjust(bundle, seen, seen.frame, robust=True, prior=held(form, bundle))
             spread = robust_sigma(residuals(bundle, seen, seen.frame))
             radius = min(max(5 * spread, _NARROWEST_RADIUS_PX), _WIDEST_RADIUS_PX)
         if reach >= corner:
@@ -51,14 +55,17 @@ def grow(frame: CalibrationFrame, sky: Sky, start: Start) -> Bundle:
         radius = min(1.6 * radius + 1.0, _WIDEST_RADIUS_PX)
 
 
-def held(form: LensForm, size: tuple[int, int]) -> F8:
+def held(form: LensForm, bundle: Bundle) -> F8:
     """Weights, shape (m,), that hold the lens to the middle of the frame and to r = f theta where few stars say otherwise."""
-    weights = np.zeros(len(form.names))
+    weights, size = np.zeros(len(form.names)), bundle.size
+    corner = math.hypot(*size) / 2 / float(bundle.values[0])
     for column, name in enumerate(form.names):
         if name in ("cx_px", "cy_px"):
-            weights[column] = 1 / (_CENTRE_SIGMA * max(size)) ** 2
+            weights[column] = 1 / (CENTRE_SIGMA * max(size)) ** 2
         elif name.startswith("k"):
-            weights[column] = 1 / _TERM_SIGMAS[int(name[1:]) - 1] ** 2
+            # Long lenses distort by a part of the corner's distance, too.
+            usual = _CORNER_SIGMA / corner**2 if name == "k1" else 0.0
+            weights[column] = 1 / max(_TERM_SIGMAS[int(name[1:]) - 1], usual) ** 2
     return weights
 
 

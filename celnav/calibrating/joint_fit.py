@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.calibrating.blind_start import PASSES, Start, find_start, identify_middle, is_mirrored
+from celnav.calibrating.blind_start import PASSES, Start, find_start, identify_with, is_mirrored, is_narrow
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.fixed_detections import moving
-from celnav.calibrating.frames import CalibrationFrame, Sky
+from celnav.calibrating.frames import DEEP_MAG, CalibrationFrame, Sky, sky_over
 from celnav.calibrating.growth import FEWEST, GENERAL, grow, held, observations
 from celnav.calibrating.noise import CLIP_SIGMAS, Noise, measure_noise
 from celnav.calibrating.star_matching import Match, match_frame
+from celnav.camera import Camera
 from celnav.errors import CalibrationError
 
 F8 = NDArray[np.float64]
@@ -24,7 +25,8 @@ Rows = NDArray[np.intp]
 # A frame is of the same mount when chance gives as many stars with a probability below this.
 _MOST_LOG10_CHANCE = -8.0
 _MOUNT_RADII_PX = (10.0, 5.0, 3.0)
-_MOUNT_MAGS = (3.5, 4.5, 5.5)
+# Magnitudes, and how many stars of the frame there have to be at least.
+_MOUNT_DEPTHS = ((3.5, 12), (4.5, 30), (5.5, 80))
 _FIRST_RADIUS_PX = 3.0
 # Frames that a guess is tried on: 0.04 s each.
 _GUESSED_FRAMES = 50
@@ -58,6 +60,12 @@ class Field:
         return Field(
             [self.frames[i] for i in numbers], [self.skies[i] for i in numbers], [self.usable[i] for i in numbers]
         )
+
+    def as_deep_as(self, camera: Camera) -> Field:
+        """Return the field with as many stars as a camera needs: narrow fields show few of the brighter ones."""
+        if not is_narrow(camera):
+            return self
+        return replace(self, skies=[sky_over(sky.site, sky.utc, DEEP_MAG) for sky in self.skies])
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +104,15 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
     `guess` is a camera whose focal length is known within 6 %.
     """
     for i, start in _starts(field, guess):
-        frame, sky = field.frames[i], field.skies[i]
+        part = field.take([i]).as_deep_as(start.camera)
+        frame, sky = part.frames[0], part.skies[0]
         if float((start.rotation.T @ middle_axis(start))[2]) < math.sin(math.radians(-20)):
             raise CalibrationError(
                 f"frame {frame.name}: {start.stars} stars are identified, but they lie below the horizon of the place at "
                 "that time: check latitude, longitude (east is positive) and time"
             )
         bundle = grow(frame, sky, start)
-        if _bound(field, i, bundle, math.inf) < _MOST_LOG10_CHANCE:
+        if _bound(part, 0, bundle, math.inf) < _MOST_LOG10_CHANCE:
             return i, bundle
     mirrored = is_mirrored(field.frames[0], field.skies[0])
     raise CalibrationError(
@@ -117,7 +126,7 @@ def _starts(field: Field, guess: Start | None) -> Iterator[tuple[int, Start]]:
     """Frames whose middle can be named, with their starts: by the guess, then by the passes of a blind search."""
     if guess is not None:
         for i, (frame, sky) in enumerate(zip(field.frames, field.skies, strict=True)):
-            if i < _GUESSED_FRAMES and (start := identify_middle(frame, sky, guess.camera, guess.reach_px)) is not None:
+            if i < _GUESSED_FRAMES and (start := identify_with(frame, sky, guess.camera, guess.reach_px)) is not None:
                 yield i, start
     for each in PASSES:
         count = len(field.frames)
@@ -147,10 +156,10 @@ def attitude_of(field: Field, number: int, lens: Bundle, near: list[F8]) -> F8 |
     for rotation in near:
         bundle = replace(lens, rotations=rotation[None], cov=None)
         match = None
-        for radius, faintest in zip(_MOUNT_RADII_PX, _MOUNT_MAGS, strict=True):
-            match = match_frame(
-                frame, sky, bundle.predict(sky.dirs, none), radius, faintest_mag=faintest, usable=usable
-            )
+        for radius, (v_mag, stars) in zip(_MOUNT_RADII_PX, _MOUNT_DEPTHS, strict=True):
+            predicted = bundle.predict(sky.dirs, none)
+            faintest = max(v_mag, sky.magnitude_of(predicted, frame.size, stars))
+            match = match_frame(frame, sky, predicted, radius, faintest_mag=faintest, usable=usable)
             if len(match.detection) < 6:
                 break
             seen = observations([frame], [sky], [match])
@@ -162,15 +171,21 @@ def attitude_of(field: Field, number: int, lens: Bundle, near: list[F8]) -> F8 |
     if best is not None and best[0] < _MOST_LOG10_CHANCE:
         return best[1]
     camera = lens.form.camera(lens.values, lens.size)
-    start = identify_middle(frame, sky, camera, math.hypot(*frame.size))
+    start = identify_with(frame, sky, camera, math.hypot(*frame.size))
     if start is None or abs(math.log(start.camera.f_px / camera.f_px)) > 0.02:
         return None
     return start.rotation
 
 
-def fit_all(field: Field, guess: Start | None = None) -> tuple[list[int], JointFit]:
-    """Fit one general lens to all frames, an attitude to each; returns the frames that could be used, and the fit."""
+def fit_all(field: Field, guess: Start | None = None) -> tuple[list[int], Field, JointFit]:
+    """Fit one general lens to all frames, an attitude to each.
+
+    Returns
+    -------
+    Numbers of the frames that could be used, the field of these frames, and the fit.
+    """
     number, lens = first_frame(field, guess)
+    field = field.as_deep_as(lens.form.camera(lens.values, lens.size))
     attitudes: dict[int, F8] = {number: lens.rotations[0]}
     # Frames next in time first: their attitudes are the most alike.
     order = sorted(range(len(field.frames)), key=lambda i: abs(field.frames[i].utc.mjd - field.frames[number].utc.mjd))
@@ -189,8 +204,8 @@ def fit_all(field: Field, guess: Start | None = None) -> tuple[list[int], JointF
     bundle = replace(lens, rotations=np.stack([attitudes[i] for i in used]), cov=None)
     group = np.arange(len(used))
     form = replace(GENERAL, decentring=True)
-    bundle = Bundle(form, bundle.size, np.append(bundle.values, [0.0, 0.0]), bundle.rotations)
-    return used, refine(part, bundle, group, held_back=True)
+    bundle = replace(bundle, form=form, values=np.append(bundle.values, [0.0, 0.0]))
+    return used, part, refine(part, bundle, group, held_back=True)
 
 
 def refine(field: Field, bundle: Bundle, group: Rows, *, held_back: bool = False, rounds: int = _ROUNDS) -> JointFit:
@@ -205,7 +220,7 @@ def refine(field: Field, bundle: Bundle, group: Rows, *, held_back: bool = False
     rounds : int
         Of matching.
     """
-    prior = held(bundle.form, bundle.size) if held_back else None
+    prior = held(bundle.form, bundle) if held_back else None
     usable, radius = field.usable, _FIRST_RADIUS_PX
     noise = Noise(1.0, 0.0)
     for round_ in range(rounds):

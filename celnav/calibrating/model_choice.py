@@ -7,7 +7,7 @@ difference (of cells), the one with the fewest parameters is taken (the rule of 
 Olshen & Stone 1984, Classification and Regression Trees, section 3.4.3; here of paired differences).
 
 Forms are tried in two rounds: all laws with their radial terms; then decentring, tilt, thin prism and aspect on the laws that
-are best.
+are best. In narrow fields a pinhole is tried, with and without a radial term and an aspect: other forms turn the camera.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.camera import Camera
+from celnav.errors import CameraError
 
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -42,6 +43,7 @@ _ADDED = (
     ("decentring", "tilt", "prism", "aspect"),
 )
 _LAWS_ADDED_TO = 2
+NARROW_RAD = 0.12
 # The rational terms k4 to k6 of the perspective lens belong together.
 _RADIAL_TERMS = {"brown_conrady": (1, 2, 3, 6), "kannala_brandt": (1, 2, 3, 4)}
 
@@ -106,8 +108,9 @@ def choose_form(
 
     radial = radial_forms(widest, models)
     judge(radial)
-    # Where decentring is large no radial form shows what it is worth without it.
-    judge([replace(form, decentring=True) for form in radial])
+    narrow = widest < NARROW_RAD
+    # Where decentring is large no radial form shows what it is worth without it. In a narrow field it is one with the centre.
+    judge([] if narrow else [replace(form, decentring=True) for form in radial])
     best_laws = sorted(
         {f.model for f in losses}, key=lambda law: min(v.mean() for f, v in losses.items() if f.model == law)
     )
@@ -117,7 +120,7 @@ def choose_form(
         judge(
             [
                 LensForm(law, base.radial, "aspect" in added, "decentring" in added, "prism" in added, "tilt" in added)
-                for added in _ADDED
+                for added in (_ADDED[:1] if narrow else _ADDED)
             ]
         )
     chosen, judged = _simplest(losses, cell)
@@ -138,7 +141,12 @@ def in_opencv(form: LensForm) -> bool:
 
 
 def radial_forms(widest_rad: float, models: tuple[str, ...]) -> list[LensForm]:
-    """Return all laws with each number of radial terms; perspective laws only for fields that they can show."""
+    """Return all laws with each number of radial terms; perspective laws only for fields that they can show.
+
+    Within 7 deg of the axis all laws are a pinhole's with one radial term, to 0.03 px of a frame of 1,000.
+    """
+    if widest_rad < NARROW_RAD and "pinhole" in models:
+        return [LensForm("pinhole"), *([LensForm("brown_conrady", 1)] if "brown_conrady" in models else [])]
     forms = []
     for model in models:
         if (model in ("pinhole", "brown_conrady") and widest_rad > 1.4) or (
@@ -154,7 +162,7 @@ def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Row
     loss = np.full(len(seen), MOST_LOSS)
     try:
         whole = adjust(started(bundle, form), seen, group, robust=False)
-    except np.linalg.LinAlgError:  # a law that cannot show the field at all
+    except (np.linalg.LinAlgError, CameraError):  # a law that cannot show the field at all
         return loss
     inside = _loss(whole, seen, group)
     if float(inside.mean()) > HOPELESS_LOSS:
@@ -180,7 +188,8 @@ def started(bundle: Bundle, form: LensForm) -> Bundle:
     same = form.model == bundle.form.model
     near = Camera(form.model, *bundle.size, camera.f_px, camera.fy_px, camera.cx_px, camera.cy_px,
                   k=camera.k[: form.radial] if same else (), p=camera.p, s=camera.s, tilt_rad=camera.tilt_rad)  # fmt: skip
-    return Bundle(form, bundle.size, form.values_of(near), bundle.rotations)
+    values = form.values_of(near)
+    return Bundle(form, bundle.size, values, bundle.rotations, centre_sigma_px=bundle.centre_sigma_px)
 
 
 def _simplest(losses: dict[LensForm, F8], cell: Rows) -> tuple[LensForm, list[tuple[LensForm, float, float]]]:

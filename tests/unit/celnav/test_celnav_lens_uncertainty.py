@@ -87,6 +87,7 @@ def test_a_blind_start_that_finds_nothing_is_bounded(count, monkeypatch):
     sky = sky_over(Site(34.5, -111.4, Weather()), utc, 4.0)
     work = []
     monkeypatch.setattr(blind_start, "identify_middle", lambda *given: work.append(given[4]))
+    monkeypatch.setattr(blind_start, "identify_narrow", lambda *given: work.append(given[3]))
     field = joint_fit.Field([frame] * count, [sky] * count, [np.ones(60, dtype=bool)] * count)
     with pytest.raises(CalibrationError, match="no frame shows stars"):
         joint_fit.first_frame(field)
