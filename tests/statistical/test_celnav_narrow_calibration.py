@@ -24,7 +24,7 @@ ANY_FOCAL_PX = 2.4 * SIZE[1], 26.0 * SIZE[1]
 @pytest.mark.parametrize(
     ("hfov_deg", "fields", "least"),
     [
-        (8, 2, 2),
+        (8, 1, 1),
         pytest.param(15, 5, 5, marks=pytest.mark.journey),
         pytest.param(10, 5, 5, marks=pytest.mark.journey),
         pytest.param(6, 5, 5, marks=pytest.mark.journey),
