@@ -98,8 +98,8 @@ def fine_structure(light: np.ndarray, sky: np.ndarray, inside: np.ndarray, rando
 def test_specks_of_dirt_are_as_rough_as_a_photograph() -> None:
     """Structure of 2 to 16 px beyond that of scratches, by the angle from the Moon, within a quarter of photograph 010's.
 
-    It has 302, 206, 149 and 103 DN of 0.245 electrons 30, 40, 52 and 70 deg from its Moon of 0.951e10 electrons, which lies at
-    u 493, v 182, on skies of 19,600 to 7,900 DN. Mean of two domes of the observatory's scene, measured in the same way.
+    It has 302, 206, 149 and 103 DN of 0.245 electrons 30, 40, 52 and 70 deg from its Moon of 0.951e10 electrons, which lies
+    at u 493, v 182, on skies of 19,600 to 7,900 DN. Mean of two domes of the observatory's scene, measured in the same way.
     """
     camera = load_scenario(find_scenario(Path("observatory_allsky"))).frame(0).camera
     streaks, specks = camera.scratch_kinds
@@ -109,7 +109,8 @@ def test_specks_of_dirt_are_as_rough_as_a_photograph() -> None:
     radius = np.hypot(u - camera.projection.cx_px, v - camera.projection.cy_px)
     sky = 0.245 * np.interp(angles, [20, 30, 40, 52, 70], [32_000, 19_600, 14_000, 10_400, 7_900])
     rings = [
-        (angles > inner) & (angles < outer) & (radius < 400) for inner, outer in ((25, 35), (35, 45), (45, 60), (60, 80))
+        (angles > inner) & (angles < outer) & (radius < 400)
+        for inner, outer in ((25, 35), (35, 45), (45, 60), (60, 80))
     ]
     found = np.zeros(4)
     for seed in range(2):
