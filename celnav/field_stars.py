@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,8 @@ from celnav.adjustment import PARAMETERS, Adjusted, predict
 from celnav.camera import Camera
 from celnav.fix import Calibration, Estimate, Fix, Reason
 from celnav.horizon import horizontal_frame
-from celnav.identification.identify import Question
 from celnav.identification.pairing import candidate_pairs, first_of_each, nowhere_far_off
+from celnav.identification.prepared import Prepared
 from celnav.identification.verification import Alignment, field_cone, rotation_of
 from celnav.problem import Problem
 from celnav.sky.astrometry import DIURNAL_ABERRATION, earth_at, terrestrial_stars
@@ -33,17 +32,6 @@ FEWEST_STARS = 200
 _NO_PLANETS = np.empty((0, 2), dtype=np.int64), np.empty((0, 2))
 # Stars so faint that fewer of them, in multiples of chance, have a detection are left out: one in eight would be false.
 _OVER_CHANCE = 8.0
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """Usable detections in the solver's order."""
-
-    rows: NDArray[np.intp]
-    uv: F8
-    rays: F8
-    relative_sigma: F8 | None
-    question: Question
 
 
 def _with_diurnal_aberration(dirs: F8, zenith: F8) -> F8:

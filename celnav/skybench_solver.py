@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
-from celnav.camera import Camera
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
-from celnav.field_stars import Prepared, aberrated, describe, pairing_radius, visible_stars
+from celnav.field_stars import aberrated, describe, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
-from celnav.identification.identify import Question
-from celnav.identification.neighbourhood import BELIEVED_SIGMAS, neighbourhood, open_region
+from celnav.identification.neighbourhood import BELIEVED_SIGMAS
 from celnav.identification.pairing import candidate_pairs, nowhere_far_off
+from celnav.identification.prepared import LOWEST_ALTITUDE_DEG, Prepared, prepare
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import sky_index_for
 from celnav.identification.verification import Alignment
@@ -30,7 +29,6 @@ from celnav.position import refracting
 from celnav.problem import Problem, Stopwatch, check_time_limit
 from celnav.sky.astrometry import celestial_to_terrestrial
 from celnav.sky.earth_rotation import EarthOrientation, earth_orientation
-from celnav.sky.refraction import unrefract_rays
 from celnav.uncertainty.contradicted import FREED_FOCAL, better, doubt_deg, freed, lens_contradicted
 from celnav.uncertainty.field_errors import (
     FieldOfStars,
@@ -43,9 +41,6 @@ from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
 
 F8 = NDArray[np.float64]
 
-# Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
-LOWEST_ALTITUDE_DEG = -5.0
-_BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
 _USUAL_PRIORS = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05)}
 # Part of the effort that other focal lengths may take together.
 MOST_FOCAL_EFFORT = 0.9
@@ -134,7 +129,7 @@ class SkybenchSolver:
         with clock.stage("prepare"):
             orientation = earth_orientation(problem.utc, problem.dut1_s)
             to_terrestrial = celestial_to_terrestrial(problem.utc, orientation)
-            prepared = _prepare(problem, to_terrestrial, self.config)
+            prepared = prepare(problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg)
             distinct = len(np.unique(prepared.uv.round(1), axis=0)) if len(prepared.uv) < 50 else len(prepared.uv)
         if distinct < self.config.min_stars:
             return Fix.refusal(
@@ -201,7 +196,9 @@ class SkybenchSolver:
             named = NamedStars.of(seen, adjusted)
             if air is None and (shown := shown_refraction(named)) is not None:
                 problem = replace(problem, weather=refracting(problem.weather, shown.value))
-                corrected = _prepare(problem, to_terrestrial, self.config)
+                corrected = prepare(
+                    problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg
+                )
                 return self._fix(problem, corrected, orientation, to_terrestrial, identified, priors, shown)
             widened, shared = with_shared_errors(named, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
@@ -215,7 +212,7 @@ class SkybenchSolver:
             scatter_cov = adjusted.cov[:3, :3]
             common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
             adjusted = widened
-        if adjusted is None or float(adjusted.weight.sum()) < self.config.min_stars:
+        if adjusted is None or int(np.count_nonzero(adjusted.weight > 0.5)) < self.config.min_stars:
             return Fix.refusal(Reason.INCONSISTENT, "the identified stars do not fit one orientation", confidence)
         fix = describe(
             problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared, air
@@ -351,49 +348,3 @@ def _not_identified(effort: Effort) -> Fix:
     else:
         message = f"{tried} within the effort allowed; SkybenchConfig.max_work = {effort.max_work} bounds it"
     return Fix.refusal(Reason.EFFORT_SPENT, message, confidence)
-
-
-def _prepare(problem: Problem, to_terrestrial: F8, config: SkybenchConfig) -> Prepared:
-    """Sort detections by brightness, take refraction off, and put together what the search needs."""
-    seen, attitude = problem.observation, problem.attitude
-    camera = seen.camera
-    rows = np.flatnonzero(np.isfinite(seen.rays[:, 0]))
-    if seen.flux is not None:
-        rows = rows[np.argsort(-seen.flux[rows], kind="stable")]
-    rows = rows[: config.max_detections]
-    uv, rays = seen.uv[rows], seen.rays[rows]
-    up = local = near = None
-    if attitude is not None:
-        frame = horizontal_frame(attitude)
-        up = frame[:, 2]
-        attitude = problem.sigmas.loosened(attitude, camera)
-        known = (
-            attitude.kind == "rotation" and max(attitude.tilt_deg, attitude.heading_deg) <= config.single_star_sigma_deg
-        )
-        local = frame if known else None
-        if problem.weather.pressure_hpa > 0:
-            true = unrefract_rays(rays, up, problem.weather.pressure_hpa, problem.weather.temperature_c)
-            # No star is seen below the horizon. Where the vertical is wrong they can be named, and contradict it.
-            below = rays @ up < _BELOW_HORIZON
-            true[below] = rays[below]
-            moved = camera.project(true)
-            # At the very edge of a lens's range the unrefracted ray may have no image.
-            usable = np.isfinite(moved[:, 0])
-            rows, uv, rays = rows[usable], moved[usable], true[usable]
-        if problem.near is not None:
-            near = neighbourhood(problem.near, attitude, to_terrestrial, heading_known=local is not None)
-    area = float(camera.width * camera.height)
-    if camera.model not in ("pinhole", "brown_conrady"):
-        area *= _seen_part(camera)
-    relative = None if seen.sigma_px is None else seen.sigma_px[rows]
-    region = open_region(attitude, heading_known=local is not None)
-    question = Question(
-        camera, uv, rays, seen.flux is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, near, region
-    )
-    return Prepared(rows, uv, rays, relative, question)
-
-
-def _seen_part(camera: Camera) -> float:
-    """Part of the frame's pixels inside the image circle."""
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 32), np.linspace(0, camera.height - 1, 32))
-    return max(float(np.isfinite(camera.to_rays(np.column_stack((u.ravel(), v.ravel())))[:, 0]).mean()), 1e-3)

@@ -19,7 +19,8 @@ from celnav.calibrating.frames import CalibrationFrame, Sky, apparent
 from celnav.camera import Camera
 from celnav.field_stars import aberrated
 from celnav.identification.effort import Effort
-from celnav.identification.identify import Question, identify
+from celnav.identification.identify import identify
+from celnav.identification.question import Question
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import NARROW, load_sky_index
 from celnav.identification.triangles import find_narrow_field

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.identification.effort import Effort
-from celnav.identification.identify import Identified, Question, identify
+from celnav.identification.identify import Identified, identify
+from celnav.identification.question import Question
 from celnav.identification.search_config import SearchConfig
 from celnav.identification.sky_index import SkyIndex
 from celnav.identification.verification import WHOLE_SKY
@@ -96,9 +97,12 @@ def _with_focal_length(question: Question, factor: float) -> tuple[Question, NDA
     camera = replace(given, f_px=given.f_px * factor, fy_px=given.fy_px * factor)
     rays = camera.to_rays(question.uv)
     rows = np.flatnonzero(np.isfinite(rays[:, 0]))
-    return (
-        replace(
-            question, camera=camera, uv=question.uv[rows], rays=rays[rows], solid_angle_sr=camera.solid_angle_sr
-        ),
-        rows,
-    )  # fmt: skip
+    scaled = replace(
+        question,
+        camera=camera,
+        uv=question.uv[rows],
+        rays=rays[rows],
+        mag=None if question.mag is None else question.mag[rows],
+        solid_angle_sr=camera.solid_angle_sr,
+    )
+    return scaled, rows

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.camera import Camera
 from celnav.identification.effort import (
     BATCH_WORK,
     HYPOTHESIS_WORK,
@@ -25,7 +24,7 @@ from celnav.identification.effort import (
     Effort,
 )
 from celnav.identification.low_lights import high_detections
-from celnav.identification.neighbourhood import Neighbourhood
+from celnav.identification.question import Question
 from celnav.identification.search import (
     View,
     best_hypotheses,
@@ -38,48 +37,7 @@ from celnav.identification.search import (
 )
 from celnav.identification.search_config import SearchConfig, Stage
 from celnav.identification.sky_index import F4, F8, NARROW, SkyIndex
-from celnav.identification.verification import WHOLE_SKY, Alignment, Region, field_cone, verify
-
-
-@dataclass(frozen=True, eq=False)
-class Question:
-    """Detections, camera and attitude as the search needs them.
-
-    Attributes
-    ----------
-    camera : Camera
-        The camera.
-    uv : ndarray, shape (n, 2)
-        Detections, brightest first, refraction taken off where the vertical is known.
-    rays : ndarray, shape (n, 3)
-        The same as directions.
-    ranked : bool
-        Whether the order is one of brightness.
-    solid_angle_sr, area_px : float
-        Of the part of the sky, and of the frame, that the camera sees.
-    local : ndarray, shape (3, 3), or None
-        Terrestrial-horizon knowledge: R_cam where heading and tilt are known well; None otherwise.
-    celestial_to_terrestrial : ndarray, shape (3, 3)
-        At the instant.
-    up : ndarray, shape (3,), or None
-        Zenith in the camera frame.
-    near : Neighbourhood or None
-        What the last known position allows.
-    region : Region
-        Orientations that the attitude leaves open, were no position known.
-    """
-
-    camera: Camera
-    uv: F8
-    rays: F8
-    ranked: bool
-    solid_angle_sr: float
-    area_px: float
-    local: F8 | None
-    celestial_to_terrestrial: F8
-    up: F8 | None
-    near: Neighbourhood | None
-    region: Region = WHOLE_SKY
+from celnav.identification.verification import Alignment, field_cone, verify
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +171,8 @@ class _Search:
         least = max(self.config.least_rival, self.config.rival_share * len(found.detection))
         if len(rest) < least:
             return None
-        others = replace(self.question, uv=self.question.uv[rest], rays=self.question.rays[rest])
+        mag = None if self.question.mag is None else self.question.mag[rest]
+        others = replace(self.question, uv=self.question.uv[rest], rays=self.question.rays[rest], mag=mag)
         # Its bound of chance counts what it tries itself. A deadline does not stop it: it is short, and an orientation
         # that was not compared with others must not be given out.
         effort = Effort(self.effort.limit - self.effort.work)
@@ -387,6 +346,8 @@ class _Search:
         polished, after = polish(best, view, tolerance, level, self.index)
         verified, n_stars = self._verification(order, view)
         stars = self.index.xyz[:n_stars].astype(np.float64)
+        region = question.region if question.near is None else question.near.region
+        sparse = question.sparse(verified, self.index.v_mag[:n_stars])
         for rotation in polished[after >= min(least + self.made_of, half)]:
             effort.work += self._verification_work(order, view)
             found = verify(
@@ -397,8 +358,10 @@ class _Search:
                 tolerance,
                 log10_tried=math.log10(effort.hypotheses),
                 free_stars=self.made_of,
-                region=question.region if question.near is None else question.near.region,
+                region=region,
             )
+            if sparse is not None:
+                found = sparse.judged(found, question.camera, question.uv[verified], stars, region)
             effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return found

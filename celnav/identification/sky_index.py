@@ -77,6 +77,8 @@ class SkyIndex:
     ----------
     xyz : ndarray of float32, shape (n, 3)
         ICRS unit vectors at `EPOCH_JYEAR`, brightest first; fainter components within `BLEND_ARCSEC` are left out.
+    v_mag : ndarray of float32, shape (n,)
+        Their magnitudes V.
     axes : tuple of three ndarrays of float32, shape (n,)
         The columns of `xyz`, each contiguous.
     levels : tuple of Level
@@ -84,6 +86,7 @@ class SkyIndex:
     """
 
     xyz: F4
+    v_mag: F4
     axes: tuple[F4, F4, F4]
     levels: tuple[Level, ...]
 
@@ -135,8 +138,8 @@ def octahedral_centres() -> F8:
     return np.asarray(centres / np.linalg.norm(centres, axis=1, keepdims=True))
 
 
-def _stars(most: int) -> F8:
-    """Unit vectors of the brightest stars of the sky, at most `most`, without fainter components of close pairs."""
+def _stars(most: int) -> tuple[F8, F8]:
+    """Unit vectors and magnitudes of the sky's brightest stars, at most `most`, without fainter components of close pairs."""
     from scipy.spatial import cKDTree
 
     catalog = load_catalog()
@@ -145,14 +148,14 @@ def _stars(most: int) -> F8:
     close = cKDTree(xyz).query_pairs(np.radians(BLEND_ARCSEC / 3600), output_type="ndarray")
     alone = np.ones(len(xyz), dtype=bool)
     alone[close.max(axis=1)] = False  # sorted by magnitude, so the larger row is the fainter star
-    return np.asarray(xyz[alone][:most])
+    return np.asarray(xyz[alone][:most]), np.asarray(brightest.v_mag[alone][:most])
 
 
 def _build(levels: tuple[int, ...], limits_deg: tuple[float, ...], rows: type[np.integer]) -> dict[str, Rows | F4]:
     from scipy.spatial import cKDTree
 
-    xyz = _stars(levels[-1])
-    arrays: dict[str, Rows | F4] = {"xyz": xyz.astype(np.float32)}
+    xyz, v_mag = _stars(levels[-1])
+    arrays: dict[str, Rows | F4] = {"xyz": xyz.astype(np.float32), "v_mag": v_mag.astype(np.float32)}
     centres = octahedral_centres()
     for n, limit_deg in zip(levels, limits_deg, strict=True):
         tree = cKDTree(xyz[:n])
@@ -170,7 +173,7 @@ def _build(levels: tuple[int, ...], limits_deg: tuple[float, ...], rows: type[np
 
 def _load(
     name: str, levels: tuple[int, ...], limits_deg: tuple[float, ...], rows: type[np.integer]
-) -> tuple[F4, tuple[Level, ...]]:
+) -> tuple[F4, F4, tuple[Level, ...]]:
     catalog = load_catalog()
     stars = slice(2 * levels[-1])
     key = digest(Path(__file__).read_bytes(), catalog.ra_rad[stars].tobytes(), catalog.dec_rad[stars].tobytes())
@@ -186,12 +189,13 @@ def _load(
         )
         for n, limit_deg in zip(levels, limits_deg, strict=True)
     )
-    return arrays["xyz"].astype(np.float32, copy=False), found
+    xyz, v_mag = (arrays[of_stars].astype(np.float32, copy=False) for of_stars in ("xyz", "v_mag"))
+    return xyz, v_mag, found
 
 
-def _index(xyz: F4, levels: tuple[Level, ...]) -> SkyIndex:
+def _index(xyz: F4, v_mag: F4, levels: tuple[Level, ...]) -> SkyIndex:
     x, y, z = (np.ascontiguousarray(column) for column in xyz.T)
-    return SkyIndex(xyz, (x, y, z), levels)
+    return SkyIndex(xyz, v_mag, (x, y, z), levels)
 
 
 @lru_cache(maxsize=1)
@@ -206,8 +210,8 @@ def load_deep_sky_index() -> SkyIndex:
 
     The brighter stars are the same in both, so that the levels of `load_sky_index` serve here too.
     """
-    xyz, deep = _load("deep-sky-index", DEEP_LEVELS, DEEP_PAIR_LIMIT_DEG, np.int32)
-    return _index(xyz, (*load_sky_index().levels, *deep))
+    xyz, v_mag, deep = _load("deep-sky-index", DEEP_LEVELS, DEEP_PAIR_LIMIT_DEG, np.int32)
+    return _index(xyz, v_mag, (*load_sky_index().levels, *deep))
 
 
 def sky_index_for(solid_angle_sr: float) -> SkyIndex:

@@ -27,10 +27,10 @@ MOST_LOG_F = 0.12  # beyond it the search would have to start with another focal
 _RADII = (1.0, 0.6, 0.35)
 # Steps of the cover of all orientations and focal lengths: how far a position may move between a step and what it stands
 # for, in radii of agreement.
-_TURN_STEP, _FOCAL_STEP = 0.5, 0.25
+TURN_STEP, FOCAL_STEP = 0.5, 0.25
 # Searches of one frame: three focal lengths, two orders of detections or a second one of the whole sky, and each with the
 # attitude as it is told and without.
-_SEARCHES = 12
+SEARCHES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,22 +210,29 @@ def verify(
     # The fit could choose among the places that the tolerance holds, in each of its dimensions.
     tried = log10_tried + 3 * math.log10(max(tolerance_px / radius, 1.0))
     finest = float(camera.radians_per_px(uv).min())
-    half_diagonal = math.hypot(camera.width, camera.height) / 2
     best = 0.0
     radii = radius * np.array(_RADII)
     # By chance a star lies within each radius, and within each as a turn and a focal length may be off besides.
-    areas = math.pi * np.concatenate((radii, (1 + _TURN_STEP + _FOCAL_STEP) * radii)) ** 2
+    areas = math.pi * np.concatenate((radii, (1 + TURN_STEP + FOCAL_STEP) * radii)) ** 2
     chances = np.maximum((-np.expm1(-areas[:, None] * crowding)).mean(axis=1), 1e-12).tolist()
     for k, r in enumerate(radii.tolist()):
         agreeing = int(np.count_nonzero(length <= r))
         made = tried + log10_chance(agreeing - n_free, len(uv), chances[k])
-        # The focal length given is the likeliest: the n-th shell around it has 1/n(n + 1) of the allowed false alarms.
-        shell = math.ceil(abs(log_f) * half_diagonal / (2 * _FOCAL_STEP * r) + 1e-9)
-        steps = region.log10_steps(_TURN_STEP * r * finest) + math.log10(2 * shell * (shell + 1) * _SEARCHES)
+        steps = region.log10_steps(TURN_STEP * r * finest) + log10_focal_shell(camera, log_f, r) + math.log10(SEARCHES)
         covered = steps + log10_chance(agreeing, len(uv), chances[k + len(_RADII)])
         best = min(best, made, covered)
     total = min(0.0, best + math.log10(2 * len(_RADII)))
     return Alignment(rotation, log_f, detection, rows[star], sigma, total)
+
+
+def log10_focal_shell(camera: Camera, log_f: float, radius_px: float) -> float:
+    """Return the decimal logarithm of how many times likelier all focal lengths together are than those in steps like one.
+
+    The focal length given is the likeliest: the n-th shell around it has 1/n(n + 1) of the allowed false alarms.
+    """
+    half_diagonal = math.hypot(camera.width, camera.height) / 2
+    shell = max(math.ceil(abs(log_f) * half_diagonal / (2 * FOCAL_STEP * radius_px) + 1e-9), 1)
+    return math.log10(2 * shell * (shell + 1))
 
 
 def _may_be_seen(camera: Camera, xyz: F8, rotation: F8, tolerance_px: float) -> NDArray[np.intp]:
