@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from celnav.detecting.image_background import Outstanding
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_candidates import Components, Cores
-from celnav.detecting.star_shape import LARGEST_VARIANCE, StarShape, adaptive_moments, fit_shape, offsets, windows
+from celnav.detecting.star_shape import LARGEST_VARIANCE, StarShape, adaptive_moments, axes, fit_shape, offsets, windows
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -144,7 +144,7 @@ def shape_of_components(
     determinant = begun[:, 0] * begun[:, 2] - begun[:, 1] ** 2
     begun = np.where((determinant > 0.1)[:, None], begun, [[1.0, 0.0, 1.0]])
     covariance = np.empty_like(begun)
-    wide = begun[:, [0, 2]].max(axis=1) > _WIDE_VARIANCE
+    wide = axes(begun)[0] > _WIDE_VARIANCE
     for some, largest in ((wide, LARGEST_VARIANCE), (~wide, _LARGEST_COMPACT)):
         covariance[some] = adaptive_moments(light, parts.uv[chosen][some], begun[some], largest)
     return fit_shape(covariance, parts.uv[chosen], (light.shape[0], light.shape[1]))

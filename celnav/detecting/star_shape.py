@@ -19,7 +19,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 400.0  # px^2: half a pixel, and streaks of 70 px
+LEAST_VARIANCE, LARGEST_VARIANCE = 0.25, 620.0  # px^2: half a pixel, and streaks of 70 px
 # A star's image is round where its axes differ by less than this factor.
 _ROUND = 1.2
 # One round filter serves shapes whose variances differ by no more than this factor.
@@ -164,7 +164,7 @@ def adaptive_moments(
     """
     from scipy import ndimage
 
-    reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 30))
+    reach = int(np.clip(np.ceil(2.5 * np.sqrt(start[:, [0, 2]].max(initial=1.0))), 4, 45))
     cut, rows, columns = windows(light, uv, (reach, reach))
     if level is not None:
         cut -= level.astype(np.float32)
@@ -232,9 +232,11 @@ def fit_shape(covariance: F8, uv: F8, size: tuple[int, int]) -> StarShape | None
     if (stars := known & ~(axes(covariance)[1] < _TRACK_VARIANCE)).sum() >= 8:
         known = stars
     covariance, uv = covariance[known], uv[known]
-    if len(uv) < 8:
+    if len(uv) < _LEAST_AGREEING:
         return None
     agreeing = _largest_agreement(covariance)
+    if len(uv) < 8 and not _streaks(covariance, agreeing):
+        return None
     middle = _middle(covariance, np.median(covariance[agreeing], axis=0))
     fixed = StarShape.constant(*_at_least(middle), size) if _enough(agreeing) else None
     if len(uv) < 20:
@@ -313,6 +315,12 @@ def _largest_agreement(covariance: F8) -> Mask:
     apart = cdist(covariance, covariance, "cityblock")
     near = apart < _tolerance(covariance)[:, None]
     return np.asarray(near[np.argmax(near.sum(axis=1))])
+
+
+def _streaks(covariance: F8, agreeing: Mask) -> bool:
+    """Whether more than half agree, and are streaks: no few things by chance are long alike."""
+    large, small = axes(covariance[agreeing])
+    return bool(2 * agreeing.sum() > len(agreeing) and agreeing.sum() >= _LEAST_AGREEING and (large > 4 * small).all())
 
 
 def _enough(agreeing: Mask) -> bool:
