@@ -39,6 +39,8 @@ from celnav.detecting.star_candidates import (
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
+from celnav.detecting.streak_correlation import streak_of_image
+from celnav.detecting.streak_ends import by_ends
 from celnav.detecting.tiles import Tiles, mean_map
 from celnav.errors import ConfigError, DetectionError
 
@@ -203,6 +205,8 @@ def detect(
     known = config.psf_sigma_px is not None or config.streak_px is not None
     if not known and (seen := shape_of_bright(light, far, cores)) is not None:
         shape, known = seen, True
+    elif not known and (seen := streak_of_image(light, noise)) is not None:
+        shape = seen
     found = _search(light, noise, used, shape, config)
     if not known:
         # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.
@@ -233,6 +237,7 @@ def detect(
     stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
     guessed = not known and shape is first_guess
     like_stars = _like_stars(stars, covariance, guessed)
+    stars = by_ends(light, found.noise, stars, covariance, gain)
     cored = _saturated_stars(light, cores, shape, config)
     uv, flux, sigma_px = (
         np.concatenate((core, star[like_stars]))

@@ -1,0 +1,94 @@
+"""The streaks that a camera's motion makes of all stars, found before any star: by the image's correlation with itself.
+
+Streaks alike add up where the image is laid over itself shifted by less than their length along them. Of a straight line
+of length l that correlation is 1 - t / l at the shift t. So stars that are too faint along their streaks to be found tell
+direction and length together. Uneven skies and clouds correlate as much beside the line as on it, and cancel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.star_shape import StarShape
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+# px. The correlation is looked at up to the largest shift; a line that falls no sooner is a trail, or a fault of the sensor.
+_SHIFTS, _LONGEST, _SHORTEST, _FIRST_SHIFT = 96, 78.0, 8.0, 4
+# Light counts up to so many standard deviations, so that no bright star decides; and in the middle of large images alone.
+_MOST_LIGHT, _MIDDLE_PX = 5.0, 1024
+# px. Lines are compared with those so far beside them.
+_BESIDE = 6.0
+# A streak's line stands out of the scatter of all other directions so many times; those so near to it do not count, deg.
+_CLEAR, _OWN_DEG = 8.0, 25.0
+# It falls as lines do, by the cosine of both, and has such a part of what light correlates at so many pixels.
+_STRAIGHT, _PART, _NEAR = 0.985, 0.12, 2.0
+# The Gaussian that fits a line of length l best has a variance of l^2 / 8 (l^2 / 12 is that of its light).
+GAUSSIAN_OF_LINE = 8.0
+_ACROSS_VARIANCE = 1.0
+
+
+def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
+    """Measure the streak that the stars of an image have in common; None where there is none.
+
+    Parameters
+    ----------
+    light : ndarray, shape (height, width)
+        Image less background, zero where it is not used.
+    noise : NoiseMap
+        Standard deviation of its pixels.
+    """
+    height, width = light.shape
+    top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
+    bottom, right = min(height, top + _MIDDLE_PX), min(width, left + _MIDDLE_PX)
+    if min(bottom - top, right - left) <= _SHIFTS:
+        return None
+    part = light[top:bottom, left:right] / noise.strip(top, bottom)[:, left:right]
+    correlation = _correlation(np.clip(part, -_MOST_LIGHT, _MOST_LIGHT))
+    turn = np.radians(np.arange(0.0, 180.0, 1.0))
+    along = np.column_stack((np.cos(turn), np.sin(turn)))
+    shifts = np.arange(_FIRST_SHIFT, _SHIFTS - _BESIDE - 1.0)
+    ridge = _lines(correlation, along, shifts, 0.0)
+    ridge -= (_lines(correlation, along, shifts, -_BESIDE) + _lines(correlation, along, shifts, _BESIDE)) / 2
+    lengths = np.arange(_SHORTEST, _SHIFTS, 1.0)
+    falls = np.maximum(1 - shifts / lengths[:, None], 0)
+    strength = ridge @ (falls / np.sqrt((falls**2).sum(axis=1, keepdims=True))).T
+    direction, length = np.unravel_index(np.argmax(strength), strength.shape)
+    highest, fall = strength[direction, length], falls[length]
+    apart = np.abs((np.arange(len(turn)) - direction + 90) % 180 - 90)
+    others = strength[apart > _OWN_DEG, length]
+    scatter = 1.4826 * float(np.median(np.abs(others - np.median(others))))
+    clear = highest - np.median(others) > _CLEAR * scatter
+    straight = highest > _STRAIGHT * np.linalg.norm(ridge[direction])
+    most = float(_lines(correlation, along, np.array([_NEAR]), 0.0).max() - np.median(correlation))
+    large = highest > _PART * most * np.linalg.norm(fall)
+    if not (clear and straight and large) or lengths[length] >= _LONGEST:
+        return None
+    line = np.outer(along[direction], along[direction]) * lengths[length] ** 2 / GAUSSIAN_OF_LINE
+    return StarShape.constant(
+        float(line[0, 0]) + _ACROSS_VARIANCE, float(line[0, 1]), float(line[1, 1]) + _ACROSS_VARIANCE, (height, width)
+    )
+
+
+def _correlation(light: F4) -> F8:
+    """Correlation of an image with itself, shifts from -_SHIFTS to _SHIFTS along rows (first) and columns."""
+    from scipy import fft
+
+    light = light - light.mean()
+    size = [fft.next_fast_len(side + _SHIFTS, real=True) for side in light.shape]
+    power = np.abs(fft.rfft2(light, size)) ** 2
+    whole = fft.irfft2(power, size) / light.size
+    reach = np.arange(-_SHIFTS, _SHIFTS + 1)
+    return np.asarray(whole[np.ix_(reach, reach)], dtype=np.float64)
+
+
+def _lines(correlation: F8, along: F8, shifts: F8, beside: float) -> F8:
+    """Read the correlation on lines through its middle, or so far beside it; shape (directions, shifts)."""
+    from scipy import ndimage
+
+    columns = _SHIFTS + along[:, :1] * shifts - along[:, 1:] * beside
+    rows = _SHIFTS + along[:, 1:] * shifts + along[:, :1] * beside
+    return np.asarray(ndimage.map_coordinates(correlation, [rows, columns], order=1, mode="nearest"))
