@@ -25,7 +25,9 @@ _BESIDE = 6.0
 # A streak's line stands out of the scatter of all other directions so many times; those so near to it do not count, deg.
 _CLEAR, _OWN_DEG = 8.0, 25.0
 # It falls as lines do, by the cosine of both, and has such a part of what light correlates at so many pixels.
-_STRAIGHT, _PART, _NEAR = 0.985, 0.12, 2.0
+_STRAIGHT, _PART, _NEAR = 0.97, 0.15, 2.0
+# Each half of the image has such a part of it at least: what lies in one is a trail, or stars in a row.
+_SHARED = 0.15
 # The Gaussian that fits a line of length l best has a variance of l^2 / 8 (l^2 / 12 is that of its light).
 GAUSSIAN_OF_LINE = 8.0
 _ACROSS_VARIANCE = 1.0
@@ -44,15 +46,16 @@ def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
     height, width = light.shape
     top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
     bottom, right = min(height, top + _MIDDLE_PX), min(width, left + _MIDDLE_PX)
-    if min(bottom - top, right - left) <= _SHIFTS:
+    if min(bottom - top, right - left) <= _SHIFTS or max(bottom - top, right - left) <= 2 * _SHIFTS:
         return None
     part = light[top:bottom, left:right] / noise.strip(top, bottom)[:, left:right]
-    correlation = _correlation(np.clip(part, -_MOST_LIGHT, _MOST_LIGHT))
+    part = np.clip(part, -_MOST_LIGHT, _MOST_LIGHT)
+    halves = [_correlation(half) for half in np.array_split(part, 2, axis=1 if width > height else 0)]
+    correlation = (halves[0] + halves[1]) / 2
     turn = np.radians(np.arange(0.0, 180.0, 1.0))
     along = np.column_stack((np.cos(turn), np.sin(turn)))
     shifts = np.arange(_FIRST_SHIFT, _SHIFTS - _BESIDE - 1.0)
-    ridge = _lines(correlation, along, shifts, 0.0)
-    ridge -= (_lines(correlation, along, shifts, -_BESIDE) + _lines(correlation, along, shifts, _BESIDE)) / 2
+    ridge = _ridge(correlation, along, shifts)
     lengths = np.arange(_SHORTEST, _SHIFTS, 1.0)
     falls = np.maximum(1 - shifts / lengths[:, None], 0)
     strength = ridge @ (falls / np.sqrt((falls**2).sum(axis=1, keepdims=True))).T
@@ -65,7 +68,9 @@ def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
     straight = highest > _STRAIGHT * np.linalg.norm(ridge[direction])
     most = float(_lines(correlation, along, np.array([_NEAR]), 0.0).max() - np.median(correlation))
     large = highest > _PART * most * np.linalg.norm(fall)
-    if not (clear and straight and large) or lengths[length] >= _LONGEST:
+    least = min(float((_ridge(half, along[direction : direction + 1], shifts) @ fall)[0]) for half in halves)
+    shared = least > _SHARED * highest * np.linalg.norm(fall)
+    if not (clear and straight and large and shared) or lengths[length] >= _LONGEST:
         return None
     line = np.outer(along[direction], along[direction]) * lengths[length] ** 2 / GAUSSIAN_OF_LINE
     return StarShape.constant(
@@ -83,6 +88,12 @@ def _correlation(light: F4) -> F8:
     whole = fft.irfft2(power, size) / light.size
     reach = np.arange(-_SHIFTS, _SHIFTS + 1)
     return np.asarray(whole[np.ix_(reach, reach)], dtype=np.float64)
+
+
+def _ridge(correlation: F8, along: F8, shifts: F8) -> F8:
+    """Read the correlation on lines, less what is beside them; shape (directions, shifts)."""
+    beside = _lines(correlation, along, shifts, -_BESIDE) + _lines(correlation, along, shifts, _BESIDE)
+    return np.asarray(_lines(correlation, along, shifts, 0.0) - beside / 2)
 
 
 def _lines(correlation: F8, along: F8, shifts: F8, beside: float) -> F8:

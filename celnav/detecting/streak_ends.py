@@ -1,6 +1,7 @@
 """Where the middles of streaks are, by their ends.
 
-Along a streak the light is the same everywhere but at its ends, which alone say where it lies: with a pixel's noise n and
+A streak is a line under a Gaussian, as in the trail fitting of Veres et al. (2012, PASP 124, 1197). Along it
+the light is the same everywhere but at its ends, which alone say where it lies: with a pixel's noise n and
 a ridge of height a the middle is known to n / a, whatever the length (the Cramér-Rao bound of a line under a Gaussian),
 where the centroid under a Gaussian of the streak's length, of which the ends are left out, scatters three times as much.
 
@@ -30,8 +31,9 @@ _LONG, _FEWEST = 9.0, 4
 # Profiles go so far beyond the shape's ends, and shifts as far from where the streak was found: a part of the length, px.
 _BEYOND, _BEYOND_PX = 0.35, 2.0
 _LENGTHS = np.arange(0.7, 1.451, 0.025)
-_STEP_PX = 0.5
-# A streak counts for the length up to such a significance, squared and halved: no bright one decides.
+# Steps of profiles and of shifts, px.
+_STEP_PX, _SHIFT_PX = 0.5, 0.2
+# A streak counts for the length as one of such a significance, squared and halved, does at most.
 _MOST = 200.0
 
 
@@ -89,16 +91,19 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
     size = light.shape
     pixel = noise.at(rows.clip(0, size[0] - 1), columns.clip(0, size[1] - 1)).astype(np.float64)
     reach = _BEYOND + _BEYOND_PX / float(np.median(length))
-    shifts = np.arange(-reach, reach, _STEP_PX / float(np.median(length)))
+    shifts = np.arange(-reach, reach, _SHIFT_PX / float(np.median(length)))
     fits = [_fit(profiles, factor, shifts, pixel) for factor in _LENGTHS]
-    likelihood, ridge = max(fits, key=lambda fit: float(np.minimum(fit[0].max(axis=1), _MOST).sum()))
+    best = np.array([likelihood.max(axis=1) for likelihood, _ in fits])
+    # No bright one decides.
+    counted = np.minimum(1, _MOST / np.maximum(best.max(axis=0), 1e-30))
+    likelihood, ridge = fits[int(np.argmax(best @ counted))]
     weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
     shift = weight @ shifts
     spread = length * np.sqrt(np.maximum(weight @ shifts**2 - shift**2, 0))
     ridge = np.maximum(np.take_along_axis(ridge, likelihood.argmax(axis=1)[:, None], axis=1)[:, 0], 1e-30)
     # At the ends half of the ridge's light scatters too. Across a streak positions are better by far.
-    spread = np.hypot(spread, np.sqrt(ridge / 2 / gain_e_per_unit) / ridge)
+    spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + _SHIFT_PX**2 / 12)
     moved = found + (shift * length)[:, None] * along
     inside = ((moved >= 0) & (moved <= np.array([size[1], size[0]]) - 1)).all(axis=1)
     at, sigma = stars.uv.copy(), stars.sigma_px.copy()
