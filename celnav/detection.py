@@ -39,8 +39,8 @@ from celnav.detecting.star_candidates import (
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
-from celnav.detecting.streak_correlation import streak_of_image
-from celnav.detecting.streak_ends import by_ends
+from celnav.detecting.streaks.correlation import streak_of_image
+from celnav.detecting.streaks.ends import by_ends
 from celnav.detecting.tiles import Tiles, mean_map
 from celnav.errors import ConfigError, DetectionError
 

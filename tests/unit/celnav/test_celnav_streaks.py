@@ -8,8 +8,8 @@ import celnav
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_centroids import measure_stars
 from celnav.detecting.star_shape import StarShape, axes, fit_shape
-from celnav.detecting.streak_correlation import GAUSSIAN_OF_LINE, streak_of_image
-from celnav.detecting.streak_ends import by_ends
+from celnav.detecting.streaks.correlation import GAUSSIAN_OF_LINE, streak_of_image
+from celnav.detecting.streaks.ends import by_ends
 from celnav.detecting.tiles import Tiles
 
 SIZE = (360, 480)

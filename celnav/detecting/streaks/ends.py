@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_centroids import CENTROID_FLOOR_PX, Measured
 from celnav.detecting.star_shape import axes
-from celnav.detecting.streak_correlation import GAUSSIAN_OF_LINE
+from celnav.detecting.streaks.correlation import GAUSSIAN_OF_LINE
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

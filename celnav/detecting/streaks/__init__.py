@@ -1,0 +1,1 @@
+"""Streaks that a moving camera makes of all stars."""
