@@ -26,6 +26,8 @@ _BESIDE = 6.0
 _CLEAR, _OWN_DEG = 8.0, 25.0
 # It falls as lines do, by the cosine of both, and has such a part of what light correlates at so many pixels.
 _STRAIGHT, _PART, _NEAR = 0.97, 0.15, 2.0
+# Nearer beside it, px, it stands out by such a part of that; of smooth clouds, which fall as the square, by a quarter.
+_NEARER, _NARROW = 3.0, 0.5
 # Each half of the image has such a part of it at least: what lies in one is a trail, or stars in a row.
 _SHARED = 0.15
 # The Gaussian that fits a line of length l best has a variance of l^2 / 8 (l^2 / 12 is that of its light).
@@ -70,7 +72,9 @@ def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
     large = highest > _PART * most * np.linalg.norm(fall)
     least = min(float((_ridge(half, along[direction : direction + 1], shifts) @ fall)[0]) for half in halves)
     shared = least > _SHARED * highest * np.linalg.norm(fall)
-    if not (clear and straight and large and shared) or lengths[length] >= _LONGEST:
+    nearer = float((_ridge(correlation, along[direction : direction + 1], shifts, _NEARER) @ fall)[0])
+    narrow = nearer > _NARROW * highest * np.linalg.norm(fall)
+    if not (clear and straight and large and shared and narrow) or lengths[length] >= _LONGEST:
         return None
     line = np.outer(along[direction], along[direction]) * lengths[length] ** 2 / GAUSSIAN_OF_LINE
     return StarShape.constant(
@@ -90,9 +94,9 @@ def _correlation(light: F4) -> F8:
     return np.asarray(whole[np.ix_(reach, reach)], dtype=np.float64)
 
 
-def _ridge(correlation: F8, along: F8, shifts: F8) -> F8:
-    """Read the correlation on lines, less what is beside them; shape (directions, shifts)."""
-    beside = _lines(correlation, along, shifts, -_BESIDE) + _lines(correlation, along, shifts, _BESIDE)
+def _ridge(correlation: F8, along: F8, shifts: F8, apart: float = _BESIDE) -> F8:
+    """Read the correlation on lines, less what is so far beside them; shape (directions, shifts)."""
+    beside = _lines(correlation, along, shifts, -apart) + _lines(correlation, along, shifts, apart)
     return np.asarray(_lines(correlation, along, shifts, 0.0) - beside / 2)
 
 

@@ -136,7 +136,19 @@ def with_bright_rows(light):
     light[100:340:40, :] += 8.0
 
 
-@pytest.mark.parametrize("add", [None, crossed_by_a_trail, with_an_uneven_sky, with_a_bright_column, with_bright_rows])
+def under_bands_of_cloud(light):
+    """Smooth noise, four times as long along one direction as across, as moonlit cloud."""
+    from scipy import ndimage
+
+    noise = np.random.default_rng(12).normal(0.0, 1.0, (800, 800))
+    cloud = ndimage.rotate(ndimage.gaussian_filter(noise, (5, 20)), 15, reshape=False, order=1)[:360, :480]
+    light += 60 * cloud / cloud.std()
+
+
+@pytest.mark.parametrize(
+    "add",
+    [None, crossed_by_a_trail, with_an_uneven_sky, with_a_bright_column, with_bright_rows, under_bands_of_cloud],
+)
 def test_round_stars_trails_clouds_and_faults_are_no_streaks(add):
     rng = np.random.default_rng(4)
     light = np.zeros(SIZE)
