@@ -33,8 +33,10 @@ _BEYOND, _BEYOND_PX = 0.35, 2.0
 _LENGTHS = np.arange(0.7, 1.451, 0.025)
 # Steps of profiles and of shifts, px.
 _STEP_PX, _SHIFT_PX = 0.5, 0.2
-# A streak counts for the length as one of such a significance, squared and halved, does at most.
-_MOST = 200.0
+# A streak counts for the length as one of such a significance, squared and halved, does at most. So many tell it.
+_MOST, _TELLING = 200.0, 256
+# Streaks that are measured at a time.
+_AT_ONCE = 256
 
 
 class _Profiles(NamedTuple):
@@ -50,15 +52,12 @@ class _Profiles(NamedTuple):
         1 in the image, 0 beyond.
     scale : ndarray, shape (n,)
         Noise of a profile's value over that of a pixel, with the pixels that a step stands for.
-    edge : float
-        Standard deviation of the ends, over the length.
     """
 
     at: F8
     light: F8
     inside: F8
     scale: F8
-    edge: float
 
 
 def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_per_unit: float) -> Measured:
@@ -86,22 +85,28 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
     along = np.column_stack((np.cos(turn), np.sin(turn)))
     length, width = np.sqrt(GAUSSIAN_OF_LINE * (large - small)), np.sqrt(small)
     found = stars.uv[long]
-    profiles = _profiles(light, found, along, length, width)
     rows, columns = np.rint(found[:, ::-1]).astype(np.intp).T
     size = light.shape
     pixel = noise.at(rows.clip(0, size[0] - 1), columns.clip(0, size[1] - 1)).astype(np.float64)
-    reach = _BEYOND + _BEYOND_PX / float(np.median(length))
-    shifts = np.arange(-reach, reach, _SHIFT_PX / float(np.median(length)))
-    fits = [_fit(profiles, factor, shifts, pixel) for factor in _LENGTHS]
-    best = np.array([likelihood.max(axis=1) for likelihood, _ in fits])
+    typical = float(np.median(length))
+    reach = _BEYOND + _BEYOND_PX / typical
+    shifts = np.arange(-reach, reach, _SHIFT_PX / typical)
+    half = 0.5 * _LENGTHS[-1] + _BEYOND + 2 * _BEYOND_PX / typical
+    along_at = np.arange(-half, half, _STEP_PX / typical)
+    edge = float(np.median(width / length))
+    telling = np.linspace(0, len(long) - 1, min(len(long), _TELLING)).astype(np.intp)
+    profiles = _profiles(light, found[telling], along[telling], length[telling], width[telling], along_at)
+    best = np.array([_fit(profiles, factor, edge, shifts, pixel[telling])[0].max(axis=1) for factor in _LENGTHS])
     # No bright one decides.
     counted = np.minimum(1, _MOST / np.maximum(best.max(axis=0), 1e-30))
-    likelihood, ridge = fits[int(np.argmax(best @ counted))]
-    weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
-    weight /= weight.sum(axis=1, keepdims=True)
-    shift = weight @ shifts
-    spread = length * np.sqrt(np.maximum(weight @ shifts**2 - shift**2, 0))
-    ridge = np.maximum(np.take_along_axis(ridge, likelihood.argmax(axis=1)[:, None], axis=1)[:, 0], 1e-30)
+    factor = float(_LENGTHS[np.argmax(best @ counted)])
+    placed = []
+    for start in range(0, len(long), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        profiles = _profiles(light, found[part], along[part], length[part], width[part], along_at)
+        placed.append(_placed(*_fit(profiles, factor, edge, shifts, pixel[part]), shifts))
+    shift, spread, ridge = np.concatenate(placed, axis=1)
+    spread *= length
     # At the ends half of the ridge's light scatters too. Across a streak positions are better by far.
     spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + _SHIFT_PX**2 / 12)
     moved = found + (shift * length)[:, None] * along
@@ -112,12 +117,20 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
     return replace(stars, uv=at, sigma_px=sigma)
 
 
-def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8) -> _Profiles:
+def _placed(likelihood: F8, ridge: F8, shifts: F8) -> F8:
+    """Mean of the shifts of each streak over their likelihoods, its scatter, and the ridge at the likeliest; shape (3, n)."""
+    weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    shift = weight @ shifts
+    spread = np.sqrt(np.maximum(weight @ shifts**2 - shift**2, 0))
+    ridge = np.maximum(np.take_along_axis(ridge, likelihood.argmax(axis=1)[:, None], axis=1)[:, 0], 1e-30)
+    return np.stack((shift, spread, ridge))
+
+
+def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8, at: F8) -> _Profiles:
+    """Read the light along streaks at places `at`, shape (t,), over their lengths."""
     from scipy import ndimage
 
-    typical = float(np.median(length))
-    half = 0.5 * _LENGTHS[-1] + _BEYOND + 2 * _BEYOND_PX / typical
-    at = np.arange(-half, half, _STEP_PX / typical)
     reach = max(2, int(np.ceil(2.5 * width.max())))
     beside = np.arange(-reach, reach + 1.0)
     far = (at * length[:, None])[:, :, None]
@@ -130,12 +143,11 @@ def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8) -> _Profiles:
     step = (at[1] - at[0]) * length
     across = (weights**2).sum(axis=1)
     summed = np.einsum("nty,ny->nt", values, weights) * inside / across[:, None]
-    edge = float(np.median(width / length))
-    return _Profiles(at, summed, inside.astype(np.float64), 1 / np.sqrt(across * step), edge)
+    return _Profiles(at, summed, inside.astype(np.float64), 1 / np.sqrt(across * step))
 
 
-def _fit(profiles: _Profiles, factor: float, shifts: F8, noise: F8) -> tuple[F8, F8]:
-    """Fit lines of a length, in those of the shape, and a level to each profile at all shifts.
+def _fit(profiles: _Profiles, factor: float, edge: float, shifts: F8, noise: F8) -> tuple[F8, F8]:
+    """Fit lines of a length, in those of the shape, with ends so soft, and a level to each profile at all shifts.
 
     Returns
     -------
@@ -146,8 +158,8 @@ def _fit(profiles: _Profiles, factor: float, shifts: F8, noise: F8) -> tuple[F8,
     """
     from scipy.special import erf
 
-    apart = (profiles.at - shifts[:, None]) / (np.sqrt(2) * profiles.edge)
-    end = factor / 2 / (np.sqrt(2) * profiles.edge)
+    apart = (profiles.at - shifts[:, None]) / (np.sqrt(2) * edge)
+    end = factor / 2 / (np.sqrt(2) * edge)
     lines = (erf(apart + end) - erf(apart - end)) / 2
     number = np.maximum(profiles.inside.sum(axis=1, keepdims=True), 1)
     mean = profiles.inside @ lines.T / number

@@ -183,3 +183,16 @@ def test_shape_of_few_long_streaks_and_of_few_round_stars():
     assert isinstance(shape, StarShape)
     assert not shape.varies
     assert fit_shape(np.array([[1.2, 0.0, 1.1]]) * alike, uv, SIZE) is None
+
+
+def test_streaks_measured_a_few_at_a_time_are_those_measured_together(monkeypatch):
+    light, truth = streaked((24.0, 18.0), (6000, 3000))
+    image, noise = seen(light, 6) - np.float32(LEVEL), flat_noise(np.sqrt(LEVEL + 9))
+    own = np.tile(np.array([24.0 * 24, 24.0 * 18, 18.0 * 18]) / GAUSSIAN_OF_LINE + [1.0, 0.0, 1.0], (len(truth), 1))
+    stars = measure_stars(image, noise, truth, own, np.inf)
+    together = by_ends(image, noise, stars, own, np.inf)
+    monkeypatch.setattr("celnav.detecting.streaks.ends._AT_ONCE", 5)
+    apart = by_ends(image, noise, stars, own, np.inf)
+    assert together is not stars
+    assert apart.uv == pytest.approx(together.uv, abs=1e-9)
+    assert apart.sigma_px == pytest.approx(together.sigma_px, rel=1e-9)
