@@ -1,4 +1,4 @@
-"""Commands that keep results of today's code: `skybench bench boards`, `pack-results`, `stale` and `revisions`."""
+"""Commands that keep results of today's code: `skybench bench boards`, `pack-results`, `confirm`, `stale`, `revisions`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import progress_bars
+from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError
 
 if TYPE_CHECKING:
@@ -31,6 +32,9 @@ def add_to(app: typer.Typer) -> None:
         "boards", epilog="Example: skybench bench boards --plan. Exit status: 0 all made, 1 some rows cannot run here."
     )(boards)
     app.command("pack-results", epilog="Example: skybench bench pack-results --out results/leaderboard")(pack_results)
+    app.command("confirm", epilog="Example: skybench bench confirm motion@2 drift@1 --data out/tasks --workers 2")(
+        confirm
+    )
     app.command("stale", epilog="Example: skybench bench stale. Exit status: 0 all is as it says, 1 not.")(stale)
     app.command("revisions", epilog="Example: skybench bench revisions --tree ../checkout")(revisions)
 
@@ -180,6 +184,47 @@ def pack_results(out: _Out = _LEADERBOARD, as_json: AsJson = False) -> None:
         typer.echo(f"{table.listing}: {table.n_new} of {table.n_rows} rows new, {table.size_bytes / 1000:.0f} kB")
     if not packed:
         typer.echo(f"{out}: no raw results in it")
+
+
+def confirm(
+    tasks: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TASK|DIR|TASKFILE…", help="Frames with packed results.", autocompletion=completion.targets
+        ),
+    ],
+    out: _Out = _LEADERBOARD,
+    split: Annotated[Split, typer.Option("--split", help="Of the tasks.")] = Split.DEV,
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder for the tasks' frames; missing ones are rendered.")
+    ] = Path("out/tasks"),
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes that render.")] = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Render all frames of tasks again; packed results of the same frames, to the byte, become results of today's frames.
+
+    For changes of the generator that have no part in a task. A frame that differs is named, and its results stay as they are.
+    """
+    from benchmark.frames.opening import open_frames
+    from benchmark.frames.task_frames import FrameChoice
+    from benchmark.run.confirm import confirm as confirm_results
+
+    found = []
+    try:
+        with progress_bars() as bar:
+            for task in tasks:
+                line = bar.add_task(task, total=None)
+                choice = FrameChoice(split=split.value, data=data, workers=workers)
+                frames = open_frames(task, choice, lambda count, line=line: bar.advance(line, count))  # type: ignore[misc]
+                found.append(confirm_results(out, frames))
+    except BenchmarkError as error:
+        fail(error)
+    if as_json:
+        print_json({"confirmed": found})
+        return
+    for each in found:
+        what = f"now of today's: {', '.join(each.solvers)}" if each.solvers else "all rows are of today's already"
+        typer.echo(f"{each.listing}: {each.n_frames} frames are the same bytes; {what}")
 
 
 def stale(

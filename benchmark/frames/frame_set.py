@@ -67,6 +67,8 @@ class FrameFacts:
         Of the truth of these frames, see `benchmark.frames.dataset.truth_digest`.
     rendered_with : mapping of str to str
         The generator's versions, as recorded in the frames.
+    rendered_again_with : mapping of str to str or None
+        Versions of a later generator that rendered the same images and truth, to the byte (`benchmark.run.confirm`).
     frozen : mapping of str to str or None
         Revisions of solvers that were settled before the frames were drawn, by name; None where frames were not drawn so.
     """
@@ -85,6 +87,7 @@ class FrameFacts:
     truth_sha256: str
     rendered_with: Mapping[str, str]
     frozen: Mapping[str, str] | None = None
+    rendered_again_with: Mapping[str, str] | None = None
 
     @property
     def part(self) -> str:

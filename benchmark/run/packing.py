@@ -70,10 +70,7 @@ def _pack_part(part: Path, raw: list[tuple[Path, PackedRow]]) -> PackedTable:
     kept = read_packed(listing) if listing.is_file() else []
     rows = {(row.detections, row.solver): row for row in kept} | new
     ordered = [rows[place] for place in sorted(rows)]
-    table, text = pack(ordered)
-    write_bytes(listing.with_suffix(".parquet"), table)
-    write_bytes(listing, text)
-    _check(listing, ordered)
+    size_bytes = write_packed(listing, ordered)
     for folder, _ in raw:
         shutil.rmtree(folder)
     for mode in sorted({folder.parent for folder, _ in raw}):
@@ -81,7 +78,16 @@ def _pack_part(part: Path, raw: list[tuple[Path, PackedRow]]) -> PackedTable:
             mode.rmdir()
     if not any(part.iterdir()):
         part.rmdir()
-    return PackedTable(listing, len(new), len(ordered), len(table) + len(text))
+    return PackedTable(listing, len(new), len(ordered), size_bytes)
+
+
+def write_packed(listing: Path, rows: list[PackedRow]) -> int:
+    """Write a packed table and its listing, and read them again; bytes of both. Raises ResultsError."""
+    table, text = pack(rows)
+    write_bytes(listing.with_suffix(".parquet"), table)
+    write_bytes(listing, text)
+    _check(listing, rows)
+    return len(table) + len(text)
 
 
 def _check(listing: Path, rows: list[PackedRow]) -> None:

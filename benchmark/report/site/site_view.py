@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from benchmark.frames.frame_set import FrameFacts
 from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.charts import SHAPES, Style
@@ -345,6 +346,13 @@ def _isolation_words(isolation: str | None) -> str:
     return "no" if isolation == NOT_ISOLATED else f"yes ({isolation})"
 
 
+def _generator_words(frames: FrameFacts) -> str:
+    """Revision of the generator, and the later one that rendered the same frames."""
+    first = frames.rendered_with.get(GENERATOR_REVISION, "")
+    again = (frames.rendered_again_with or {}).get(GENERATOR_REVISION)
+    return f"{first}; {again} renders the same frames, to the byte" if again else first
+
+
 def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
     """Where a board comes from."""
     frames = board.entries[0].stored.provenance.frames
@@ -355,7 +363,7 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
         ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
         ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else ""),
         ("hashes of frames", _hashes_words(board)),
-        ("generator's revision", frames.rendered_with.get(GENERATOR_REVISION, "")),
+        ("generator's revision", _generator_words(frames)),
         ("rendered with", rendered),
     )
     if frames.frozen is not None:
