@@ -102,7 +102,7 @@ def run(
         float | None, typer.Option("--condition", help="Only the frames of this value of the task's condition.")
     ] = None,
     all_tasks: Annotated[
-        bool, typer.Option("--all", help="All tasks; without --solver, all solvers that can run here.")
+        bool, typer.Option("--all", help="All tasks; without --solver, all solvers that can run here but the fused.")
     ] = False,
     attempt: Annotated[
         int | None,

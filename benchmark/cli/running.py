@@ -28,7 +28,7 @@ from benchmark.run.engine import SolverRun, check_contestants, outcomes, run_all
 from benchmark.run.provenance import DetectionsMode
 from benchmark.run.results import check_writable
 from benchmark.run.sessions import session_pool
-from benchmark.solvers.registry import known_solvers
+from benchmark.solvers.registry import solvers_by_themselves
 from benchmark.stats.metrics import ERROR, FIX
 from benchmark.tasks.definition import task_names
 
@@ -180,13 +180,13 @@ def obstacles(names: Sequence[str]) -> dict[str, str]:
 
 
 def _contestants(names: Sequence[str]) -> list[Contestant]:
-    """Those that are named; without names, all that can run here, saying why the others cannot."""
+    """Those that are named; without names, all but the fused ones that can run here, saying why the others cannot."""
     if names:
         return [contestant_of(name) for name in names]
-    left_out = obstacles(known_solvers())
+    left_out = obstacles(solvers_by_themselves())
     for obstacle in left_out.values():
         typer.echo(f"left out: {obstacle}", err=True)
-    return [contestant_of(name) for name in known_solvers() if name not in left_out]
+    return [contestant_of(name) for name in solvers_by_themselves() if name not in left_out]
 
 
 def _default_out(targets: Sequence[str]) -> Path:

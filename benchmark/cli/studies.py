@@ -227,12 +227,12 @@ def independence(
 def _solvers(named: list[str] | None) -> list[str]:
     """The solvers named, or all that can run here."""
     from benchmark.cli.running import obstacles
-    from benchmark.solvers.registry import known_solvers
+    from benchmark.solvers.registry import solvers_by_themselves
 
     if named:
         return list(named)
-    left_out = obstacles(known_solvers())
-    return [name for name in known_solvers() if name not in left_out]
+    left_out = obstacles(solvers_by_themselves())
+    return [name for name in solvers_by_themselves() if name not in left_out]
 
 
 def _print_study(lines: Iterable[str], numbers: Path, page: Path, as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,15 +57,19 @@ class BoardsRequest:
 def plan_boards(request: BoardsRequest) -> Plan:
     """Find the rows that are missing or not of today's code.
 
+    A fused solver has rows of tasks of sequences alone; elsewhere it answers as the solver that it asks.
+
     Raises
     ------
     BenchmarkError
         A task, a solver or a result is wrong.
     """
-    targets = {label: _size(task, request) for label, (_, task) in _tasks(request).items()}
-    for solver in request.solvers:
-        contestant_of(solver)
-    return make_plan(_standing(request.out), targets, request.solvers, ("own",))
+    tasks = {label: task for label, (_, task) in _tasks(request).items()}
+    targets = {label: _size(task, request) for label, task in tasks.items()}
+    fused = [solver for solver in request.solvers if (found := contestant_of(solver).definition) and found.fused]
+    single = [label for label, task in tasks.items() if task.sequence_length == 1]
+    left_out = set(itertools.product(single, fused))
+    return make_plan(_standing(request.out), targets, request.solvers, ("own",), left_out)
 
 
 def run_plan(plan: Plan, request: BoardsRequest, progress: Callable[[str, int], None]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from benchmark.run.freshness import Age, State
@@ -76,6 +76,7 @@ def make_plan(
     tasks: Mapping[str, int],
     solvers: Sequence[str],
     modes: Sequence[DetectionsMode],
+    left_out: Collection[tuple[str, str]] = (),
 ) -> Plan:
     """Find what is missing or not of today's code.
 
@@ -89,8 +90,11 @@ def make_plan(
         Each has a row to each task in each of the `modes`.
     modes : sequence of str
         Rows in another mode of detections that are there are kept up to date too.
+    left_out : collection of (str, str)
+        Tasks and solvers that get no row where none is there.
     """
-    wanted = [Place(task, mode, solver) for task in tasks for mode in modes for solver in solvers]
+    each = [(task, mode, solver) for task in tasks for mode in modes for solver in solvers]
+    wanted = [Place(task, mode, solver) for task, mode, solver in each if (task, solver) not in left_out]
     others = [place for place in standing if place.task in tasks and place.solver in solvers]
     usual_s = statistics.median([row.frame_s for row in standing.values()] or [RENDER_S])
     jobs, fresh = [], []

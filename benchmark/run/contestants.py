@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmark.errors import SolverError
 from benchmark.protocol import SolverUnderTest
+from benchmark.run.fused_session import FusedSession
 from benchmark.run.provenance import DetectionsMode, SolverFacts
 from benchmark.run.results import check_solver_name
 from benchmark.run.sessions import InProcessSession, OtherProcessSession, PipeSession, Session, isolation_of
@@ -47,11 +48,12 @@ class Contestant:
         """Why it cannot run here, and what to do; empty where it can."""
         if self.definition is None:
             return ""
-        missing = missing_packages(self.definition)
+        asked = self.definition.asked
+        missing = missing_packages(asked)
         if missing:
-            return missing_message(self.definition, missing)
+            return missing_message(asked, missing)
         try:
-            self.definition.command_line()
+            asked.command_line()
         except SolverError as error:
             return str(error)
         return ""
@@ -59,14 +61,15 @@ class Contestant:
     def make_session(self, jobs: int, on_stderr: Callable[[bytes], None] | None = None) -> Session:
         """Make one of `jobs` sessions; `on_stderr` gets what a program writes on its standard error."""
         if self.definition is not None:
-            return PipeSession(self.definition, on_stderr)
+            session = PipeSession(self.definition.asked, on_stderr)
+            return session if self.definition.fused is None else FusedSession(session)
         assert self.instance is not None
         return InProcessSession(self.instance) if jobs == 1 else OtherProcessSession(self.instance)
 
     def facts(self, version: str, detections: DetectionsMode) -> SolverFacts:
         """What results say of it; `version` is what its session says."""
         if self.definition is not None:
-            spec, limits = self.definition.spec, self.definition.limits
+            spec, asked = self.definition.spec, self.definition.asked
             return SolverFacts(
                 target=self.target,
                 kind="registered" if self.target in known_solvers() else "folder",
@@ -75,9 +78,9 @@ class Contestant:
                 version=version,
                 detector=shared_detector() if detections == "shared" else OWN_DETECTOR,
                 revision=self.definition.revision,
-                time_limit_s=limits.time_s,
-                memory_limit_mib=limits.memory_mib,
-                isolation=isolation_of(self.definition),
+                time_limit_s=asked.limits.time_s,
+                memory_limit_mib=asked.limits.memory_mib,
+                isolation=isolation_of(asked),
             )
         assert self.instance is not None
         return SolverFacts(

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
-from benchmark.solvers.revision import PackageTree, adapter_behaviour, installed_packages, revision_of
+from benchmark.solvers.revision import PackageTree, adapter_behaviour, fusion_behaviour, installed_packages, revision_of
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -61,6 +61,9 @@ class SolverSpec(Strict):
     """What a command knows: with ``pinhole`` it gets every frame as a pinhole shows it (`benchmark.run.pinhole_frames`)."""
     focal_retries: bool = False
     """Whether it is asked again with other focal lengths where it refuses (`benchmark.run.focal_retry`)."""
+    fuses: Annotated[str, Field(min_length=1, max_length=500)] | None = None
+    """Folder of another solver, from this one's, in place of adapter and command: its positions of a sequence's frames go
+    through one filter (`benchmark.solvers.fusion`). How it runs stands in its own ``solver.yaml``."""
     time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
     """Per frame."""
     memory_limit_mib: Annotated[int, Field(ge=64, le=1_000_000)] = 4096
@@ -68,8 +71,10 @@ class SolverSpec(Strict):
 
     @model_validator(mode="after")
     def _one_way(self) -> SolverSpec:
-        if (self.adapter is None) == (not self.command):
-            raise ValueError("give either adapter or command")
+        if [self.adapter is not None, bool(self.command), self.fuses is not None].count(True) != 1:
+            raise ValueError("give either adapter or command or fuses")
+        if self.fuses and (others := self.model_fields_set - {"name", "title", "licence", "fuses"}):
+            raise ValueError(f"{', '.join(sorted(others))} cannot be beside fuses; the fused solver's own are taken")
         if self.command and self.version is None:
             raise ValueError("command needs version")
         if self.adapter and (self.version or self.environment):
@@ -86,7 +91,8 @@ class SolverSpec(Strict):
     def settings(self) -> dict[str, object]:
         """What bears on how it runs."""
         optional = {"programs": not self.programs, "lens": self.lens == "any", "focal_retries": not self.focal_retries}
-        left_out = {"title", "licence", "install", "reads", *(name for name, unused in optional.items() if unused)}
+        unused = {name for name, is_unused in optional.items() if is_unused}
+        left_out = {"title", "licence", "install", "reads", "fuses", *unused}
         return self.model_dump(mode="json", exclude=left_out)
 
 
@@ -96,11 +102,18 @@ class SolverFolder:
 
     folder: Path
     spec: SolverSpec
+    fused: SolverFolder | None = None
+    """Another solver, whose answers it fuses."""
 
     @property
     def name(self) -> str:
         """In tables and in the names of folders."""
         return self.spec.name
+
+    @property
+    def asked(self) -> SolverFolder:
+        """The solver that is asked about each frame."""
+        return self.fused or self
 
     @property
     def limits(self) -> Limits:
@@ -154,6 +167,9 @@ class SolverFolder:
 
     def revision_among(self, packages: PackageTree) -> str:
         """Its revision with the packages of another tree, such as a checkout of an earlier commit; raises as `revision`."""
+        if self.fused is not None:
+            settings = {"name": self.name, "fuses": self.fused.revision_among(packages)}
+            return revision_of(settings, {}, fusion_behaviour(packages.sources), packages.catalogues)
         adapter = self.spec.adapter
         # What an adapter imports is found in its modules.
         left_out = {SPEC_NAME} if adapter is None else {SPEC_NAME, "__init__.py", "adapter.py"}
@@ -181,12 +197,23 @@ def read_solver_folder(folder: Path) -> SolverFolder:
     SolverError
         There is no ``solver.yaml`` in it, or it is wrong.
     """
+    spec = _read_spec(folder)
+    if spec.fuses is None:
+        return SolverFolder(folder.resolve(), spec)
+    place = folder / spec.fuses
+    fused = _read_spec(place)
+    if fused.fuses is not None:
+        raise SolverError(f"{folder / SPEC_NAME}: fuses: {spec.fuses} fuses another; give the folder of that one")
+    return SolverFolder(folder.resolve(), spec, SolverFolder(place.resolve(), fused))
+
+
+def _read_spec(folder: Path) -> SolverSpec:
     path = folder / SPEC_NAME
     try:
         if path.stat().st_size > 100_000:
             raise SolverError(f"{path}: larger than 100000 bytes")
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return SolverFolder(folder.resolve(), SolverSpec.model_validate(tree))
+        return SolverSpec.model_validate(tree)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise SolverError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
     except ValidationError as error:

@@ -20,6 +20,11 @@ def known_solvers() -> tuple[str, ...]:
     return tuple(sorted(_folders()))
 
 
+def solvers_by_themselves() -> tuple[str, ...]:
+    """Names of these but for the fused ones, whose answers to a frame of no sequence are those of the solvers they ask."""
+    return tuple(sorted(name for name, solver in _folders().items() if solver.fused is None))
+
+
 def solver_folder(name: str) -> SolverFolder:
     """Find a solver by its name, or by the path of its folder.
 

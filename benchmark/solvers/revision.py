@@ -51,6 +51,11 @@ def adapter_behaviour(sources: Sources, adapter: str, solver: str) -> Behaviour:
     return behaviour_of(sources, Entry(names, _SHARED_MODULES, solver))
 
 
+def fusion_behaviour(sources: Sources) -> Behaviour:
+    """Modules of the filter behind a solver that is fused."""
+    return behaviour_of(sources, Entry([("benchmark.solvers.fusion", "")]))
+
+
 def detector_behaviour(sources: Sources) -> Behaviour:
     """Modules that celnav's detector imports."""
     return behaviour_of(sources, Entry([("celnav", "detect")]))

@@ -72,7 +72,7 @@ def test_who_does_not_ask_for_it_is_asked_once(tmp_path, frame):
 
 
 def test_only_the_solver_that_searches_by_itself_and_the_thesis_which_gain_nothing_go_without():
-    assert [name for name in known_solvers() if not solver_folder(name).spec.focal_retries] == WITHOUT
+    assert [name for name in known_solvers() if not solver_folder(name).asked.spec.focal_retries] == WITHOUT
 
 
 def test_stars_may_be_matched_by_their_places(frame):

@@ -15,6 +15,7 @@ from unit.benchmark.test_tasks import PROGRAM, TINY, TINY_SCENARIO
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.report.marks import find_marks, source_digest
+from benchmark.report.refresh import BoardsRequest, plan_boards
 from benchmark.report.refresh_plan import Job, Place, Standing, make_plan
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.columns import CALIBRATION, HEADLINE, MORE
@@ -49,6 +50,20 @@ def test_a_plan_has_what_is_missing_older_unrecorded_or_too_small() -> None:
     )
     assert plan.fresh == (Place("one@1", "own", "fresh"), Place("one@1", "shared", "fresh"))
     assert plan.seconds(2, 40) == pytest.approx((20.0 + 4.0) / 2)
+
+
+def test_a_plan_leaves_rows_out_that_are_not_asked_for_but_keeps_those_that_are_there() -> None:
+    standing = {Place("one@1", "own", "a"): Standing(OLDER, 20, 0.5)}
+    left_out = {("one@1", "a"), ("two@1", "b"), ("one@1", "b")}
+    plan = make_plan(standing, {"one@1": 20, "two@1": 20}, ["a", "b"], ["own"], left_out)
+    assert [job.place for job in plan.jobs] == [Place("two@1", "own", "a"), Place("one@1", "own", "a")]
+
+
+def test_fused_solvers_have_rows_of_tasks_of_sequences_alone(tmp_path: Path) -> None:
+    solvers = ("tetra3rs", "tetra3rs-fused")
+    plan = plan_boards(BoardsRequest(("uav", "drift"), solvers, tmp_path, tmp_path, 1, 1))
+    rows = {(job.place.task, job.place.solver) for job in plan.jobs}
+    assert rows == {("uav@1", "tetra3rs"), ("uav@1", "tetra3rs-fused"), ("drift@1", "tetra3rs")}
 
 
 @pytest.fixture(scope="module")
