@@ -24,8 +24,7 @@ from generator.ground.surface_textures import (
     Place,
     Response,
     Surface,
-    reflecting,
-    shining,
+    surface,
 )
 from generator.light.atmosphere import airmass
 from generator.light.molecular_bands import depth_per_airmass
@@ -54,49 +53,49 @@ class LandscapeMaps:
     Attributes
     ----------
     surface : Surface
-        Alpha and the SURFACES.
     terms : (channels, AZIMUTHS, SURFACES) float32 array
-        Signal of each of the surfaces.
-    own : Surface or None
-        Signal of its own light by channel.
+        Signal of each of the SURFACES.
+    shines : bool
+        Whether its own light counts.
     whole : LandscapeMaps or None
         The whole circle in coarse steps, where the lens scatters light from outside the frame.
     """
 
     surface: Surface
     terms: NDArray[np.float32]
-    own: Surface | None
+    shines: bool
     whole: LandscapeMaps | None = None
 
     def signal(self, altitude_deg: float, azimuth_deg: float) -> Floats:
         """Of the texel around a direction, (channels,) array."""
         terms = self.terms[:, round(azimuth_deg % 360 / 360 * AZIMUTHS) % AZIMUTHS]
-        signal = terms.astype(np.float64) @ self.surface.at(altitude_deg, azimuth_deg)[1:]
-        if self.own is not None:
-            signal += self.own.at(altitude_deg, azimuth_deg)[: len(terms)]
+        there = self.surface.at(altitude_deg, azimuth_deg)
+        signal = terms.astype(np.float64) @ there[1 : 1 + SURFACES]
+        if self.shines:
+            signal += there[1 + SURFACES :][: len(terms)]
         return np.asarray(signal)
 
     def parameters(self, name: str = "landscape") -> dict[str, Any]:
         """As parameters of the integrator."""
-        surface = self.surface
+        maps = self.surface
         # As many numbers as the maps have planes.
         padded = np.zeros((*self.terms.shape[:2], 1 + SURFACES), np.float32)
         padded[..., 1:] = self.terms
-        own = {
-            f"{name}_maps": surface.values,
-            f"{name}_cells": surface.cells,
+        numbers = {
+            f"{name}_maps": maps.values,
+            f"{name}_planes": maps.planes,
+            f"{name}_shines": self.shines,
+            f"{name}_cells": maps.cells,
             f"{name}_terms": tensor(padded.reshape(-1)),
             f"{name}_channels": len(self.terms),
-            f"{name}_rows": surface.rows,
-            f"{name}_columns": surface.columns,
-            f"{name}_top_deg": surface.top_deg,
-            f"{name}_bottom_deg": surface.bottom_deg,
-            f"{name}_first_column": surface.first_column,
-            f"{name}_whole_columns": surface.whole_columns,
+            f"{name}_rows": maps.rows,
+            f"{name}_columns": maps.columns,
+            f"{name}_top_deg": maps.top_deg,
+            f"{name}_bottom_deg": maps.bottom_deg,
+            f"{name}_first_column": maps.first_column,
+            f"{name}_whole_columns": maps.whole_columns,
         }
-        if self.own is not None:
-            own[f"{name}_own"] = self.own.values
-        return own if self.whole is None else own | self.whole.parameters("surroundings")
+        return numbers if self.whole is None else numbers | self.whole.parameters("surroundings")
 
 
 def _in_view(plan: FramePlan, ground: Ground) -> Place | None:
@@ -134,7 +133,7 @@ def landscape_maps(
     with blas_threads().limit(limits=1, user_api="blas"):
         light = sky_light(plan, tables, component in (None, "moonlight"))
         terms = surface_terms(irradiance(panorama, light), light, response)
-        return _in_both(plan, spec, terms, Response.of(response) if component is None else None)
+        return _in_both(plan, spec, terms, response, shines=component is None)
 
 
 def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
@@ -143,11 +142,11 @@ def own_light_maps(plan: FramePlan, response: Floats) -> LandscapeMaps | None:
     if spec is None:
         return None
     dark = np.zeros((len(response), AZIMUTHS, SURFACES), np.float32)
-    return _in_both(plan, spec, dark, Response.of(response))
+    return _in_both(plan, spec, dark, response, shines=True)
 
 
 def _in_both(
-    plan: FramePlan, spec: LandscapeSpec, terms: NDArray[np.float32], shines_to: Response | None
+    plan: FramePlan, spec: LandscapeSpec, terms: NDArray[np.float32], response: Floats, shines: bool
 ) -> LandscapeMaps:
     """Maps of what a frame's camera may see, and of the whole circle where its lens needs that."""
     ground = Ground(
@@ -159,8 +158,8 @@ def _in_both(
     )
 
     def drawn(ground: Ground, part: Place | None) -> LandscapeMaps:
-        own = None if shines_to is None else shining(ground, part, shines_to)
-        return LandscapeMaps(reflecting(ground, part), terms, own)
+        maps = surface(ground, part, Response.of(response))
+        return LandscapeMaps(maps, terms, shines and maps.shines)
 
     near = drawn(ground, _in_view(plan, ground))
     if plan.spec.camera.direct_share == 1:

@@ -25,6 +25,8 @@ Singles = NDArray[np.float32]
 
 SURFACES = 7
 """Upright red, green, blue; level red, green, blue; air."""
+REFLECTING = 5
+"""Numbers of a texel that say all of them: alpha, whose sign is that of level ones, red, green, blue, air."""
 AZIMUTHS = 4 * WALLS
 """Of the terms, evenly spaced from north: among them are all places between which terms run straight."""
 CELL_DEG = 1.0

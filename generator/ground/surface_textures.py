@@ -15,7 +15,7 @@ from generator.ground.lamp import KINDS, Lamp, spectrum
 from generator.ground.lighting import lamp_illuminance, transmission
 from generator.ground.panorama import Layers, Panorama, fitted_shape, reduced
 from generator.ground.reflectance import primaries
-from generator.ground.surface import covered_cells, surface_maps
+from generator.ground.surface import REFLECTING, covered_cells, surface_maps
 from generator.light.lamps import LUMEN_PER_V_PHOTON
 
 Floats = NDArray[np.float64]
@@ -100,13 +100,19 @@ class Response:
 class Surface:
     """Maps on the device: texels with a margin of one around them, by row and column, the planes of a texel together.
 
+    A texel is upright or level, never both, so that one set of colours is enough: its planes are alpha, below zero (or -0)
+    of level ones, red, green, blue, air, and its own light by channel.
+
     Attributes
     ----------
     values : TensorXf
         One axis.
     cells : TensorXf
-        One axis: :func:`generator.ground.surface.covered_cells` of the first plane.
+        One axis: :func:`generator.ground.surface.covered_cells` of alpha.
     planes : int
+        Of a texel, a power of two.
+    shines : bool
+        Whether it has any light of its own.
     rows, columns : int
         Without the margin.
     top_deg, bottom_deg : float
@@ -117,6 +123,7 @@ class Surface:
     values: Any
     cells: Any
     planes: int
+    shines: bool
     rows: int
     columns: int
     top_deg: float
@@ -125,50 +132,45 @@ class Surface:
     whole_columns: int
 
     def at(self, altitude_deg: float, azimuth_deg: float) -> Singles:
-        """Values (planes,) of the texel around a direction."""
+        """Alpha, SURFACES, and own light of the texel around a direction."""
         row = int((self.top_deg - altitude_deg) / (self.top_deg - self.bottom_deg) * self.rows)
         whole = self.whole_columns or self.columns
         column = (int(azimuth_deg % 360 / 360 * whole) - self.first_column) % whole
         texels = np.array(self.values).reshape(self.rows + 2, self.columns + 2, self.planes)
-        return np.asarray(texels[row + 1, column + 1])
+        alpha, *colours, air = texels[row + 1, column + 1, :REFLECTING]
+        upright, level = (colours, (0, 0, 0)) if not np.signbit(alpha) else ((0, 0, 0), colours)
+        return np.array([abs(alpha), *upright, *level, air, *texels[row + 1, column + 1, REFLECTING:]], np.float32)
 
 
 @functools.lru_cache(maxsize=2)
-def reflecting(ground: Ground, part: Place | None) -> Surface:
-    """Alpha and what reflects light, of a part of a landscape or all of it: :func:`generator.ground.surface.surface_maps`."""
+def surface(ground: Ground, part: Place | None, response: Response) -> Surface:
+    """What reflects light (:func:`generator.ground.surface.surface_maps`) and what shines, of a part or all."""
     layers = ground.layers(part)
-    return _surface(layers, surface_maps(layers, ground.extinction_per_km))
-
-
-@functools.lru_cache(maxsize=2)
-def shining(ground: Ground, part: Place | None, response: Response) -> Surface | None:
-    """The signal of a landscape's windows and of the lamps on it, by channel; None where it is dark."""
-    layers = ground.layers(part)
-    if layers.glow is None and not ground.lamps:
-        return None
-    signal = own_light(layers, ground, response.array)
-    passed = transmission(layers, ground.extinction_per_km)
-    return _surface(layers, signal if passed is None else signal * passed)
-
-
-def _surface(layers: Layers, maps: Singles) -> Surface:
-    """Maps (k, ny, nx) on the device; their number is filled up to a power of two."""
-    planes, rows, columns = 1 << (len(maps) - 1).bit_length(), *layers.alpha.shape
+    maps = surface_maps(layers, ground.extinction_per_km)
+    shines = layers.glow is not None or bool(ground.lamps)
+    planes = 1 << (REFLECTING + shines * response.channels - 1).bit_length()
+    rows, columns = layers.alpha.shape
     texels = np.zeros((rows + 2, columns + 2, planes), np.float32)
-    inner = texels[..., : len(maps)]
-    inner[1:-1, 1:-1] = np.moveaxis(maps, 0, -1)
+    inner = np.moveaxis(texels[1:-1, 1:-1], -1, 0)
+    inner[0] = np.where(layers.level, -maps[0], maps[0])
+    inner[1:4] = np.where(layers.level, maps[4:7], maps[1:4])
+    inner[4] = maps[7]
+    if shines:
+        passed = transmission(layers, ground.extinction_per_km)
+        signal = own_light(layers, ground, response.array)
+        inner[REFLECTING : REFLECTING + response.channels] = signal if passed is None else signal * passed
     # At the zenith and the nadir the grid ends, not the landscape.
     if layers.top_deg >= 90:
-        inner[0] = inner[1]
+        texels[0] = texels[1]
     if layers.bottom_deg <= -90:
-        inner[-1] = inner[-2]
+        texels[-1] = texels[-2]
     before, after = (1, -2) if layers.whole_columns else (-2, 1)
-    inner[:, 0], inner[:, -1] = inner[:, before], inner[:, after]
+    texels[:, 0], texels[:, -1] = texels[:, before], texels[:, after]
     place = (layers.top_deg, layers.bottom_deg, layers.first_column, layers.whole_columns)
-    cells = covered_cells(maps[0], layers)
+    cells = covered_cells(layers.alpha, layers)
     tensor = mitsuba_runtime.start().TensorXf
     return Surface(
-        tensor(texels.reshape(-1)), tensor(cells.reshape(-1).astype(np.float32)), planes, rows, columns, *place
+        tensor(texels.reshape(-1)), tensor(cells.reshape(-1).astype(np.float32)), planes, shines, rows, columns, *place
     )
 
 

@@ -19,8 +19,10 @@ parameter                type     meaning
 ``coverage_moments``     int      moments at which geometry is tested against each pixel (default 1)
 ``sky_moments``          int      moments of the exposure at which the sky is looked at (default 1)
 ``lit_samples``          int      directions from which the sky lights geometry (default 0: silhouettes)
-``landscape_maps``       tensor   ((rows + 2) x (columns + 2) x 8,): alpha and what there is of each surface (optional)
-``landscape_own``        tensor   the same of its own light, a plane for each channel, up to a power of two (optional)
+``landscape_maps``       tensor   ((rows + 2) x (columns + 2) x planes,): texels as in
+                                  :class:`generator.ground.surface_textures.Surface` (optional)
+``landscape_planes``     int      of a texel
+``landscape_shines``     boolean  whether its own light counts
 ``landscape_terms``      tensor   (channels x azimuths x 8,): light of each surface, from the second number on
 ``landscape_cells``      tensor   (180 x 360,): 1 for cells of 1 deg of the sphere with any of it, from the zenith and north
 ``landscape_channels``   int      of the terms
@@ -183,7 +185,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         """Add the landscape's light to planes where no geometry covers it (`free`); the part of each pixel it leaves."""
         assert self.landscape is not None
         landscape = self.landscape
-        middle, etendue = camera.line_ray(dr.opaque(FLOAT64, 0.5), points)
+        middle, _ = camera.line_ray(dr.opaque(FLOAT64, 0.5), points)
         near = landscape.around(camera.swept_rad + camera.pixel_rad)
         chosen = dr.compress(dr.gather(mi.Float, near, landscape.cell(middle.d)) > 0)
         left = dr.full(mi.Float, 1, dr.width(points.line))
@@ -202,13 +204,14 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
                 dr.fma(value, 1 / looks, so_far)
                 for value, so_far in zip(found, means or [mi.Float(0)] * len(found), strict=True)
             ]
-            if look % LOOKS_AT_ONCE == LOOKS_AT_ONCE - 1:
+            if look % LOOKS_AT_ONCE == LOOKS_AT_ONCE - 1 and look + 1 < looks:
                 dr.eval(means)
-        direction, factor = dr.gather(mi.Vector3f, middle.d, chosen), dr.gather(mi.Float, etendue * free, chosen)
+        middle, etendue = camera.line_ray(dr.opaque(FLOAT64, 0.5), those)
+        factor = etendue * (free if dr.width(free) == 1 else dr.gather(mi.Float, free, chosen))
         if seen is not None:
             pattern, column, row = seen
             seen = pattern, dr.gather(mi.Int32, column, chosen), dr.gather(mi.Int32, row, chosen)
-        for plane, light in zip(image, landscape.light(means, direction, seen), strict=True):
+        for plane, light in zip(image, landscape.light(means, middle.d, seen), strict=True):
             dr.scatter_add(plane, light * factor, chosen)
         dr.scatter(left, dr.maximum(1 - means[0], 0), chosen)
         dr.eval(image, left)

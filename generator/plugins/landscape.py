@@ -8,15 +8,15 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from generator.ground.surface import CELL_DEG, CELLS, grown_cells
+from generator.ground.surface import CELL_DEG, CELLS, REFLECTING, SURFACES, grown_cells
 from generator.plugins.filter_array import Pattern, choose
 from generator.plugins.scene_tensors import array
 
-PACKETS = {1: mi.Float, 2: mi.Vector2f, 4: mi.Vector4f}
-"""Types of values that are read at once."""
+PACKET = 4
+"""Numbers that are read at once."""
 PIXEL_SAMPLES = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Places, px from a pixel's middle, at which it is looked at."""
-TERM_PLANES = 8
+TERM_PLANES = 1 + SURFACES
 MARGIN_TEXELS = 2.0
 """Around the middles of texels, as far as a look between them reaches."""
 
@@ -38,7 +38,7 @@ class LandscapeTexture:
 
         self.rows, self.columns, self.channels = (int(number(key)) for key in ("rows", "columns", "channels"))
         self.values = mi.TensorXf(props[f"{name}_maps"]).array
-        self.own = mi.TensorXf(props[f"{name}_own"]).array if f"{name}_own" in props else None
+        self.planes, self.shines = int(number("planes")), bool(props[f"{name}_shines"])
         self.terms = mi.TensorXf(props[f"{name}_terms"]).array
         self.cells = array(props[f"{name}_cells"], 1).reshape(CELLS) > 0
         self.azimuths = dr.width(self.terms) // (self.channels * TERM_PLANES)
@@ -63,16 +63,13 @@ class LandscapeTexture:
 
     def alpha(self, direction: Any) -> Any:
         """Part of light from unit vectors (Vector3f, ENU) that the landscape hides (Float)."""
-        return self._read(self.values, TERM_PLANES, self.place(direction), 1)[0]
+        return self._alpha(*self.place(direction))
 
     def at(self, direction: Any) -> list[Any]:
         """What there is in unit vectors (Vector3f, ENU): alpha, each surface, and own light by channel (Floats)."""
-        place = self.place(direction)
-        found = self._read(self.values, TERM_PLANES, place, TERM_PLANES)
-        if self.own is not None:
-            planes = dr.width(self.own) // ((self.rows + 2) * (self.columns + 2))
-            found += self._read(self.own, planes, place, self.channels)
-        return found
+        corners, across, down = self._corners(*self.place(direction))
+        texels = [self._texel(corner) for corner in corners]
+        return [_between(values, across, down) for values in zip(*texels, strict=True)]
 
     def hidden(self, direction: Any, width_rad: float) -> Any:
         """Part of points of light (Float) that the landscape hides: the mean of alpha over a square of `width_rad`."""
@@ -83,29 +80,44 @@ class LandscapeTexture:
         total = mi.Float(0)
         for horizontal, vertical in PIXEL_SAMPLES:
             turned = self._within(column + horizontal * across)
-            total += self._read(self.values, TERM_PLANES, (row + vertical * down, turned), 1)[0]
+            total += self._alpha(row + vertical * down, turned)
         return total / len(PIXEL_SAMPLES)
 
-    def _read(self, values: Any, planes: int, place: tuple[Any, Any], count: int) -> list[Any]:
-        """The first `count` maps at rows and columns (Floats, columns from -0.5 to `columns` - 0.5), bilinear."""
-        row = dr.clip(place[0] + 1, 0, self.rows + 1)
-        column = dr.clip(place[1] + 1, 0, self.columns + 1)
+    def _corners(self, row: Any, column: Any) -> tuple[list[Any], Any, Any]:
+        """The four texels (UInt32) around rows and columns (Floats, columns from -0.5 to `columns` - 0.5), and their shares.
+
+        Shares of the second column and of the second row.
+        """
+        row = dr.clip(row + 1, 0, self.rows + 1)
+        column = dr.clip(column + 1, 0, self.columns + 1)
         r0 = dr.minimum(mi.UInt32(row), self.rows)
         c0 = dr.minimum(mi.UInt32(column), self.columns)
-        wr, wc = row - mi.Float(r0), column - mi.Float(c0)
         first = r0 * (self.columns + 2) + c0
         below = first + (self.columns + 2)
-        # The number of planes is a power of two.
-        packet = min(planes, max(PACKETS)) if count > 1 else 1
-        result: list[Any] = []
-        for part in range(math.ceil(count / packet)):
-            read: list[Any] = [
-                dr.gather(PACKETS[packet], values, corner * (planes // packet) + part)
-                for corner in (first, first + 1, below, below + 1)
-            ]
-            for a, b, c, d in zip(*([each] if packet == 1 else each for each in read), strict=True):
-                result.append(dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr))
-        return result[:count]
+        return [first, first + 1, below, below + 1], column - mi.Float(c0), row - mi.Float(r0)
+
+    def _alpha(self, row: Any, column: Any) -> Any:
+        corners, across, down = self._corners(row, column)
+        values = [dr.abs(dr.gather(mi.Float, self.values, corner * self.planes)) for corner in corners]
+        return _between(values, across, down)
+
+    def _texel(self, place: Any) -> list[Any]:
+        """What there is in texels (UInt32), as :meth:`at`."""
+        count = REFLECTING + self.shines * self.channels
+        packets = self.planes // PACKET
+        read = [
+            value
+            for part in range(math.ceil(count / PACKET))
+            for value in dr.gather(mi.Vector4f, self.values, place * packets + part)
+        ]
+        alpha, *colours = read[: REFLECTING - 1]
+        level = dr.reinterpret_array(mi.Int32, alpha) < 0
+        return [
+            dr.abs(alpha),
+            *(dr.select(level, 0, colour) for colour in colours),
+            *(dr.select(level, colour, 0) for colour in colours),
+            *read[REFLECTING - 1 : count],
+        ]
 
     def light(self, found: list[Any], direction: Any, seen: tuple[Pattern, Any, Any] | None = None) -> list[Any]:
         """Signal by channel, or of the channel that each pixel sees, of what :meth:`at` found around unit vectors."""
@@ -159,6 +171,12 @@ class LandscapeTexture:
 def _turn(direction: Any) -> Any:
     """Azimuth of unit vectors, turns from -0.5 to 0.5."""
     return dr.atan2(direction.x, direction.y) * (0.5 / math.pi)
+
+
+def _between(corners: Any, across: Any, down: Any) -> Any:
+    """Values of four texels blended: those of the upper two, then the lower two."""
+    a, b, c, d = corners
+    return dr.lerp(dr.lerp(a, b, across), dr.lerp(c, d, across), down)
 
 
 def texture(props: Any, name: str) -> LandscapeTexture | None:
