@@ -301,14 +301,16 @@ class NightSkyCamera(mi.Sensor):
         if self.keyframes == 1:
             return self.pixel_ray(share, points.position)
         time = self.moment(FLOAT64(points.line_y * self.height - 0.5), FLOAT64(share))
-        known = [_single(component) for row in self.world_to_camera(time) for component in row] + [mi.Float(time)]
-        # Three packets of four numbers a line.
-        table = dr.zeros(mi.Float, 12 * dr.width(points.line_y))
-        first = 12 * dr.arange(mi.UInt32, dr.width(points.line_y))
-        for place, value in enumerate(known):
-            dr.scatter(table, value, first + place)
-        dr.eval(table)
-        numbers = [value for part in range(3) for value in dr.gather(mi.Vector4f, table, 3 * points.line + part)]
+        numbers = [_single(component) for row in self.world_to_camera(time) for component in row] + [mi.Float(time)]
+        if self.read_out_share == 0:
+            # All lines are exposed at the same time.
+            dr.eval(numbers)
+        else:
+            # Packets of four numbers a line.
+            numbers += [mi.Float(0)] * (-len(numbers) % 4)
+            tables = [dr.ravel(mi.Vector4f(*numbers[first : first + 4])) for first in range(0, len(numbers), 4)]
+            dr.eval(tables)
+            numbers = [value for table in tables for value in dr.gather(mi.Vector4f, table, points.line)]
         u, v = points.position.x * self.width - 0.5, points.position.y * self.height - 0.5
         return self._ray(u, v, [numbers[0:3], numbers[3:6], numbers[6:9]], numbers[9])
 

@@ -72,8 +72,8 @@ def test_rotations_once_a_line_give_the_rays_of_each_place(mi, sensor) -> None:
             for one, other in zip(by_line, each, strict=True):
                 pair = [np.array(part.d if hasattr(part, "d") else part) for part in (one, other)]
                 np.testing.assert_array_equal(*pair)
-            time = np.broadcast_to(np.array(each[0].time), dr.width(points.line))
-            np.testing.assert_array_equal(np.array(by_line[0].time), time)
+            times = [np.broadcast_to(np.array(ray.time), dr.width(points.line)) for ray in (by_line[0], each[0])]
+            np.testing.assert_array_equal(*times)
 
 
 def test_the_sky_as_the_camera_s_channels_see_it_is_the_spectral_sky(mi) -> None:
