@@ -148,9 +148,13 @@ def _spill(signal: Floats, full_well_e: float) -> None:
     height = signal.shape[-2]
     excess = np.maximum(signal - full_well_e, 0) / 2
     signal -= 2 * excess
+    overflows = (excess > 0).any(axis=(*range(signal.ndim - 2), -1)).tolist()
     for rows in (range(height), range(height - 1, -1, -1)):
         carried = np.zeros_like(signal[..., 0, :])
         for row in rows:
+            # Most rows neither receive any nor have any to pass on.
+            if not (overflows[row] or carried.any()):
+                continue
             room = np.maximum(full_well_e - signal[..., row, :], 0)
             taken = np.minimum(carried, room)
             signal[..., row, :] += taken

@@ -119,7 +119,9 @@ def uniform_at(key: int, first: NDArray[np.int64], second: NDArray[np.int64], co
     for block in range(-(-count // WORDS)):
         words = (first, shifted & 0xFFFFFFFF, (shifted >> 32) + ADDRESSED * (1 + block))
         counter = [mi.UInt32(word.astype(np.uint32)) for word in words]
-        blocks += [np.array(word) for word in device.Philox4x32(seed, *counter, ROUNDS).next_uint32x4()]
+        drawn = device.Philox4x32(seed, *counter, ROUNDS).next_uint32x4()
+        dr.eval(drawn)
+        blocks += [np.array(word) for word in drawn]
     return (np.stack(blocks[:count]) + 0.5) * 2.0**-32
 
 
