@@ -205,7 +205,9 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     if spec.foreground.glints is not None:
         rng = random_stream(scenario.seed, "glints", index)
         objects = joined([objects, plan_glints(spec.foreground.glints, spec.camera, motion.R_mid, objects, rng)])
-    above = level_or_up(middle.enu)
+    depth, transmission = np.zeros(len(stars)), np.ones(len(stars))
+    if sky.clouds is not None:
+        depth, transmission = sky.clouds.depth_and_transmission(level_or_up(middle.enu))
     return FramePlan(
         scenario=scenario,
         index=index,
@@ -224,8 +226,8 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         objects=objects,
         airmass=air_path if spec.atmosphere.extinction else np.zeros(len(stars)),
         sky=sky,
-        cloud_optical_depth=np.zeros(len(stars)) if sky.clouds is None else sky.clouds.slant_depth(above),
-        cloud_transmission=np.ones(len(stars)) if sky.clouds is None else sky.clouds.point_transmission(above),
+        cloud_optical_depth=depth,
+        cloud_transmission=transmission,
         scintillation=scintillation,
         passage=passage,
         horizon=horizon,

@@ -149,8 +149,17 @@ class CloudField:
 
     def point_transmission(self, enu: Floats) -> Floats:
         """Part of the light of points that arrives in their images, mean over the exposure, (...) array for (..., 3)."""
-        passed = [np.exp(-self.point_share * still.slant_depth(enu)) for still in self.moments]
-        return np.asarray(np.mean(passed, axis=0))
+        return self._passed([still.slant_depth(enu) for still in self.moments])
+
+    def _passed(self, depths: list[Floats]) -> Floats:
+        return np.asarray(np.mean([np.exp(-self.point_share * depth) for depth in depths], axis=0))
+
+    def depth_and_transmission(self, enu: Floats) -> tuple[Floats, Floats]:
+        """:meth:`slant_depth` and :meth:`point_transmission` of the same lines of sight."""
+        depths = [still.slant_depth(enu) for still in self.moments]
+        # One of an odd number of moments is the middle of the exposure.
+        middle = depths[len(depths) // 2] if len(depths) % 2 else self.slant_depth(enu)
+        return middle, self._passed(depths)
 
     def slant_depth(self, enu: Floats) -> Floats:
         """Optical depth along lines of sight at mid-exposure, (...) array for (..., 3) unit vectors above the horizon."""
