@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
     from celnav.calibrating.sky_mask import sky_mask
+    from celnav.calibrating.unknown_camera import FoundCamera, find_camera
     from celnav.sequences.cameras import CamerasFix, CameraView, solve_cameras
     from celnav.sequences.night import Night, NightFix
 
@@ -56,6 +57,7 @@ __all__ = [
     "Estimate",
     "Fix",
     "FloodFillConfig",
+    "FoundCamera",
     "History",
     "LastKnown",
     "LensForm",
@@ -75,6 +77,7 @@ __all__ = [
     "ddr_solver",
     "detect",
     "errors",
+    "find_camera",
     "fix_position",
     "read_camera_file",
     "read_image",
@@ -96,6 +99,10 @@ def __getattr__(name: str) -> Any:
         from celnav.calibrating.calibration import CameraCalibration
 
         return CameraCalibration
+    if name in ("FoundCamera", "find_camera"):
+        from celnav.calibrating import unknown_camera
+
+        return getattr(unknown_camera, name)
     if name == "CalibrationFrame":
         from celnav.calibrating.frames import CalibrationFrame
 

@@ -17,13 +17,13 @@ from celnav.calibrating.growth import FEWEST, GENERAL, grow, held, observations
 from celnav.calibrating.noise import CLIP_SIGMAS, Noise, measure_noise
 from celnav.calibrating.star_matching import Match, match_frame
 from celnav.camera import Camera
-from celnav.errors import CalibrationError
+from celnav.errors import CalibrationError, NothingNamedError
 
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 # A frame is of the same mount when chance gives as many stars with a probability below this.
-_MOST_LOG10_CHANCE = -8.0
+MOST_LOG10_CHANCE = -8.0
 _MOUNT_RADII_PX = (10.0, 5.0, 3.0)
 # Magnitudes, and how many stars of the frame there have to be at least.
 _MOUNT_DEPTHS = ((3.5, 12), (4.5, 30), (5.5, 80))
@@ -112,13 +112,12 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
                 "that time: check latitude, longitude (east is positive) and time"
             )
         bundle = grow(frame, sky, start)
-        if _bound(part, 0, bundle, math.inf) < _MOST_LOG10_CHANCE:
+        if _bound(part, 0, bundle, math.inf) < MOST_LOG10_CHANCE:
             return i, bundle
-    mirrored = is_mirrored(field.frames[0], field.skies[0])
-    raise CalibrationError(
-        "the frames show the sky mirrored: turn the rows of the images over"
-        if mirrored
-        else "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera"
+    if is_mirrored(field.frames[0], field.skies[0]):
+        raise CalibrationError("the frames show the sky mirrored: turn the rows of the images over")
+    raise NothingNamedError(
+        "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera"
     )
 
 
@@ -166,9 +165,9 @@ def attitude_of(field: Field, number: int, lens: Bundle, near: list[F8]) -> F8 |
             bundle = adjust(bundle, seen, seen.frame, robust=True, prior=infinite)
         if match is not None and (best is None or match.log10_chance < best[0]):
             best = match.log10_chance, bundle.rotations[0]
-        if best is not None and best[0] < 3 * _MOST_LOG10_CHANCE:
+        if best is not None and best[0] < 3 * MOST_LOG10_CHANCE:
             return best[1]
-    if best is not None and best[0] < _MOST_LOG10_CHANCE:
+    if best is not None and best[0] < MOST_LOG10_CHANCE:
         return best[1]
     camera = lens.form.camera(lens.values, lens.size)
     start = identify_with(frame, sky, camera, math.hypot(*frame.size))

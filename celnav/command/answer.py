@@ -150,6 +150,7 @@ def text_of(answer: Answer, matches: bool = False) -> str:
         lines.append(("boresight", _pointing_text(pointing) + ("" if fix.ok else " (as given)")))
     elif fix.R_icrs_to_camera is not None:
         lines.append(("boresight", _celestial_text(fix.R_icrs_to_camera)))
+        lines += _middle_line(answer.camera, fix.R_icrs_to_camera)
     lines += _camera_lines(answer)
     if len(fix.matches):
         scatter = "" if math.isnan(fix.residual_rms_px) else f", {fix.residual_rms_px:.2f} px rms"
@@ -222,6 +223,19 @@ def _uncertainty(answer: Answer) -> list[tuple[str, str]]:
 
 def _pointing_text(pointing: Pointing) -> str:
     return f"azimuth {pointing.azimuth_deg:.2f}, altitude {pointing.altitude_deg:.2f}, roll {pointing.roll_deg:.2f} deg"
+
+
+def _middle_line(camera: Camera, R_icrs_to_camera: F8) -> list[tuple[str, str]]:
+    """Say what the middle of the image shows, where the lens' axis is elsewhere."""
+    middle = np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]])
+    if (
+        np.hypot(*(middle[0] - [camera.cx_px, camera.cy_px])) < 1
+        or not np.isfinite(ray := camera.to_rays(middle)[0]).all()
+    ):
+        return []
+    x, y, z = R_icrs_to_camera.T @ ray
+    ra_deg, dec_deg = math.degrees(math.atan2(y, x)) % 360, math.degrees(math.asin(max(-1.0, min(1.0, z))))
+    return [("middle", f"of the image: right ascension {ra_deg:.3f}, declination {dec_deg:+.3f} deg")]
 
 
 def _celestial_text(R_icrs_to_camera: F8) -> str:

@@ -14,6 +14,7 @@ examples:
   celnav solve photo.jpg --time-zone Europe/Berlin --attitude altitude=62,roll=-3,tilt_sigma=0.5
   celnav solve photo.heic --attitude exif
   celnav solve sky.png --camera calibration.yml --utc 2020-01-01T00:00:00Z --attitude azimuth=120,altitude=45,roll=0
+  celnav solve sky.jpg --camera unknown --utc 2020-01-01T00:00:00Z
   celnav solve frame-00000.png --camera frame-00000.json --attitude frame-00000.json \\
       --utc 2020-01-01T00:00:00Z --plot found.png
 
@@ -22,8 +23,9 @@ exit status: 0 a fix, 1 a refusal (the reason is printed), 2 input that cannot b
 _DESCRIPTION = """\
 Latitude and longitude from one image of the night sky.
 
-Without --camera and --utc a photograph's EXIF tags say focal length and time; what was assumed is printed. Without
---attitude the stars are identified, but a position needs the direction of the vertical.
+Without --camera and --utc a photograph's EXIF tags say focal length and time; what was assumed is printed. Where nothing is
+known of the lens, it is found from the stars. Without --attitude the stars are identified, but a position needs the
+direction of the vertical.
 """
 
 
@@ -125,7 +127,8 @@ def _camera_options(group: argparse._ArgumentGroup) -> None:
         "--camera",
         metavar="FILE",
         help="JSON: a camera (with f_px or hfov_deg) or a frame record; YAML or JSON: a calibration of OpenCV or ROS; "
-        "default: a pinhole from the image's EXIF tags",
+        "unknown: field (5 to 180 deg) and lens are found from the stars; default: a pinhole from the image's EXIF tags, "
+        "unknown where they say nothing",
     )
     group.add_argument("--focal-length-mm", type=float, metavar="MM", help="without --camera: instead of the tags'")
     group.add_argument(

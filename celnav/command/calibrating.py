@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from celnav.command.camera_file import read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.image_file import read_image
-from celnav.errors import ConfigError
+from celnav.errors import ConfigError, NothingNamedError
 
 
 def calibrate_files(arguments: argparse.Namespace) -> str:
@@ -27,6 +27,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     """
     from celnav.calibrating.calibrate import calibrate
     from celnav.calibrating.camera_output import opencv_text, scenario_text
+    from celnav.calibrating.unknown_camera import WIDER_SIGMAS_PX
     from celnav.calibrating.verdict import report
     from celnav.command.calibration_frames import FEWEST_FOR_MASK, learnt_mask, read_frames
     from celnav.command.residual_map import check_map_path, draw_residual_map
@@ -52,20 +53,29 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
                 f"--mask-out: a mask is learnt from {FEWEST_FOR_MASK} images or more, between which the sky turned: "
                 "add images, or give --mask"
             )
-    frames = read_frames(arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask)
-    guess = None if arguments.camera is None else read_camera_file(arguments.camera, frames[0].size).camera
-    found = calibrate(
-        frames,
-        arguments.lat,
-        arguments.lon,
-        height_m=arguments.height_m,
-        pressure_hpa=arguments.pressure_hpa,
-        temperature_c=arguments.temperature_c,
-        camera=guess,
-        models=arguments.models,
-        opencv_only=arguments.opencv_only or arguments.opencv is not None,
-        mount=arguments.mount,
-    )
+    widths = (None,) if all(path.endswith(".json") for path in arguments.frames) else (None, *WIDER_SIGMAS_PX)
+    for sigma_px in widths:
+        frames = read_frames(
+            arguments.frames, arguments.utc, arguments.time_zone, arguments.exif_time_is, mask, sigma_px
+        )
+        guess = None if arguments.camera is None else read_camera_file(arguments.camera, frames[0].size).camera
+        try:
+            found = calibrate(
+                frames,
+                arguments.lat,
+                arguments.lon,
+                height_m=arguments.height_m,
+                pressure_hpa=arguments.pressure_hpa,
+                temperature_c=arguments.temperature_c,
+                camera=guess,
+                models=arguments.models,
+                opencv_only=arguments.opencv_only or arguments.opencv is not None,
+                mount=arguments.mount,
+            )
+            break
+        except NothingNamedError:
+            if sigma_px == widths[-1]:
+                raise
     _write(arguments.out, found.to_json())
     if arguments.opencv is not None:
         _write(arguments.opencv, opencv_text(found.camera, yaml=not arguments.opencv.lower().endswith(".json")))

@@ -19,7 +19,7 @@ from celnav.command.exif import read_tags, refuse_raw
 from celnav.command.exposure_time import Stamp, exposure_time
 from celnav.detecting.fits_file import block_middle, is_fits, read_fits
 from celnav.detecting.image_file import read_image
-from celnav.detection import Detections, detect
+from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CalibrationError, ImageError, TimeError
 from celnav.sky.utc import parse_utc
 
@@ -39,6 +39,7 @@ def read_frames(
     time_zone: str | None = None,
     stamp: Stamp = "start",
     mask: NDArray[np.bool_] | None = None,
+    star_sigma_px: float | None = None,
 ) -> list[CalibrationFrame]:
     """Read images and detect their stars; or read a file of centroids.
 
@@ -53,24 +54,32 @@ def read_frames(
         Of EXIF tags, as for ``celnav solve``.
     mask : ndarray of bool, optional
         Pixels that are not used; without it, of five images or more what is not sky is learnt (`celnav.sky_mask`).
+    star_sigma_px : float, optional
+        Standard deviation of the stars' images; measured unless given.
     """
     if utc is not None and len(utc) != len(paths):
         raise TimeError(f"--utc is given {len(utc)} times for {len(paths)} frames: give one for each, in their order")
     frames: list[CalibrationFrame] = []
+    config = DetectionConfig(psf_sigma_px=star_sigma_px)
     if mask is None:
         mask = learnt_mask(paths)
     for number, path in enumerate(paths):
         if Path(path).suffix.lower() == ".json":
             frames += read_rms_centroids(path)
         else:
-            frames.append(_image_frame(path, None if utc is None else utc[number], time_zone, stamp, mask))
+            frames.append(_image_frame(path, None if utc is None else utc[number], time_zone, stamp, mask, config))
         if len(frames) > MAX_FRAMES:
             raise CalibrationError(f"more than {MAX_FRAMES} frames: choose some of them")
     return frames
 
 
 def _image_frame(
-    path: str, utc: str | None, time_zone: str | None, stamp: Stamp, mask: NDArray[np.bool_] | None
+    path: str,
+    utc: str | None,
+    time_zone: str | None,
+    stamp: Stamp,
+    mask: NDArray[np.bool_] | None,
+    config: DetectionConfig,
 ) -> CalibrationFrame:
     image, middle, exposure_s = _image_and_time(path)
     moment = utc or middle
@@ -84,7 +93,9 @@ def _image_frame(
         except TimeError as error:
             raise TimeError(f"image {path}: {error}") from None
     height, width = image.shape[:2]
-    return CalibrationFrame(detect(image, mask), parse_utc(moment), (width, height), Path(path).name, exposure_s)
+    return CalibrationFrame(
+        detect(image, mask, config), parse_utc(moment), (width, height), Path(path).name, exposure_s
+    )
 
 
 def _image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:

@@ -97,9 +97,10 @@ def _focal_length(tags: PhotoTags, focal_length_mm: float | None, sensor_width_m
         return equivalent, f"focal length equivalent to {tags.focal_length_35mm:g} mm on 35 mm film (EXIF)"
     if f_mm is not None:
         raise CameraError(
-            f"the focal length is {given}, but the image does not say how large its sensor is: give --sensor-width-mm, or a "
-            "file with --camera"
+            f"the focal length is {given}, but the image does not say how large its sensor is: give --sensor-width-mm, a "
+            "file with --camera, or --camera unknown, which finds field and lens from the stars"
         )
     raise CameraError(
-        "the image does not say its focal length: give --camera FILE, or --focal-length-mm and --sensor-width-mm"
+        "the image does not say its focal length: give --camera FILE, --focal-length-mm and --sensor-width-mm, or --camera "
+        "unknown, which finds field and lens from the stars"
     )

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from celnav.adjustment import CameraPriors
 from celnav.attitude import Attitude
@@ -22,7 +22,7 @@ from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image
-from celnav.detection import detect
+from celnav.detection import Detections, detect
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Reason
 from celnav.position import usual_weather
@@ -30,6 +30,11 @@ from celnav.problem import LastKnown, Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
 
+if TYPE_CHECKING:
+    from celnav.calibrating.unknown_camera import FoundCamera
+
+UNKNOWN = "unknown"
+"""In place of the camera's file: nothing is known of it."""
 Mode = Literal["none", "auto", "full"]
 # A lens that nobody has calibrated: equivalent focal lengths are rounded to a millimetre, principal points lie within a
 # per cent of the width from the middle, and lenses that are not very wide distort by a few per cent at the corner.
@@ -86,7 +91,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         tags = read_tags(arguments.image)
         near = _near(arguments.near)
         sigmas = read_sigmas(arguments.sigma)
-        lens = _lens(arguments, tags)
+        told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
         mask = None
@@ -94,15 +99,22 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             values = read_image(arguments.mask)
             mask = values.astype(bool) if values.ndim == 2 else values.any(axis=2)
         air = usual_weather(arguments.height_m, arguments.pressure_hpa, arguments.temperature_c)
-    with clock.stage("detection"):
-        detections = detect(image, mask)
+    if told is None:
+        from celnav.calibrating.unknown_camera import find_camera
+
+        with clock.stage("finding the camera"):
+            lens, detections = _found_lens(find_camera(image, moment.utc, mask))
+    else:
+        lens = told
+        with clock.stage("detection"):
+            detections = detect(image, mask)
     with clock.stage("solving"):
         fix = solve(
             detections,
             lens.camera,
             moment.utc,
             attitude,
-            _solver(arguments, lens),
+            _solver(arguments, lens, fitted=told is None and attitude is None),
             pressure_hpa=air.pressure_hpa,
             temperature_c=air.temperature_c,
             dut1_s=arguments.dut1_s,
@@ -150,6 +162,23 @@ def _near(text: str | None) -> LastKnown | None:
     return LastKnown(lat_deg, lon_deg, radius_km)
 
 
+def _nothing_told(arguments: argparse.Namespace, tags: PhotoTags) -> bool:
+    """Whether field and lens are to be found from the stars: on request, or where neither tags nor options tell them."""
+    if arguments.camera is not None:
+        return bool(arguments.camera == UNKNOWN)
+    told = arguments.focal_length_mm, arguments.sensor_width_mm, tags.focal_length_mm, tags.focal_length_35mm
+    return all(value is None for value in told)
+
+
+def _found_lens(found: FoundCamera) -> tuple[_Lens, Detections]:
+    """Take the camera that the stars have shown, as one that nobody has calibrated, and the stars that showed it."""
+    assumed = (
+        f"nothing of the camera: field and lens are found from {found.stars} stars ({found.scatter_px:.2f} px), as far out "
+        "as they stand",
+    )
+    return _Lens(found.camera, "found from the stars", False, assumed), found.detections
+
+
 def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
     """Take the camera from its file, or from the image's tags and the options."""
     if arguments.camera is None:
@@ -163,13 +192,16 @@ def _lens(arguments: argparse.Namespace, tags: PhotoTags) -> _Lens:
     return _Lens(file.camera, f"{file.kind}, {arguments.camera}", True, file.assumed)
 
 
-def _solver(arguments: argparse.Namespace, lens: _Lens) -> str | Solver:
-    """Return the solver, with as much of the camera left free as is unknown."""
+def _solver(arguments: argparse.Namespace, lens: _Lens, fitted: bool) -> str | Solver:
+    """Return the solver, with as much of the camera left free as is unknown: nothing where it was fitted to the same stars.
+
+    With a vertical, refraction is taken off the stars, and must leave the lens that it went into.
+    """
     if arguments.solver != "skybench":
         if arguments.calibrate is not None:
             raise ConfigError(f"--calibrate: solver {arguments.solver} fits no camera; skybench does")
         return str(arguments.solver)
-    mode: Mode = arguments.calibrate or ("auto" if lens.calibrated else "full")
+    mode: Mode = arguments.calibrate or ("auto" if lens.calibrated else "none" if fitted else "full")
     if lens.calibrated or mode != "full":
         return SkybenchSolver(SkybenchConfig(calibrate=mode))
     priors = CameraPriors(UNCALIBRATED_FOCAL, UNCALIBRATED_CENTRE * lens.camera.width, UNCALIBRATED_DISTORTION)

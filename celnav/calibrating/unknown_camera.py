@@ -1,0 +1,137 @@
+"""`celnav.find_camera`: one picture in, of whose lens, place and pointing nothing is known; field, lens and orientation out.
+
+The blind start of a calibration (`celnav.calibrating.blind_start`) among the stars of the whole sky, without air:
+refraction, of which nothing is known without a place, goes into the lens. `celnav.solve` takes the camera as one that
+nobody has calibrated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celnav.calibrating.blind_start import PASSES, Pass, find_start, is_mirrored, is_narrow
+from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, Site, Sky
+from celnav.calibrating.growth import grow
+from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, refine
+from celnav.camera import Camera
+from celnav.detection import DetectionConfig, Detections, detect
+from celnav.errors import CalibrationError, NothingNamedError
+from celnav.position import Weather
+from celnav.sky.astrometry import celestial_to_terrestrial, terrestrial_stars
+from celnav.sky.catalog import load_catalog
+from celnav.sky.earth_rotation import earth_orientation
+from celnav.sky.utc import Utc, parse_utc
+
+F8 = NDArray[np.float64]
+
+WIDER_SIGMAS_PX = (1.6, 3.0)
+"""Standard deviations of star images that are tried where the usual detection leads to nothing. A picture that was
+interpolated from a colour mosaic, or smoothed, has hot pixels as wide as sharp stars; where they outnumber the stars, their
+width is measured."""
+# Of the frame's longer side: in a narrow field the principal point is one with the orientation, and is left in the middle.
+_NARROW_CENTRE = 0.002
+_NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCamera:
+    """A camera whose stars are named.
+
+    Attributes
+    ----------
+    camera : Camera
+        A fisheye lens of Kannala and Brandt with four terms, which follows any lens as far out as stars are named.
+    R_icrs_to_camera : ndarray, shape (3, 3)
+        Orientation.
+    detections : Detections
+        Of the picture.
+    stars : int
+        Named.
+    scatter_px : float
+        Of their positions along an axis.
+    """
+
+    camera: Camera
+    R_icrs_to_camera: F8
+    detections: Detections
+    stars: int
+    scatter_px: float
+
+
+def find_camera(image: ArrayLike, utc: str | datetime | Utc, mask: ArrayLike | None = None) -> FoundCamera:
+    """Find field, lens and orientation of one picture of the sky, of 5 to 180 deg.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width) or (height, width, 3 or 4)
+        As `celnav.detect` takes it.
+    utc : str, datetime or Utc
+        When it was taken; a day too early or late is 1 arcsec (aberration).
+    mask : array_like of bool, shape (height, width), optional
+        True where the picture is **not** to be used.
+
+    Raises
+    ------
+    CalibrationError
+        When no stars can be named, or the picture shows the sky mirrored.
+    """
+    moment = parse_utc(utc)
+    sky = whole_sky(moment)
+    frames: list[CalibrationFrame] = []
+    for sigma_px in (None, *WIDER_SIGMAS_PX):
+        frames.append(_frame(image, moment, mask, sigma_px))
+        if (found := _found(frames[-1], sky, PASSES[:2])) is not None:
+            return found
+    if (found := _found(frames[0], sky, PASSES[2:])) is not None:
+        return found
+    if any(is_mirrored(frame, sky) for frame in frames[:2]):
+        raise CalibrationError("the picture shows the sky mirrored: turn its rows over")
+    raise NothingNamedError(
+        "no field, lens and orientation explain the lights of the picture better than chance: give a clearer picture, a mask "
+        "of what is not sky, or a camera"
+    )
+
+
+def whole_sky(utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
+    """Return the stars of the whole sky as they are seen from the Earth without air, in the catalogue's axes."""
+    catalog = load_catalog()
+    catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
+    orientation = earth_orientation(utc)
+    to_terrestrial = celestial_to_terrestrial(utc, orientation)
+    dirs = terrestrial_stars(catalog, utc, orientation, to_terrestrial).dirs @ to_terrestrial
+    return Sky(dirs, catalog.v_mag, catalog.star_id, np.eye(3), _NO_AIR, utc)
+
+
+def _frame(image: ArrayLike, utc: Utc, mask: ArrayLike | None, sigma_px: float | None) -> CalibrationFrame:
+    """Detect stars, of a width where one is given."""
+    detections = detect(image, mask, DetectionConfig(psf_sigma_px=sigma_px))
+    assert detections.shape is not None
+    return CalibrationFrame(detections, utc, detections.shape[::-1])
+
+
+def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> FoundCamera | None:
+    """Identify the middle of the frame and let the lens grow outwards; None where that leads to nothing."""
+    start = find_start(frame, sky, passes)
+    if start is None:
+        return None
+    narrow = is_narrow(start.camera)
+    if narrow:
+        sky = whole_sky(frame.utc, DEEP_MAG)
+    begun = grow(frame, sky, start)
+    if narrow:
+        begun = replace(begun, centre_sigma_px=_NARROW_CENTRE * max(frame.size))
+    field = Field([frame], [sky], [np.ones(len(frame.uv), dtype=bool)])
+    try:
+        fit = refine(field, begun, np.zeros(1, dtype=np.intp), held_back=True)
+    except CalibrationError:
+        return None
+    if fit.matches[0].log10_chance > MOST_LOG10_CHANCE:
+        return None
+    scatter = math.sqrt(float((fit.residual_px**2).mean()))
+    camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
+    return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)
