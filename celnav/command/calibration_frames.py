@@ -81,7 +81,7 @@ def _image_frame(
     mask: NDArray[np.bool_] | None,
     config: DetectionConfig,
 ) -> CalibrationFrame:
-    image, middle, exposure_s = _image_and_time(path)
+    image, middle, exposure_s = image_and_time(path)
     moment = utc or middle
     if moment is None:
         if is_fits(path):
@@ -98,7 +98,7 @@ def _image_frame(
     )
 
 
-def _image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:
+def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | None]:
     """Pixels; middle and length (s) of the exposure where header, frame record or tags state them."""
     refuse_raw(path)
     if is_fits(path):
@@ -115,7 +115,7 @@ def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:
         return None
     rows = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), _MOST_FOR_MASK)).astype(int))
     try:
-        return sky_mask([_image_and_time(paths[row])[0] for row in rows])
+        return sky_mask([image_and_time(paths[row])[0] for row in rows])
     except ImageError:
         return None
 

@@ -160,7 +160,7 @@ def test_a_photograph_says_time_and_lens_itself(sky, files, capsys):
     ("words", "text"),
     [
         (["photo.jpg"], "--time-zone"),
-        (["sky.jpg", "--utc", SITE[0]], "--focal-length-mm"),
+        (["sky.jpg", "--utc", SITE[0], "--sensor-width-mm", "36"], "--focal-length-mm"),
         (["sky.jpg", "--camera", "camera.json"], "--utc"),
     ],
 )
