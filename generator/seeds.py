@@ -17,6 +17,14 @@ def stream_key(name: str) -> int:
     return zlib.crc32(name.encode())
 
 
+def unit_stream(seed: int, unit: int | None, name: str) -> np.random.Generator:
+    """Return the generator of what is fixed in one very sensor, the same in all its frames.
+
+    `unit` is the sensor's number; without one it belongs to the scenario with root `seed`.
+    """
+    return random_stream(seed if unit is None else unit, f"unit.{name}", 0)
+
+
 def random_stream(seed: int, name: str, index: int) -> np.random.Generator:
     """Return the generator of stream `name` for frame `index` of a scenario with root `seed`."""
     return np.random.Generator(np.random.PCG64DXSM(np.random.SeedSequence(seed, spawn_key=(stream_key(name), index))))

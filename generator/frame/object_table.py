@@ -1,4 +1,4 @@
-"""The table of flying objects, Moon, cosmic rays and hot pixels: the format of objects.parquet in docs/dataset_format.md."""
+"""The table of flying objects, Moon, cosmic rays and single pixels: the format is in docs/dataset_format.md."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from generator.frame.plan import FramePlan
 from generator.frame.scene import ExpectedFrame
 from generator.frame.star_truth import StarTruth
 from generator.optics.psf import equivalent_sigma_px
-from generator.seeds import random_stream
+from generator.seeds import random_stream, unit_stream
 from generator.sensor.charge import ParticleTracks
 from generator.sensor.dark import HotPixels
 from generator.sensor.detector import cosmic_rays, defect_pixels, matched_filter_snr, streak_area_px
 from generator.sensor.effect import Exposure
+from generator.sensor.sunburn import burnt_pixels
 from generator.sky.moon_irradiance import moon_colours
 
 MOON_OBJECT = -1
 COSMIC_RAY_OBJECT = -2
 HOT_PIXEL_OBJECT = -3
+BURNT_PIXEL_OBJECT = -4
 MOST_HOT_PIXELS = 1000
-"""Rows of a frame and kind; of more pixels those with the most electrons."""
+"""Rows of a frame and kind; of more pixels those that differ by the most electrons."""
 LEAST_HOT_SNR = 5.0
-"""Of a hot or blinking pixel that has a row."""
+"""Of a hot, blinking or burnt pixel that has a row."""
 MOST_COSMIC_RAYS = 1000
 """Rows of a frame; of more tracks those with the most electrons. The hardest frames of the task `clutter` have 120 000."""
 
@@ -64,13 +66,20 @@ Floats = NDArray[np.float64]
 
 
 def object_table(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
-    """Return the truth of a frame's flying objects, Moon, cosmic rays and hot pixels: those in the frame, hidden or not.
+    """Return the truth of a frame's flying objects, Moon, cosmic rays and single pixels: those in the frame, hidden or not.
 
     The Moon's row follows the flying objects, with the object number MOON_OBJECT and V above the atmosphere; then come the
-    cosmic rays, with the number COSMIC_RAY_OBJECT, and hot and blinking pixels, with HOT_PIXEL_OBJECT, all of these without
-    magnitudes (NaN).
+    cosmic rays, with the number COSMIC_RAY_OBJECT, hot and blinking pixels, with HOT_PIXEL_OBJECT, and those that the Sun
+    burnt, with BURNT_PIXEL_OBJECT, all of these without magnitudes (NaN).
     """
-    return pa.concat_tables([_lights(plan, expected), _particles(plan, expected), *_defects(plan, expected)])
+    return pa.concat_tables(
+        [
+            _lights(plan, expected),
+            _particles(plan, expected),
+            *_defects(plan, expected),
+            _burnt(plan, expected),
+        ]
+    )
 
 
 def _lights(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
@@ -166,7 +175,7 @@ def _exposure(plan: FramePlan) -> Exposure:
     return Exposure(
         plan.spec.time.exposure_s,
         lambda name: random_stream(seed, name, plan.index),
-        lambda name: random_stream(seed, f"unit.{name}", 0),
+        lambda name: unit_stream(seed, plan.spec.sensor.unit, name),
         plan.start_s,
     )
 
@@ -177,25 +186,53 @@ def _defects(plan: FramePlan, expected: ExpectedFrame) -> Iterator[pa.Table]:
     for defect in defect_pixels(plan.spec.sensor):
         pixels, excess_e_s = defect.excess_e_s((camera.height, camera.width), exposure)
         electrons = excess_e_s.astype(np.float64) * exposure.exposure_s
-        place = np.stack([pixels % camera.width, pixels // camera.width], axis=1).astype(np.float64)
+        place = _pixel_places(pixels, camera.width)
         snr = _snr(plan, expected, electrons, place, np.ones(len(pixels)))
-        rows = np.flatnonzero(snr >= LEAST_HOT_SNR)
-        rows = np.sort(rows[np.argsort(-electrons[rows], kind="stable")[:MOST_HOT_PIXELS]])
-        count = len(rows)
-        yield _table(
-            plan, count,
-            {
-                "object": np.full(count, HOT_PIXEL_OBJECT),
-                "kind": ["hot_pixel" if isinstance(defect, HotPixels) else "blinking_pixel"] * count,
-                "v_mag": np.full(count, np.nan),
-                "bv_mag": np.full(count, np.nan),
-                "electrons_e": electrons[rows],
-                "fraction_in_frame": np.ones(count),
-                "snr": snr[rows],
-                "occluded": np.zeros(count, bool),
-            },
-            dict.fromkeys(("centroid", "light", "start", "end", "low", "high"), place[rows]),
-        )  # fmt: skip
+        kind = "hot_pixel" if isinstance(defect, HotPixels) else "blinking_pixel"
+        yield _pixels(plan, HOT_PIXEL_OBJECT, kind, place, electrons, snr)
+
+
+def _burnt(plan: FramePlan, expected: ExpectedFrame) -> pa.Table:
+    """Rows of the pixels that the Sun burnt: the charge that each keeps back in this frame, as negative electrons."""
+    sensor, exposure = plan.spec.sensor, _exposure(plan)
+    burnt = burnt_pixels(plan.lens, sensor, exposure.unit)
+    if burnt is None:
+        return OBJECT_SCHEMA.empty_table()
+    light = expected.electrons.reshape(-1)[burnt.places].astype(np.float64)
+    dark = sensor.mean_dark_e_s * exposure.exposure_s
+    exposures = sensor.exposures(exposure.exposure_s)
+    charge = np.minimum((light + dark) / exposures, sensor.full_well_e)
+    lost = exposures * burnt.held_e(charge.astype(np.float32)).astype(np.float64)
+    place = _pixel_places(burnt.places, plan.spec.camera.width)
+    # The noise is that of what is left.
+    snr = matched_filter_snr(lost, light - lost, 0.0, exposure.exposure_s, sensor, np.ones(len(lost)))
+    return _pixels(plan, BURNT_PIXEL_OBJECT, "burnt_pixel", place, -lost, snr)
+
+
+def _pixel_places(pixels: NDArray[np.intp], width: int) -> Floats:
+    """Places (n, 2) of flat places."""
+    return np.stack([pixels % width, pixels // width], axis=1).astype(np.float64)
+
+
+def _pixels(plan: FramePlan, number: int, kind: str, place: Floats, electrons: Floats, snr: Floats) -> pa.Table:
+    """Rows of single pixels that stand out: those with the most electrons, or the most missing."""
+    rows = np.flatnonzero(snr >= LEAST_HOT_SNR)
+    rows = np.sort(rows[np.argsort(-np.abs(electrons[rows]), kind="stable")[:MOST_HOT_PIXELS]])
+    count = len(rows)
+    return _table(
+        plan, count,
+        {
+            "object": np.full(count, number),
+            "kind": [kind] * count,
+            "v_mag": np.full(count, np.nan),
+            "bv_mag": np.full(count, np.nan),
+            "electrons_e": electrons[rows],
+            "fraction_in_frame": np.ones(count),
+            "snr": snr[rows],
+            "occluded": np.zeros(count, bool),
+        },
+        dict.fromkeys(("centroid", "light", "start", "end", "low", "high"), place[rows]),
+    )  # fmt: skip
 
 
 def _within(tracks: ParticleTracks, width: int, height: int) -> tuple[Floats, Floats, Floats, Floats]:

@@ -135,6 +135,11 @@ class FramePlan:
         return self.stars.v_mag - 2.5 * np.log10(passed)
 
     @property
+    def lens(self) -> CameraSpec:
+        """The camera without drift."""
+        return self.spec.camera if self.told_camera is None else self.told_camera
+
+    @property
     def start_s(self) -> float:
         """Start of the exposure, seconds since noon of 2000 January 1."""
         return self.utc_start.since(EPOCH)

@@ -27,12 +27,13 @@ from generator.frame.video.take import take_video
 from generator.scenario.file import Scenario
 from generator.scenario.model import pointing_of
 from generator.scenario.processing.develop_spec import PhotoSpec
-from generator.seeds import random_stream
+from generator.seeds import random_stream, unit_stream
 from generator.sensor.detector import expose
 from generator.sensor.develop import develop
 from generator.sensor.hud import hud_mask
 from generator.sensor.maker_note import accelerometer
 from generator.sensor.photo import PHOTO_SUFFIXES, Taken, check_photo, photo_bytes
+from generator.sensor.sunburn import burnt_pixels
 
 PNG_COMPRESSION = 2
 LARGEST_EXR_PX = 20_000_000
@@ -88,15 +89,20 @@ def render_frame(scenario: Scenario, index: int, layers: bool = False, channels:
     if plan.spec.sensor.video is not None:
         taken = take_video(plan, plan.spec.sensor.video)
         return RenderedFrame(plan, expected, taken.image, stars, objects, attached=taken.files)
+    sensor = plan.spec.sensor
+
+    def unit(name: str) -> np.random.Generator:
+        return unit_stream(scenario.seed, sensor.unit, name)
+
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
-        plan.spec.sensor,
+        sensor,
         lambda name: random_stream(scenario.seed, name, index),
-        lambda name: random_stream(scenario.seed, f"unit.{name}", 0),
+        unit,
         plan.start_s,
+        burnt_pixels(plan.lens, sensor, unit),
     )
-    sensor = plan.spec.sensor
     developed = None if sensor.develop is None else develop(dn, sensor)
     hud = None
     if sensor.hud:

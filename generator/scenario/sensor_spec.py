@@ -10,6 +10,7 @@ from generator.scenario.processing.develop_spec import DevelopSpec
 from generator.scenario.processing.video_spec import VideoSpec
 from generator.scenario.quantum_efficiency import QE_CURVES
 from generator.scenario.strict import Curve, Fraction, Strict, listed
+from generator.scenario.sunburn_spec import SunburnSpec
 
 COLOURS = ("blue", "green", "red")
 """Channels of a colour sensor in the alphabetical order in which a ``specfilm`` holds them."""
@@ -139,6 +140,8 @@ class SensorSpec(Strict):
     blinking_pixels: BlinkingSpec | None = Field(default=None, exclude_if=lambda blinking: blinking is None)
     dead_pixel_fraction: Fraction = 0.0
     """Fraction of pixels without response."""
+    sunburn: SunburnSpec | None = Field(default=None, exclude_if=lambda burn: burn is None)
+    """Pixels that keep charge back because the Sun's image burnt them."""
     cosmic_rays: CosmicRaySpec | None = None
     gain_e_per_dn: Annotated[float, Field(gt=0, le=1e4)] = 4.0
     """Electrons per DN."""
@@ -146,6 +149,8 @@ class SensorSpec(Strict):
     """DN without signal."""
     bits: Annotated[int, Field(ge=8, le=16)] = 12
     """Bits of the analogue-to-digital converter."""
+    unit: Annotated[int, Field(ge=0, le=2**63)] | None = Field(default=None, exclude_if=lambda unit: unit is None)
+    """Number of this very sensor, from which all that is fixed in its pixels follows: the scenario's seed unless given."""
     noise: bool = True
     """False gives the expected signal, quantised, without any random effect."""
     develop: DevelopSpec | None = None

@@ -19,9 +19,10 @@ from generator.sensor.readout import (
     ReadNoise,
     TelegraphNoise,
 )
+from generator.sensor.sunburn import TrappedCharge
 
 
-def effects(sensor: SensorSpec) -> list[Effect]:
+def effects(sensor: SensorSpec, burnt: TrappedCharge | None = None) -> list[Effect]:
     """The sensor's effects in the order in which they act; those without a size are left out.
 
     Source of the model: EMVA Standard 1288, release 4.0, section 2 (linear camera model).
@@ -38,6 +39,8 @@ def effects(sensor: SensorSpec) -> list[Effect]:
     if rays is not None:
         chain.append(rays)
     chain.append(FullWell(sensor.full_well_e, sensor.blooming))
+    if burnt is not None:
+        chain.append(burnt)
     if on and sensor.dsnu_e:
         chain.append(FixedOffset(sensor.dsnu_e))
     if on and (sensor.dsnu_row_e or sensor.dsnu_column_e):
@@ -87,6 +90,7 @@ def expose(
     stream: NoiseStream,
     unit: NoiseStream | None = None,
     start_s: float = 0.0,
+    burnt: TrappedCharge | None = None,
 ) -> NDArray[np.uint16]:
     """Read out a sensor.
 
@@ -102,6 +106,8 @@ def expose(
         Gives that of a named stream of this very sensor, the same in all its frames; `stream` unless given.
     start_s : float
         When the exposure starts, seconds from any fixed moment.
+    burnt : TrappedCharge, optional
+        Pixels that the Sun burnt (:func:`generator.sensor.sunburn.burnt_pixels`).
 
     Returns
     -------
@@ -110,7 +116,7 @@ def expose(
     """
     exposure = Exposure(exposure_s, stream, unit or stream, start_s)
     signal = np.asarray(electrons, dtype=np.float32)
-    for effect in effects(sensor):
+    for effect in effects(sensor, burnt):
         signal = effect.apply(signal, exposure)
     return signal.astype(np.uint16)
 

@@ -23,8 +23,9 @@ from generator.frame.render import RenderedFrame, write_frame
 from generator.frame.scene import render_expected
 from generator.places.astrometry import ApparentPlaces
 from generator.scenario.file import Scenario, parse_scenario
-from generator.seeds import random_stream
+from generator.seeds import random_stream, unit_stream
 from generator.sensor.detector import expose
+from generator.sensor.sunburn import burnt_pixels
 
 F8 = NDArray[np.float64]
 
@@ -109,13 +110,19 @@ def _rendered(plan: FramePlan) -> RenderedFrame:
     expected = render_expected(plan, False, channels=False)
     stars, objects = star_table(plan, expected), object_table(plan, expected)
     seed, index = plan.scenario.seed, plan.index
+    sensor = plan.spec.sensor
+
+    def unit(name: str) -> np.random.Generator:
+        return unit_stream(seed, sensor.unit, name)
+
     dn = expose(
         expected.electrons,
         plan.spec.time.exposure_s,
-        plan.spec.sensor,
+        sensor,
         lambda name: random_stream(seed, name, index),
-        lambda name: random_stream(seed, f"unit.{name}", 0),
+        unit,
         plan.start_s,
+        burnt_pixels(plan.lens, sensor, unit),
     )
     return RenderedFrame(plan, expected, dn, stars, objects)
 

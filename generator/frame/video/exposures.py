@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +17,7 @@ from generator.frame.scene import render_expected
 from generator.optics.motion import Motion
 from generator.scenario.model import SkySpec
 from generator.scenario.processing.video_spec import VideoSpec
-from generator.scenario.sensor_spec import SensorSpec
-from generator.seeds import random_stream
+from generator.seeds import random_stream, unit_stream
 from generator.sensor.charge import PhotoResponse
 from generator.sensor.colour import filter_array
 from generator.sensor.detector import effects
@@ -26,6 +25,7 @@ from generator.sensor.develop import demosaic
 from generator.sensor.effect import Effect, Exposure, Floats
 from generator.sensor.processing import averaged, denoised, sharpened
 from generator.sensor.readout import FixedLines, FixedOffset
+from generator.sensor.sunburn import burnt_pixels
 
 Picture = NDArray[np.uint8]
 
@@ -50,7 +50,11 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
     sensor = plan.spec.sensor
     frame_s = plan.spec.time.exposure_s / count
     shape = (plan.spec.camera.height, plan.spec.camera.width)
-    sensing = _Sensing.of(sensor, shape, lambda name: random_stream(seed, f"unit.{name}", 0))
+
+    def unit(name: str) -> np.random.Generator:
+        return unit_stream(seed, sensor.unit, name)
+
+    sensing = _Sensing.of(effects(sensor, burnt_pixels(plan.lens, sensor, unit)), shape, unit)
     current, light, before = -1, np.zeros(shape, np.float32), None
     balance = spec.white_balance
     for number in range(count):
@@ -215,11 +219,13 @@ class _Sensing:
     unit: Callable[[str], np.random.Generator]
 
     @classmethod
-    def of(cls, sensor: SensorSpec, shape: tuple[int, int], unit: Callable[[str], np.random.Generator]) -> _Sensing:
-        """Compute the maps."""
+    def of(
+        cls, acting: Sequence[Effect], shape: tuple[int, int], unit: Callable[[str], np.random.Generator]
+    ) -> _Sensing:
+        """Compute the maps of the sensor's effects."""
         once = Exposure(1.0, unit, unit)
         chain: list[Effect] = []
-        for effect in effects(sensor):
+        for effect in acting:
             if isinstance(effect, PhotoResponse):
                 chain.append(_Map(effect.apply(np.ones(shape, np.float32), once), np.float32(0)))
             elif isinstance(effect, FixedOffset | FixedLines):

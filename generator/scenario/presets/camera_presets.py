@@ -129,7 +129,8 @@ PRESETS: dict[str, CameraPreset] = {
         "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 632 stars of one frame (0.12 px rms an axis), throughput by stars of V 2.5 to 5, "
         "its fall off the axis and the point spread by stars of two frames, gain by the noise of clouds (4.1 DN^2 for a "
-        "DN of light), read noise and hot pixels by the dark corners, wings around stars to 38 px; ghosts, rings and "
+        "DN of light), read noise and hot pixels by the dark corners, PRNU and DSNU by what single pixels have "
+        "in common on 21 pairs of nights, wings around stars to 38 px; ghosts, rings and "
         "number and strength of scratches by two frames under a bright Moon. "
         "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most, not from a data sheet of the ICX205.",
         camera={
@@ -193,8 +194,8 @@ PRESETS: dict[str, CameraPreset] = {
             "black_level_dn": 2320,
             "bits": 16,
             "dark_current_e_s": 0.2,
-            "prnu": 0.01,
-            "dsnu_e": 1.0,
+            "prnu": 0.0047,
+            "dsnu_e": 1.6,
             "dsnu_column_e": 0.3,
             "hot_pixel_fraction": 8.5e-5,
             "hot_pixel_e_s": 85.0,

@@ -12,7 +12,7 @@ OWN_VALUES: dict[str, tuple[str, ...]] = {
     "imx290-8mm": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
     "imx462-fisheye": ("camera.focal_length_mm", "camera.aperture_mm", *_CMOS),
     "superstar-allsky": (
-        "camera.veiling_glare", "sensor.quantum_efficiency", "sensor.dark_current_e_s", "sensor.prnu", "sensor.dsnu_e",
+        "camera.veiling_glare", "sensor.quantum_efficiency", "sensor.dark_current_e_s",
     ),
     "gmn-imx291": ("camera.pupil", "sensor.bits", "sensor.dark_current_e_s"),
     "machine-vision-mono": (
