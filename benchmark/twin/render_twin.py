@@ -216,6 +216,7 @@ class _Skies:
     def _render(self, weather: Weather, components: tuple[str, ...]) -> tuple[FramePlan, ExpectedFrame]:
         tree = twin_tree(self._scene, self._photograph, self._R_cam, weather)
         tree |= {"foreground": {}, "camera": self._camera, "sky": tree["sky"] | {"components": list(components)}}
+        tree |= {"stars": listed_stars(tree.get("stars") or {})}
         plan = plan_frame(twin_scenario(self._scene, tree), 0)
         return plan, render_expected(plan, False, False)
 
@@ -232,6 +233,12 @@ class _Skies:
         by_id = dict(zip(table["star_id"].to_pylist(), table["electrons_e"].to_pylist(), strict=True))
         electrons = np.array([by_id.get(int(star), np.nan) for star in self._ids])
         return [np.asarray(each.sky_electrons, dtype=np.float32) for each in (glowing, others)], electrons
+
+
+def listed_stars(stars: dict[str, object]) -> dict[str, object]:
+    """Stars of a scene without those that its truth does not list."""
+    listed = stars.get("listed_magnitude")
+    return stars if listed is None else stars | {"limiting_magnitude": listed}
 
 
 def small_camera(scene: Scene) -> dict[str, object]:

@@ -6,12 +6,11 @@ The Moon's disk is made of points, so that a resolved Moon is drawn like the sta
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, airmass_to, level_or_up
+from generator.frame.plan import LEAST_TRANSMISSION, FramePlan, PointLights, airmass_to, level_or_up
 from generator.places.ephemeris import MOON_RADIUS_KM
 from generator.sky.moon_irradiance import earthshine_over_moonlight, moon_colours
 
@@ -69,26 +68,8 @@ def moon_points(
     return points / np.linalg.norm(points, axis=-1, keepdims=True), share[shown]
 
 
-@dataclass(frozen=True)
-class PointLights:
-    """All points of light of a frame: its stars and planets, then the points of the Moon's disk.
-
-    Attributes
-    ----------
-    directions : (n, k, 3) array
-        Apparent unit vectors, evenly spaced over the shutter's time.
-    v_mag, bv_mag, vi_mag, airmass : (n,) arrays
-    """
-
-    directions: Floats
-    v_mag: Floats
-    bv_mag: Floats
-    vi_mag: Floats
-    airmass: Floats
-
-
 def point_lights(plan: FramePlan) -> PointLights:
-    """Stars, planets and the Moon of a frame. The Moon is fixed at its mid-exposure position."""
+    """Stars and planets of a frame, then the points of the Moon's disk, which is fixed at its mid-exposure position."""
     stars = PointLights(plan.directions, plan.dimmed_v_mag, plan.stars.bv_mag, plan.stars.vi_mag, plan.airmass)
     state, spec = plan.sky, plan.spec
     if "moonlight" not in spec.sky.active_components or state.moon_altitude_deg <= plan.horizon.altitude_deg:

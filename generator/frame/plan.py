@@ -57,6 +57,27 @@ LARGEST_CHROMATIC_SHARE = 2.5
 
 
 @dataclass(frozen=True)
+class PointLights:
+    """Points of light.
+
+    Attributes
+    ----------
+    directions : (n, k, 3) array
+        Apparent unit vectors, evenly spaced over the shutter's time.
+    v_mag, bv_mag, vi_mag, airmass : (n,) arrays
+    """
+
+    directions: Floats
+    v_mag: Floats
+    bv_mag: Floats
+    vi_mag: Floats
+    airmass: Floats
+
+    def __len__(self) -> int:
+        return len(self.v_mag)
+
+
+@dataclass(frozen=True)
 class FramePlan:
     """One frame of a scenario, ready to render.
 
@@ -71,6 +92,8 @@ class FramePlan:
     stars : StarCatalogue
         The n stars above the horizon, brighter than the limit, whose light may touch the frame; some lie a few degrees
         outside of it.
+    unlisted : PointLights or None
+        Fainter ones that are drawn and are not in the truth, dimmed by cloud; None where all that are drawn are listed.
     ra_deg, dec_deg : (n,) arrays
         ICRS, proper motion applied to mid-exposure.
     start, middle, end : ApparentPlaces
@@ -127,6 +150,7 @@ class FramePlan:
     drift: Drift | None = None
     told_camera: CameraSpec | None = None
     told_motion: Motion | None = None
+    unlisted: PointLights | None = None
 
     @property
     def dimmed_v_mag(self) -> Floats:
@@ -176,22 +200,32 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         spec, motion = spec.model_copy(update={"camera": drift.camera(told_camera)}), drift.motion(told_motion)
     horizon = horizon_of(site, air, spec.site.horizon_ground_m)
     stars = _stars_around(spec, motion, sky, site, utc_mid, orientation, horizon.altitude_deg)
+    unlisted = None
+    if (listed := spec.stars.listed_magnitude) is not None:
+        bright = stars.v_mag <= listed
+        unlisted, stars = stars[~bright], stars[bright]
     if spec.stars.scatter_arcsec or spec.stars.scatter_mag:
         rng = random_stream(scenario.seed, "star_scatter", index)
         stars = scattered(stars, spec.stars.scatter_arcsec, spec.stars.scatter_mag, rng)
-    places = intermediate_places(stars, site, utc_mid, orientation)
-    path = [
-        observed_places(places, site, utc_start.plus(float(after)), orientation, air)
-        for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
-    ]
-    if spec.shutter_s <= LONGEST_CHORD_S:
-        middle = path[0].midway_to(path[1])
-    else:
-        middle = observed_places(places, site, utc_mid, orientation, air)
-    above_horizon = middle.enu[:, 2] > horizon.sine
-    if not above_horizon.all():
-        up = np.flatnonzero(above_horizon)
-        stars, middle, path = stars[up], middle[up], [places[up] for places in path]
+
+    def up(stars: StarCatalogue) -> tuple[StarCatalogue, ApparentPlaces, list[ApparentPlaces]]:
+        """Stars above the horizon, where they are at mid-exposure, and their path over the shutter's time."""
+        places = intermediate_places(stars, site, utc_mid, orientation)
+        path = [
+            observed_places(places, site, utc_start.plus(float(after)), orientation, air)
+            for after in np.linspace(0, spec.shutter_s, 2 + int(spec.shutter_s / LONGEST_STEP_S))
+        ]
+        if spec.shutter_s <= LONGEST_CHORD_S:
+            middle = path[0].midway_to(path[1])
+        else:
+            middle = observed_places(places, site, utc_mid, orientation, air)
+        above_horizon = middle.enu[:, 2] > horizon.sine
+        if above_horizon.all():
+            return stars, middle, path
+        rows = np.flatnonzero(above_horizon)
+        return stars[rows], middle[rows], [places[rows] for places in path]
+
+    stars, middle, path = up(stars)
     ra_deg, dec_deg = places_of_date(stars, utc_mid)
     air_path = airmass_to(horizon, middle.altitude_deg)
     scintillation = np.ones(len(stars))
@@ -239,6 +273,29 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
         drift=drift,
         told_camera=told_camera,
         told_motion=told_motion,
+        unlisted=None if unlisted is None else _lights(*up(unlisted), sky, horizon, spec.atmosphere.extinction),
+    )
+
+
+def _lights(
+    stars: StarCatalogue,
+    middle: ApparentPlaces,
+    path: list[ApparentPlaces],
+    sky: SkyState,
+    horizon: Horizon,
+    extinction: bool,
+) -> PointLights:
+    """Stars as points of light, dimmed by cloud; they do not scintillate."""
+    v_mag = stars.v_mag
+    if sky.clouds is not None:
+        passed = sky.clouds.point_transmission(level_or_up(middle.enu))
+        v_mag = v_mag - 2.5 * np.log10(np.maximum(passed, LEAST_TRANSMISSION))
+    return PointLights(
+        np.stack([places.enu for places in path], axis=1),
+        v_mag,
+        stars.bv_mag,
+        stars.vi_mag,
+        airmass_to(horizon, middle.altitude_deg) if extinction else np.zeros(len(stars)),
     )
 
 

@@ -124,6 +124,7 @@ def frame_record(plan: FramePlan, expected: ExpectedFrame, stars: pa.Table) -> d
             "n_in_field": stars.num_rows,
             "n_visible": visible_stars(stars),
             "limiting_magnitude": spec.stars.limiting_magnitude,
+            **({} if (listed := spec.stars.listed_magnitude) is None else {"listed_magnitude": listed}),
             "catalogue": spec.stars.catalogue,
         },
         "provenance": {

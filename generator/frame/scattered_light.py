@@ -14,11 +14,16 @@ from generator.optics.dust import dust_shadows
 from generator.optics.light_cells import cells_outside
 from generator.optics.scratches import scratch_light
 from generator.optics.stray_light import PointSources, Surround, cell_grid, ghosts, stray_light
+from generator.scenario.camera_spec import CameraSpec
 from generator.seeds import random_stream
 from generator.sensor.colour import filter_tile
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+
+
+GROUP_PX = 16.0
+"""Side of the cells in which the light of faint stars is gathered where it goes astray."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +32,8 @@ class Shining:
 
     Attributes
     ----------
-    emitter : StarEmitter
-    tracks : generator.plugins.star_tracks.StarTracks
+    emitter : StarEmitter or Groups
+    tracks : generator.plugins.star_tracks.StarTracks or GroupTracks
     on_axis_e : (n, channels) array
         Electrons of each point on the axis.
     """
@@ -36,6 +41,73 @@ class Shining:
     emitter: Any
     tracks: Any
     on_axis_e: Floats
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of points of light in place of an emitter: what stray light asks of one.
+
+    Attributes
+    ----------
+    directions_at_middle : (n, 3) array
+        Unit vectors.
+    """
+
+    directions_at_middle: Floats
+    light_curve: None = None
+    behind_foreground: bool = True
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.directions_at_middle)
+
+
+@dataclass(frozen=True)
+class GroupTracks:
+    """Where the light of groups falls, as attributes of :class:`generator.plugins.star_tracks.StarTracks`."""
+
+    u_px: Floats
+    v_px: Floats
+    light: Floats
+    star: NDArray[np.int64]
+    u: Floats
+    v: Floats
+    weight: Floats
+
+
+def gathered(one: Shining, camera: CameraSpec) -> Shining:
+    """Points as groups of the same light.
+
+    A group is what lies in a cell of the sky that is GROUP_PX wide on the axis, in the frame or beside it. It shines from its
+    mean place, weighted by light, without regard to what hides parts of it.
+    """
+    towards, tracks = one.emitter.directions_at_middle, one.tracks
+    cells = np.floor(towards * (camera.f_px / GROUP_PX)).astype(np.int64)
+    beside = _beside(tracks.u_px, tracks.v_px, (camera.width, camera.height))
+    _, group = np.unique(cells @ np.array([1 << 42, 1 << 21, 2]) + beside, return_inverse=True)
+    electrons = one.on_axis_e.sum(axis=1)
+    count = int(group.max()) + 1
+
+    def sums(weight: Floats) -> Floats:
+        return np.bincount(group, weight, count).astype(np.float64)
+
+    light = np.maximum(sums(electrons), np.finfo(float).tiny)
+    middle = np.stack([sums(electrons * part) for part in towards.T], axis=1)
+    imaged = np.isfinite(tracks.u_px + tracks.v_px)
+    arriving = np.where(imaged, electrons * tracks.light, 0)
+    seen = sums(arriving)
+    u_px, v_px = (
+        np.divide(sums(arriving * np.where(imaged, place, 0)), seen, out=np.full(count, np.nan), where=seen > 0)
+        for place in (tracks.u_px, tracks.v_px)
+    )
+    lit = np.flatnonzero(seen > 0)
+    relative = seen / light
+    return Shining(
+        Groups(middle / np.linalg.norm(middle, axis=1, keepdims=True)),
+        GroupTracks(u_px, v_px, relative, lit, u_px[lit], v_px[lit], relative[lit]),
+        np.stack([sums(channel) for channel in one.on_axis_e.T], axis=1),
+    )
 
 
 def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, shining: Sequence[Shining]) -> Any:
@@ -111,6 +183,12 @@ def _mean_over_time(one: Shining) -> Floats:
     return one.on_axis_e if curve is None else one.on_axis_e * curve.mean(axis=1)[:, None]
 
 
+def _beside(u: Floats, v: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which positions, px, lie outside a frame of a width and height."""
+    width, height = size
+    return np.asarray((np.abs(u - (width - 1) / 2) > width / 2) | (np.abs(v - (height - 1) / 2) > height / 2))
+
+
 def _sources(one: Shining, free: Floats, beyond: tuple[int, int] | None) -> PointSources:
     """Points near the frame at their moments, others, as far as they are `free`, where they are at mid-exposure.
 
@@ -122,9 +200,7 @@ def _sources(one: Shining, free: Floats, beyond: tuple[int, int] | None) -> Poin
     far &= np.isfinite(tracks.u_px) & (tracks.light > 0)
     near = np.ones(len(tracks.star), dtype=bool)
     if beyond is not None:
-        width, height = beyond
-        near = np.abs(tracks.u - (width - 1) / 2) > width / 2
-        near |= np.abs(tracks.v - (height - 1) / 2) > height / 2
+        near = _beside(tracks.u, tracks.v, beyond)
     star = np.concatenate([tracks.star[near], np.flatnonzero(far)])
     light = np.concatenate([tracks.weight[near], (tracks.light * free)[far]])
     return PointSources(

@@ -24,8 +24,8 @@ from generator.frame.landscape import (
     own_light_maps,
 )
 from generator.frame.moon_disk import point_lights
-from generator.frame.plan import FramePlan, dimming_atmosphere
-from generator.frame.scattered_light import Shining, dust_of, scattered
+from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere
+from generator.frame.scattered_light import Shining, dust_of, gathered, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
 from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
@@ -124,7 +124,7 @@ def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
     """Components of a frame's diffuse sky, by name."""
     with blas_threads().limit(limits=1, user_api="blas"):
         atmosphere = dimming_atmosphere(plan.spec.atmosphere)
-        layers = sky_layers(plan.spec.sky, atmosphere, plan.sky)
+        layers = sky_layers(plan.spec.sky, plan.spec.stars, atmosphere, plan.sky)
         return down_to_the_horizon(layers, plan.horizon, atmosphere)
 
 
@@ -156,20 +156,26 @@ def scene_dict(
         "type": "scene",
         "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
         "sky": sky_dict(sky),
-        "stars": {
-            "type": "skybench_stars",
-            "horizon_sine": plan.horizon.sine,
-            **dispersion_parameters(plan, points.directions),
-            "directions": tensor(points.directions),
-            "v_mag": tensor(points.v_mag),
-            "airmass": tensor(points.airmass),
-            **colour_tensors(points.bv_mag, points.vi_mag),
-            "optical_depth": tensor(depth),
-        },
+        "stars": stars_dict(plan, points, depth),
+        **({"unlisted": stars_dict(plan, plan.unlisted, depth)} if plan.unlisted else {}),
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects, plan.horizon.sine)} if len(plan.objects) else {}),
         **({"lamps": lamps_dict(plan, lamps)} if lamps else {}),
+    }
+
+
+def stars_dict(plan: FramePlan, points: PointLights, depth: Floats) -> dict[str, Any]:
+    """Points of light above the atmosphere, of `depth` per airmass, as an emitter."""
+    return {
+        "type": "skybench_stars",
+        "horizon_sine": plan.horizon.sine,
+        **dispersion_parameters(plan, points.directions),
+        "directions": tensor(points.directions),
+        "v_mag": tensor(points.v_mag),
+        "airmass": tensor(points.airmass),
+        **colour_tensors(points.bv_mag, points.vi_mag),
+        "optical_depth": tensor(depth),
     }
 
 
@@ -354,7 +360,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     image = sky
     dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
     for emitter in scene.emitters():
-        if emitter.id() not in truths or not emitter.count:
+        if emitter.id() not in (*truths, "unlisted") or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
         brighter = LAMP_FACTOR if emitter.id() == "lamps" else 1.0
@@ -363,11 +369,15 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
             light = light * dr.opaque(mi.Float, brighter)
         image = image + light
         by_band = brighter * integrator.electrons_by_band(camera, emitter, integrator.bands)
-        shining.append(Shining(emitter, tracks, by_band.sum(axis=2)))
+        shines = Shining(emitter, tracks, by_band.sum(axis=2))
+        shining.append(gathered(shines, plan.spec.camera) if emitter.id() == "unlisted" else shines)
         if layers:
             if strays:
                 light = direct * light + astray(dark, dr.zeros_like(light), light, shining[-1:])
-            parts[emitter.id()] = recorded(light)
+            name = "stars" if emitter.id() == "unlisted" else emitter.id()
+            parts[name] = recorded(light) + parts.get(name, np.float32(0))
+        if emitter.id() == "unlisted":
+            continue
         truth = star_truth(plan, tracks, np.einsum("c,ncb->nb", channel_weights(sensor), by_band))
         if (shift := integrator.dispersion_shift(camera, emitter)) is not None:
             truth = with_dispersion(truth, shift)

@@ -241,7 +241,11 @@ class StarsSpec(Strict):
     limiting_magnitude: Annotated[float, Field(ge=-2, le=15)] = 9.0
     """Magnitude of the faintest star or planet drawn, Johnson V; the sky's brightness (sky.bortle) does not change it."""
     catalogue: Literal["ybsc+hipparcos", "tycho2"] = "ybsc+hipparcos"
-    """Source; tycho2 needs Debian's kstars-data-extra-tycho2 and adds its stars to the default's."""
+    """Source; tycho2 adds 1.4 million stars to V 11.5, and leaves the light of those beyond the limit to the map."""
+    listed_magnitude: Annotated[float, Field(ge=-2, le=15)] | None = Field(
+        default=None, exclude_if=lambda mag: mag is None
+    )
+    """Magnitude of the faintest star or planet in the truth, where fainter ones are drawn; null: all are listed."""
     planets: bool = True
     """Draw Mercury, Venus and Mars to Neptune."""
     scintillation: bool = False

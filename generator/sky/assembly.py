@@ -15,7 +15,8 @@ from generator.light.lamps import City
 from generator.light.photometry import GRID_NM, radiance_from_surface_brightness
 from generator.places.catalogue import load_catalogue
 from generator.places.ephemeris import AU_KM
-from generator.scenario.model import Component, SkySpec
+from generator.places.tycho2 import load_with_tycho2
+from generator.scenario.model import Component, SkySpec, StarsSpec
 from generator.sky import milky_way as mw
 from generator.sky.airglow import airglow
 from generator.sky.city_light import bortle_layout, skyglow
@@ -34,20 +35,35 @@ Floats = NDArray[np.float64]
 
 
 @functools.cache
-def star_light() -> tuple[float, float]:
-    """Factor of the Milky Way's map for the default catalogue, and mean S10(V) of all stars over the sky."""
+def star_light(catalogue: str = "ybsc+hipparcos", limit_v_mag: float = 9.0) -> tuple[float, float]:
+    """Factor of the Milky Way's map, and mean S10(V) of all stars over the sky.
+
+    Parameters
+    ----------
+    catalogue : str
+        ``ybsc+hipparcos``: all of it counts as drawn; ``tycho2``: what is brighter than the limit.
+    limit_v_mag : float
+    """
+    if catalogue == "tycho2":
+        v_mag = load_with_tycho2().v_mag
+        factor = mw.deep_factor(v_mag, limit_v_mag)
+        return factor, mw.points_s10(v_mag[v_mag <= mw.FAINT_LIMIT_V_MAG]) + mw.sky_mean_s10()
     v_mag = load_catalogue().v_mag
     factor = mw.gap_factor(v_mag)
     return factor, mw.points_s10(v_mag[v_mag <= mw.FAINT_LIMIT_V_MAG]) + factor * mw.sky_mean_s10()
 
 
-NATURAL: dict[Component, Callable[[SkySpec, Atmosphere | None, SkyState], SkyTable]] = {
-    "airglow": lambda spec, air, state: airglow(spec.solar_flux_sfu, air, spec.airglow_factor),
-    "zodiacal": lambda spec, air, state: zodiacal(state.icrs_from_enu, state.sun_icrs, air),
-    "milky_way": lambda spec, air, state: mw.milky_way(state.icrs_from_enu, star_light()[0], air),
-    "starlight": lambda spec, air, state: scattered_starlight(star_light()[1], air),
+NATURAL: dict[Component, Callable[[SkySpec, StarsSpec, Atmosphere | None, SkyState], SkyTable]] = {
+    "airglow": lambda spec, stars, air, state: airglow(spec.solar_flux_sfu, air, spec.airglow_factor),
+    "zodiacal": lambda spec, stars, air, state: zodiacal(state.icrs_from_enu, state.sun_icrs, air),
+    "milky_way": lambda spec, stars, air, state: mw.milky_way(state.icrs_from_enu, _light_of(stars)[0], air),
+    "starlight": lambda spec, stars, air, state: scattered_starlight(_light_of(stars)[1], air),
 }
 """Components that shine without lamps, Moon and Sun. A Bortle class counts them: lamps give what they leave."""
+
+
+def _light_of(stars: StarsSpec) -> tuple[float, float]:
+    return star_light(stars.catalogue, stars.limiting_magnitude) if stars.catalogue == "tycho2" else star_light()
 
 
 def layout(spec: SkySpec) -> tuple[City, ...]:
@@ -67,8 +83,8 @@ def _asked_zenith(spec: SkySpec) -> float | None:
     return spec.zenith_mag_arcsec2 if spec.bortle is None else BORTLE_ZENITH_MAG[spec.bortle]
 
 
-def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) -> dict[str, SkyTable]:
-    """Components of a frame's sky at the ground, by name; their sum is the sky.
+def sky_layers(spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, state: SkyState) -> dict[str, SkyTable]:
+    """Components of a frame's sky at the ground, by name; their sum, beside the `stars` that are drawn, is the sky.
 
     Raises
     ------
@@ -79,7 +95,7 @@ def sky_layers(spec: SkySpec, atmosphere: Atmosphere | None, state: SkyState) ->
     """
     active = spec.active_components
     layers: dict[str, SkyTable] = {
-        name: make(spec, atmosphere, state) for name, make in NATURAL.items() if name in active
+        name: make(spec, stars, atmosphere, state) for name, make in NATURAL.items() if name in active
     }
     cities = layout(spec) if "skyglow" in active else ()
     glow = skyglow(cities, atmosphere, spec.ground_albedo) if cities else None

@@ -160,6 +160,23 @@ def gap_factor(catalogue_v_mag: Floats) -> float:
     return 1 + max(0.0, counted_s10() - drawn) / sky_mean_s10()
 
 
+def deep_factor(catalogue_v_mag: Floats, limit_v_mag: float) -> float:
+    """Factor on the map beside a catalogue that is complete to V 11 and beyond, of which stars to a limit are drawn.
+
+    What is drawn beyond V 11 is taken off the map; what is not drawn, from V 8.5 to 11, is spread like it.
+
+    Parameters
+    ----------
+    catalogue_v_mag : (n,) array
+        V of the whole catalogue.
+    limit_v_mag : float
+        Of the faintest star drawn.
+    """
+    faint = catalogue_v_mag[catalogue_v_mag > CATALOGUE_COUNTS[0][0]]
+    left_to_the_map = points_s10(faint[faint <= FAINT_LIMIT_V_MAG]) - points_s10(faint[faint <= limit_v_mag])
+    return 1 + left_to_the_map / sky_mean_s10()
+
+
 @functools.cache
 def _device_map() -> Any:
     """:func:`_wrapped_map` as a Float."""

@@ -183,3 +183,32 @@ def test_stars_light_geometry_with_the_flux_that_they_are_drawn_with() -> None:
         float(np.sum(cosine * [np.interp(nm, GRID_NM, row) for row in spectra])) / np.pi for nm in (450, 550, 650, 750)
     ]
     np.testing.assert_allclose(radiance, wanted, rtol=0.01)
+
+
+STRAY = {"share": 0.15, "core_px": 3.0, "slope": 2.5}
+
+
+def test_stars_that_are_not_listed_shine_as_listed_ones() -> None:
+    """The same image of a lens without stray light, to a thousandth of the noise; with wings and a ghost, in which they count
+    in groups, to a twentieth of it. Only listed stars are in the truth."""
+    ghost = {"share": 2e-3, "diameter_px": 20, "magnification": -1.0}
+    for stray, share in (({}, 1e-3), ({"camera__bloom": STRAY, "camera__ghosts": [ghost]}, 0.05)):
+        every, split = (
+            render_expected(plan_frame(small_scenario(stars={"limiting_magnitude": 8} | more, **stray), 0), layers=True)
+            for more in ({}, {"listed_magnitude": 5.5})
+        )
+        difference = split.electrons - every.electrons
+        assert np.abs(difference / np.sqrt(every.electrons + 1)).max() < share
+        assert split.electrons.mean() == pytest.approx(every.electrons.mean(), rel=2e-4)
+        np.testing.assert_allclose(sum(split.layers.values()), split.electrons, rtol=2e-5, atol=1e-3)
+        assert 100 < len(split.u_px) < len(every.u_px) / 5
+        np.testing.assert_array_equal(split.star_electrons.max(), every.star_electrons.max())
+
+
+def test_no_star_is_too_faint_to_be_listed_by_a_deep_limit() -> None:
+    plan = plan_frame(small_scenario(stars={"limiting_magnitude": 6, "listed_magnitude": 12}), 0)
+    assert len(plan.unlisted) == 0
+    np.testing.assert_array_equal(
+        render_expected(plan).electrons,
+        render_expected(plan_frame(small_scenario(stars={"limiting_magnitude": 6}), 0)).electrons,
+    )

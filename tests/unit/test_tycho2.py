@@ -1,67 +1,84 @@
-"""The reader of KStars' star files: on a file of the same bytes with made-up stars, and on the real ones."""
+"""Stars of Tycho-2: the packed file, what is in it, and the catalogue that it is joined to."""
 
-import os
-import struct
-from pathlib import Path
+import lzma
 
 import numpy as np
 import pytest
 
 from generator.errors import DataFileError
-from generator.places.catalogue import StarCatalogue, load_catalogue
+from generator.places.catalogue import load_catalogue, tangent_frame
+from generator.places.packed_stars import HEADER, MAGIC, Stars, packed, unpacked
 from generator.places.tycho2 import (
-    BRIGHTER_FILES,
-    DEFAULT_PATH,
-    PATH_VARIABLE,
+    FAINTEST_V_MAG,
+    TYCHO2_PATH,
     TYCHO_ID_BASE,
-    add_missing,
     johnson_from_tycho,
+    load_with_tycho2,
     read_tycho2,
-)  # fmt: skip
+)
+from generator.sky.milky_way import GALACTIC_POLE
+
+HOSTS = {
+    "WASP-76": (26.632746, 2.700574, 9.52),
+    "HAT-P-7": (292.247306, 47.969505, 10.48),
+    "WASP-121": (107.600252, -39.097381, 10.51),
+    "XO-1": (240.549355, 28.169561, 11.25),
+}
+"""Right ascension and declination, deg (Gaia), and V of stars with transiting planets that Hipparcos does not have."""
+COUNTED = {7: 16_503, 8: 48_559, 9: 139_375, 10: 382_925, 11: 1_048_084}
+"""Stars over the sky brighter than a magnitude in Tycho-2 and UCAC4 together. Source: "Counting stars", hnsky.org."""
 
 
-def deepstars(stars) -> bytes:
-    """A file in KStars' format: preamble, 11 field descriptors, index of 512 trixels, records."""
-    head = b"KStars Star Data v1.0. To be read using the 32-bit StarData structure only".ljust(124, b" ")
-    head += struct.pack("<hBH", 0x4B53, 1, 11)
-    head += b"".join(struct.pack("<10sBBi", f"field{k}".encode(), 4, 4, 1) for k in range(11))
-    head += struct.pack("<I", 512) + b"".join(struct.pack("<III", k, 0, 0) for k in range(512)) + bytes(5)
-    records = b"".join(
-        struct.pack("<iiiiiihh2sBB", round(ra / 15 * 1e6), round(dec * 1e5), 50, -30, 0, 0, round(vt * 100),
-                    9999 if colour is None else round(colour * 100), b"G2", 0, 0)
-        for ra, dec, vt, colour in stars
-    )  # fmt: skip
-    return head + records
+def some_stars(count: int = 600) -> Stars:
+    """Stars all over the sky, on both poles and beside the zero of right ascension."""
+    random = np.random.default_rng(4)
+    dec = np.degrees(np.arcsin(random.uniform(-1, 1, count)))
+    ra = random.uniform(0, 360, count)
+    dec[:4], ra[4:8] = [-90, 90, -89.99, 89.99], [0, 1e-6, 359.99999, 360]
+    motion = random.standard_t(2, (2, count)) * 30
+    bv = np.where(random.uniform(size=count) < 0.1, np.nan, random.uniform(-0.4, 5.0, count))
+    return Stars(ra, dec, *motion, random.uniform(2, 11.5, count), bv)
 
 
-STARS = [(10.0, 20.0, 9.0, 0.8), (10.0, 20.0, 9.0, 0.8), (200.0, -45.5, 10.5, None), (200.01, -45.5, 8.2, 0.1)]
+def separation_arcsec(ra, dec, other_ra, other_dec):
+    first, second = (tangent_frame(*map(np.atleast_1d, place))[0] for place in ((ra, dec), (other_ra, other_dec)))
+    return np.degrees(np.linalg.norm(first[:, :, None] - second[:, None], axis=0)) * 3600
 
 
-def test_reads_places_and_johnson_magnitudes_without_duplicates(tmp_path) -> None:
-    path = tmp_path / "deepstars.dat"
-    path.write_bytes(deepstars(STARS))
-    stars = read_tycho2(path)
-    assert len(stars) == 3
-    np.testing.assert_allclose(stars.ra_deg, [10.0, 200.0, 200.01], atol=1e-5)
-    np.testing.assert_allclose(stars.dec_deg, [20.0, -45.5, -45.5], atol=1e-6)
-    np.testing.assert_allclose(stars.v_mag[[0, 2]], [9.0 - 0.072, 8.2 - 0.009], atol=1e-9)
-    np.testing.assert_allclose(stars.bv_mag, [0.68, 0.6, 0.085], atol=1e-9)
-    assert stars.bv_assumed.tolist() == [False, True, False]
-    assert stars.star_id.tolist() == [TYCHO_ID_BASE, TYCHO_ID_BASE + 2, TYCHO_ID_BASE + 3]
-    np.testing.assert_allclose(stars.pm_ra_mas_yr, 5.0)
+def test_packed_stars_come_back_within_their_steps() -> None:
+    given = some_stars()
+    found = unpacked(packed(given), "test")
+    assert len(found.v_mag) == len(given.v_mag)
+    distance = separation_arcsec(given.ra_deg, given.dec_deg, found.ra_deg, found.dec_deg)
+    twin = distance.argmin(axis=1)
+    assert sorted(twin) == list(range(len(twin)))
+    # The diagonal of a cell; on the poles cells are twice as wide.
+    assert distance.min(axis=1)[4:].max() < 0.36
+    assert distance.min(axis=1)[:4].max() < 0.6
+    np.testing.assert_allclose(found.v_mag[twin], given.v_mag, atol=0.0251)
+    np.testing.assert_allclose(found.bv_mag[twin], given.bv_mag, atol=0.0251)
+    for name in ("pm_ra_mas_yr", "pm_dec_mas_yr"):
+        np.testing.assert_allclose(getattr(found, name)[twin], getattr(given, name), atol=10.01)
 
 
-def test_adds_only_stars_that_the_catalogue_lacks(tmp_path) -> None:
-    """Stars of Hipparcos again, as Tycho has them, add nothing; others are added and sorted in."""
-    base = load_catalogue()[np.arange(1000, 1100)]
-    again = [(ra, dec, v + 0.09 * bv / 0.85, bv / 0.85) for ra, dec, v, bv in
-             zip(base.ra_deg, base.dec_deg, base.v_mag, base.bv_mag, strict=True)]  # fmt: skip
-    path = tmp_path / "deepstars.dat"
-    path.write_bytes(deepstars([*again, (123.0, 45.0, 3.0, 0.0)]))
-    joined = add_missing(base, read_tycho2(path))
-    assert len(joined) == 101
-    assert (np.diff(joined.v_mag) >= 0).all()
-    assert joined.star_id[0] == TYCHO_ID_BASE + 100
+def test_the_same_stars_in_another_order_are_the_same_bytes() -> None:
+    given = some_stars(500)
+    turned = Stars(*(getattr(given, name)[::-1] for name in Stars.__dataclass_fields__))
+    assert packed(turned) == packed(given)
+
+
+def test_a_missing_or_damaged_file_is_named(tmp_path) -> None:
+    with pytest.raises(DataFileError, match=r"nothing\.xz: cannot be read"):
+        read_tycho2(tmp_path / "nothing.xz")
+    whole = packed(some_stars(100))
+    plain = lzma.decompress(whole)
+    for damaged in (b"", whole[:200], b"x" + whole, lzma.compress(plain[:-3]), lzma.compress(plain + bytes(9)),
+                    lzma.compress(HEADER.pack(MAGIC, 2**31) + plain[HEADER.size :]),
+                    lzma.compress(plain[: HEADER.size] + b"\1" + plain[HEADER.size + 1 :])):  # fmt: skip
+        path = tmp_path / "stars.xz"
+        path.write_bytes(damaged)
+        with pytest.raises(DataFileError, match=r"stars\.xz"):
+            read_tycho2(path)
 
 
 def test_conversion_of_colours() -> None:
@@ -69,54 +86,33 @@ def test_conversion_of_colours() -> None:
     assert (float(v[0]), float(bv[0])) == (4.91, 0.85)
 
 
-def test_a_missing_or_damaged_file_is_named(tmp_path) -> None:
-    with pytest.raises(DataFileError, match="kstars-data-extra-tycho2"):
-        read_tycho2(tmp_path / "nothing.dat")
-    path = tmp_path / "deepstars.dat"
-    path.write_bytes(deepstars(STARS)[:-5])
-    with pytest.raises(DataFileError, match="multiple of 32"):
-        read_tycho2(path)
+def test_the_file_has_known_stars_where_others_have_them() -> None:
+    """Within an arcsecond of Gaia's places (of another epoch), and within 0.2 mag."""
+    stars = read_tycho2()
+    assert len(stars) == 1_380_308
+    assert TYCHO2_PATH.stat().st_size < 6_500_000
+    assert stars.star_id[[0, -1]].tolist() == [TYCHO_ID_BASE, TYCHO_ID_BASE + len(stars) - 1]
+    for name, (ra, dec, v_mag) in HOSTS.items():
+        near = np.flatnonzero(np.abs(stars.dec_deg - dec) < 0.001)
+        distance = separation_arcsec(stars.ra_deg[near], stars.dec_deg[near], ra, dec)
+        distance = distance.ravel()
+        assert distance.min() < 1.0, name
+        assert stars.v_mag[near[distance.argmin()]] == pytest.approx(v_mag, abs=0.2), name
 
 
-def test_knows_stars_where_they_were_at_hipparcos_epoch(tmp_path) -> None:
-    """KStars has some stars at J1991.25: a star of the catalogue moved back 8.75 years is not a new one."""
-    catalogue = load_catalogue()
-    fast = catalogue[(np.hypot(catalogue.pm_ra_mas_yr, catalogue.pm_dec_mas_yr) > 1200) & (catalogue.v_mag < 7)]
-    assert len(fast) > 20
-    cosine = np.cos(np.radians(fast.dec_deg))
-    more = StarCatalogue(
-        hip=np.zeros(len(fast), np.int32),
-        hr=np.zeros(len(fast), np.int32),
-        ra_deg=fast.ra_deg - fast.pm_ra_mas_yr * 8.75 / 3.6e6 / cosine,
-        dec_deg=fast.dec_deg - fast.pm_dec_mas_yr * 8.75 / 3.6e6,
-        pm_ra_mas_yr=fast.pm_ra_mas_yr,
-        pm_dec_mas_yr=fast.pm_dec_mas_yr,
-        parallax_mas=fast.parallax_mas,
-        v_mag=fast.v_mag,
-        bv_mag=fast.bv_mag,
-        vi_mag=fast.vi_mag,
-        bv_assumed=fast.bv_assumed,
-        other_id=(TYCHO_ID_BASE + np.arange(len(fast))).astype(np.int32),
-    )
-    assert len(add_missing(fast, more)) == len(fast)
-
-
-INSTALLED = Path(os.environ.get(PATH_VARIABLE, DEFAULT_PATH))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
-    not (INSTALLED.parent / BRIGHTER_FILES[0]).exists() or not INSTALLED.exists(),
-    reason=f"{INSTALLED} of Debian's non-free kstars-data-extra-tycho2 and kstars-data's files beside it are not installed",
-)
-def test_the_real_files() -> None:
-    """Counts of the three files, Johnson V, duplicates removed, by an independent reading: 45,636 stars to V 8 and 77,673 to
-    V 8.5 (within 3, by what counts as a duplicate). Joined, no bright star comes twice: the naked-eye sky grows by less
-    than 5, by companions that the default catalogue has as one star."""
-    tycho, base = read_tycho2(INSTALLED), load_catalogue()
-    assert (tycho.v_mag <= 8.0).sum() == pytest.approx(45_636, abs=3)
-    assert (tycho.v_mag <= 8.5).sum() == pytest.approx(77_673, abs=3)
-    joined = add_missing(base, tycho)
-    assert (joined.v_mag <= 6.0).sum() - (base.v_mag <= 6.0).sum() < 5
-    assert 77_673 < (joined.v_mag <= 8.5).sum() < 1.01 * 77_673
+def test_joined_it_is_complete_to_v_11_and_has_no_star_twice() -> None:
+    """Counts within 10 % of a combined catalogue's, whose magnitudes are of several bands; density on the galactic equator
+    over that at 30 deg, and there over that at the pole, within 15 % of 150, 50 and 25 stars a square degree (all of Tycho-2:
+    Hog et al. 2000, table 1). The naked-eye sky grows by less than 5."""
+    base, joined = load_catalogue(), load_with_tycho2()
     assert (np.diff(joined.v_mag) >= 0).all()
+    assert len(joined) == len(base) + 1_380_308
+    assert joined.v_mag[joined.other_id > 0].max() <= FAINTEST_V_MAG
+    assert (joined.v_mag <= 6.0).sum() - (base.v_mag <= 6.0).sum() < 5
+    for magnitude, count in COUNTED.items():
+        assert (joined.v_mag <= magnitude).sum() == pytest.approx(count, rel=0.1), magnitude
+    sine = np.abs(joined.icrs @ GALACTIC_POLE)
+    edges = np.sin(np.radians([0, 5, 25, 35, 80, 90]))
+    equator, middle, pole = (np.histogram(sine, edges)[0] / np.diff(edges))[::2]
+    assert equator / middle == pytest.approx(150 / 50, rel=0.15)
+    assert middle / pole == pytest.approx(50 / 25, rel=0.15)

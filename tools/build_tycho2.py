@@ -1,0 +1,111 @@
+"""Make generator/data/tycho2/stars.xz: python tools/build_tycho2.py tycho2_2.orig.tar.xz.
+
+The archive is the source of Debian's package astrometry-data-tycho2: `apt-get source --download-only tycho2`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import tarfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from generator.places.catalogue import ASSUMED_BV_MAG, StarCatalogue, load_catalogue, propagate, tangent_frame
+from generator.places.packed_stars import Stars, packed
+from generator.places.tycho2 import FAINTEST_V_MAG, TYCHO2_PATH, johnson_from_tycho
+
+Floats = NDArray[np.float64]
+
+ARCHIVE_SHA256 = "b0d74bd4280e53f7cfc4b37ccb30a1cfbbc30131907dda81c706bbbab5632dfa"
+# Bytes of a line, from 0, of the fields of tyc2.dat and of suppl_1.dat (ReadMe).
+MEAN = {"ra": (15, 27), "dec": (28, 40), "pm_ra": (41, 48), "pm_dec": (49, 56), "bt": (110, 116), "vt": (123, 129),
+        "hip": (142, 148), "ra_seen": (152, 164), "dec_seen": (165, 177)}  # fmt: skip
+SUPPLEMENT = {"ra": (15, 27), "dec": (28, 40), "pm_ra": (41, 48), "pm_dec": (49, 56), "bt": (83, 89), "vt": (96, 102),
+              "hip": (115, 121)}  # fmt: skip
+MEAN_LINE_BYTES, SUPPLEMENT_LINE_BYTES = 207, 123
+YEARS_FROM_HIPPARCOS = 8.75
+SAME_STAR_ARCSEC, SAME_STAR_MAG = 5.0, 1.5
+
+
+def numbers(data: bytes, line_bytes: int, fields: dict[str, tuple[int, int]]) -> dict[str, Floats]:
+    """Fields of lines of equal length; NaN where they are blank."""
+    lines = np.frombuffer(data, "S1").reshape(-1, line_bytes)
+    found = {}
+    for name, (start, end) in fields.items():
+        text = np.char.strip(np.ascontiguousarray(lines[:, start:end]).view(f"S{end - start}").ravel())
+        found[name] = np.where(text == b"", b"nan", text).astype(float)
+    return found
+
+
+def read(archive: Path) -> tuple[Stars, NDArray[np.int64]]:
+    """All stars of Tycho-2 and of its first supplement, and their Hipparcos numbers (0: none)."""
+    if hashlib.sha256(archive.read_bytes()).hexdigest() != ARCHIVE_SHA256:
+        raise SystemExit(f"{archive}: another file than tycho2_2.orig.tar.xz of Debian's source package tycho2 2-4")
+    parts = []
+    with tarfile.open(archive) as tar:
+        for member in sorted(tar.getmembers(), key=lambda each: each.name):
+            if "tyc2.dat" in member.name or "suppl_1.dat" in member.name:
+                stream = tar.extractfile(member)
+                assert stream is not None
+                whole = "tyc2.dat" in member.name
+                form = (MEAN_LINE_BYTES, MEAN) if whole else (SUPPLEMENT_LINE_BYTES, SUPPLEMENT)
+                parts.append(numbers(stream.read(), *form))
+    for part in parts:
+        if "ra_seen" in part:
+            # Without a mean place, that seen about 1991 stands.
+            for name in ("ra", "dec"):
+                part[name] = np.where(np.isnan(part[name]), part.pop(f"{name}_seen"), part[name])
+        else:
+            motion = np.nan_to_num(part["pm_ra"]), np.nan_to_num(part["pm_dec"])
+            part["ra"], part["dec"] = propagate(part["ra"], part["dec"], *motion, YEARS_FROM_HIPPARCOS)
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in SUPPLEMENT}
+    bt_vt = columns["bt"] - columns["vt"]
+    colour = np.where(np.isnan(bt_vt), ASSUMED_BV_MAG / 0.85, bt_vt)
+    vt = np.where(np.isnan(columns["vt"]), columns["bt"] - colour, columns["vt"])
+    v_mag, bv_mag = johnson_from_tycho(vt, colour)
+    stars = Stars(
+        columns["ra"],
+        columns["dec"],
+        np.nan_to_num(columns["pm_ra"]),
+        np.nan_to_num(columns["pm_dec"]),
+        v_mag,
+        np.where(np.isnan(bt_vt), np.nan, bv_mag),
+    )
+    return stars, np.nan_to_num(columns["hip"]).astype(int)
+
+
+def known(stars: Stars, hip: NDArray[np.int64], base: StarCatalogue) -> NDArray[np.bool_]:
+    """Which of n stars a catalogue has: within SAME_STAR_ARCSEC, at J2000 or 1991.25, of a star that is within SAME_STAR_MAG
+    or has the same Hipparcos number (variable stars, and companions whose light Hipparcos has with the star's)."""
+    place = tangent_frame(stars.ra_deg, stars.dec_deg)[0].T
+    reach = float(np.radians(SAME_STAR_ARCSEC / 3600))
+    v_mag, number = np.append(base.v_mag, np.inf), np.append(np.where(base.hip > 0, base.hip, -1), -1)
+    found = np.zeros(len(hip), bool)
+    for years in (0.0, -YEARS_FROM_HIPPARCOS):
+        tree = cKDTree(base.icrs + years * base.motion_rad_yr)
+        distance, row = tree.query(place, k=2, distance_upper_bound=reach)
+        same = (np.abs(v_mag[row] - stars.v_mag[:, None]) < SAME_STAR_MAG) | (number[row] == hip[:, None])
+        found |= (np.isfinite(distance) & same).any(axis=1)
+    return found
+
+
+def chosen(stars: Stars, rows: NDArray[np.bool_]) -> Stars:
+    return Stars(*(getattr(stars, name)[rows] for name in Stars.__dataclass_fields__))
+
+
+def main(archive: Path) -> None:
+    stars, hip = read(archive)
+    bright = stars.v_mag <= FAINTEST_V_MAG
+    stars, hip = chosen(stars, bright), hip[bright]
+    rest = chosen(stars, ~known(stars, hip, load_catalogue()))
+    TYCHO2_PATH.parent.mkdir(exist_ok=True)
+    TYCHO2_PATH.write_bytes(packed(rest))
+    print(f"{len(hip)} stars to V {FAINTEST_V_MAG}, {len(rest.v_mag)} of them in {TYCHO2_PATH}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
