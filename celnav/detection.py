@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.checking import bounded, check_fields, real_array
 from celnav.detecting.blank_border import blank_border
 from celnav.detecting.colour_mosaic import level_mosaic
+from celnav.detecting.correlation.self_correlation import correlations_of_halves
+from celnav.detecting.correlation.streak import streak_of_image
+from celnav.detecting.correlation.width import width_of_image
 from celnav.detecting.filtered_noise import noise_ratio
 from celnav.detecting.flood_fill import FloodFillConfig, flood_fill
 from celnav.detecting.image_background import (
@@ -39,7 +42,6 @@ from celnav.detecting.star_candidates import (
 )
 from celnav.detecting.star_centroids import Measured, measure_stars
 from celnav.detecting.star_shape import StarShape, axes
-from celnav.detecting.streaks.correlation import streak_of_image
 from celnav.detecting.streaks.ends import by_ends
 from celnav.detecting.tiles import Tiles, mean_map
 from celnav.errors import ConfigError, DetectionError
@@ -205,8 +207,10 @@ def detect(
     known = config.psf_sigma_px is not None or config.streak_px is not None
     if not known and (seen := shape_of_bright(light, far, cores)) is not None:
         shape, known = seen, True
-    elif not known and (seen := streak_of_image(light, noise)) is not None:
-        shape = seen
+    elif not known and (halves := correlations_of_halves(light, noise)) is not None:
+        size = light.shape[0], light.shape[1]
+        seen = streak_of_image(halves, size) or width_of_image(halves, size)
+        shape = shape if seen is None else seen
     found = _search(light, noise, used, shape, config)
     if not known:
         # Streaks fall apart under a filter for points: the shape is measured once more on stars found with the first one.

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.correlation.streak import GAUSSIAN_OF_LINE
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_centroids import CENTROID_FLOOR_PX, Measured
 from celnav.detecting.star_shape import axes
-from celnav.detecting.streaks.correlation import GAUSSIAN_OF_LINE
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

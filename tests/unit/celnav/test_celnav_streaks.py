@@ -5,10 +5,11 @@ import pytest
 from star_images import add_star, add_streak, grid, nearest
 
 import celnav
+from celnav.detecting.correlation.self_correlation import correlations_of_halves
+from celnav.detecting.correlation.streak import GAUSSIAN_OF_LINE, streak_of_image
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_centroids import measure_stars
 from celnav.detecting.star_shape import StarShape, axes, fit_shape
-from celnav.detecting.streaks.correlation import GAUSSIAN_OF_LINE, streak_of_image
 from celnav.detecting.streaks.ends import by_ends
 from celnav.detecting.tiles import Tiles
 
@@ -43,6 +44,10 @@ def streaked(streak, lights, seed=4, number=36):
     for place, flux in zip(truth, np.geomspace(*lights, len(truth)), strict=True):
         add_streak(light, *place, flux, *streak)
     return light, truth
+
+
+def told_streak(image, sigma):
+    return streak_of_image(correlations_of_halves(image, flat_noise(sigma)), SIZE)
 
 
 def line_of(shape):
@@ -114,7 +119,7 @@ def test_length_and_middle_where_the_shape_is_short_and_the_image_cuts_streaks()
 def test_the_image_tells_the_streak_before_any_star_is_found(streak):
     light, _ = streaked(streak, (5000, 600))
     image = seen(light, 2) - np.float32(LEVEL)
-    direction, length = line_of(streak_of_image(image, flat_noise(np.sqrt(LEVEL + 9))))
+    direction, length = line_of(told_streak(image, np.sqrt(LEVEL + 9)))
     assert abs((direction - np.degrees(np.arctan2(streak[1], streak[0])) + 90) % 180 - 90) < 3
     assert length == pytest.approx(np.hypot(*streak), rel=0.15)
 
@@ -156,13 +161,13 @@ def test_round_stars_trails_clouds_and_faults_are_no_streaks(add):
         add_star(light, *place, flux, 1.2)
     if add is not None:
         add(light)
-    assert streak_of_image(seen(np.maximum(light, 0), 3) - np.float32(LEVEL), flat_noise(np.sqrt(LEVEL + 9))) is None
+    assert told_streak(seen(np.maximum(light, 0), 3) - np.float32(LEVEL), np.sqrt(LEVEL + 9)) is None
 
 
 def test_noise_and_small_images_have_no_streak():
     noise = np.random.default_rng(8).normal(0, 1, SIZE).astype(np.float32)
-    assert streak_of_image(noise, flat_noise(1.0)) is None
-    assert streak_of_image(noise[:60], flat_noise(1.0)) is None
+    assert told_streak(noise, 1.0) is None
+    assert correlations_of_halves(noise[:60], flat_noise(1.0)) is None
 
 
 def test_few_streaks_and_round_stars_stay_where_they_were():

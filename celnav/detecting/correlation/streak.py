@@ -10,16 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.correlation.self_correlation import SHIFTS
 from celnav.detecting.star_shape import StarShape
 
-F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-# px. The correlation is looked at up to the largest shift; a line that falls no sooner is a trail, or a fault of the sensor.
-_SHIFTS, _LONGEST, _SHORTEST, _FIRST_SHIFT = 96, 78.0, 8.0, 4
-# Light counts up to so many standard deviations, so that no bright star decides; and in the middle of large images alone.
-_MOST_LIGHT, _MIDDLE_PX = 5.0, 1024
+# px. A line that does not fall within the largest shift is a trail, or a fault of the sensor.
+_LONGEST, _SHORTEST, _FIRST_SHIFT = 78.0, 8.0, 4
 # px. Lines are compared with those so far beside them.
 _BESIDE = 6.0
 # A streak's line stands out of the scatter of all other directions so many times; those so near to it do not count, deg.
@@ -35,30 +32,22 @@ GAUSSIAN_OF_LINE = 8.0
 _ACROSS_VARIANCE = 1.0
 
 
-def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
+def streak_of_image(halves: tuple[F8, F8], size: tuple[int, int]) -> StarShape | None:
     """Measure the streak that the stars of an image have in common; None where there is none.
 
     Parameters
     ----------
-    light : ndarray, shape (height, width)
-        Image less background, zero where it is not used.
-    noise : NoiseMap
-        Standard deviation of its pixels.
+    halves : tuple of two ndarrays
+        `celnav.detecting.correlation.self_correlation.correlations_of_halves`.
+    size : tuple of int
+        Height and width of the image.
     """
-    height, width = light.shape
-    top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
-    bottom, right = min(height, top + _MIDDLE_PX), min(width, left + _MIDDLE_PX)
-    if min(bottom - top, right - left) <= _SHIFTS or max(bottom - top, right - left) <= 2 * _SHIFTS:
-        return None
-    part = light[top:bottom, left:right] / noise.strip(top, bottom)[:, left:right]
-    part = np.clip(part, -_MOST_LIGHT, _MOST_LIGHT)
-    halves = [_correlation(half) for half in np.array_split(part, 2, axis=1 if width > height else 0)]
     correlation = (halves[0] + halves[1]) / 2
     turn = np.radians(np.arange(0.0, 180.0, 1.0))
     along = np.column_stack((np.cos(turn), np.sin(turn)))
-    shifts = np.arange(_FIRST_SHIFT, _SHIFTS - _BESIDE - 1.0)
+    shifts = np.arange(_FIRST_SHIFT, SHIFTS - _BESIDE - 1.0)
     ridge = _ridge(correlation, along, shifts)
-    lengths = np.arange(_SHORTEST, _SHIFTS, 1.0)
+    lengths = np.arange(_SHORTEST, SHIFTS, 1.0)
     falls = np.maximum(1 - shifts / lengths[:, None], 0)
     strength = ridge @ (falls / np.sqrt((falls**2).sum(axis=1, keepdims=True))).T
     direction, length = np.unravel_index(np.argmax(strength), strength.shape)
@@ -78,20 +67,8 @@ def streak_of_image(light: F4, noise: NoiseMap) -> StarShape | None:
         return None
     line = np.outer(along[direction], along[direction]) * lengths[length] ** 2 / GAUSSIAN_OF_LINE
     return StarShape.constant(
-        float(line[0, 0]) + _ACROSS_VARIANCE, float(line[0, 1]), float(line[1, 1]) + _ACROSS_VARIANCE, (height, width)
+        float(line[0, 0]) + _ACROSS_VARIANCE, float(line[0, 1]), float(line[1, 1]) + _ACROSS_VARIANCE, size
     )
-
-
-def _correlation(light: F4) -> F8:
-    """Correlation of an image with itself, shifts from -_SHIFTS to _SHIFTS along rows (first) and columns."""
-    from scipy import fft
-
-    light = light - light.mean()
-    size = [fft.next_fast_len(side + _SHIFTS, real=True) for side in light.shape]
-    power = np.abs(fft.rfft2(light, size)) ** 2
-    whole = fft.irfft2(power, size) / light.size
-    reach = np.arange(-_SHIFTS, _SHIFTS + 1)
-    return np.asarray(whole[np.ix_(reach, reach)], dtype=np.float64)
 
 
 def _ridge(correlation: F8, along: F8, shifts: F8, apart: float = _BESIDE) -> F8:
@@ -104,6 +81,6 @@ def _lines(correlation: F8, along: F8, shifts: F8, beside: float) -> F8:
     """Read the correlation on lines through its middle, or so far beside it; shape (directions, shifts)."""
     from scipy import ndimage
 
-    columns = _SHIFTS + along[:, :1] * shifts - along[:, 1:] * beside
-    rows = _SHIFTS + along[:, 1:] * shifts + along[:, :1] * beside
+    columns = SHIFTS + along[:, :1] * shifts - along[:, 1:] * beside
+    rows = SHIFTS + along[:, 1:] * shifts + along[:, :1] * beside
     return np.asarray(ndimage.map_coordinates(correlation, [rows, columns], order=1, mode="nearest"))

@@ -1,0 +1,54 @@
+"""The correlation of an image with itself: what its stars have alike adds up, however faint each of them is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from celnav.detecting.noise_map import NoiseMap
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+SHIFTS = 96
+"""Pixels that the image is laid over itself shifted by at most, along rows and columns, to both sides."""
+# Light counts up to so many standard deviations, so that no bright star decides; and in the middle of large images alone.
+_MOST_LIGHT, _MIDDLE_PX = 5.0, 1024
+
+
+def correlations_of_halves(light: F4, noise: NoiseMap) -> tuple[F8, F8] | None:
+    """Correlate the halves of an image with themselves, in units of the noise's variance.
+
+    Parameters
+    ----------
+    light : ndarray, shape (height, width)
+        Image less background, zero where it is not used.
+    noise : NoiseMap
+        Standard deviation of its pixels.
+
+    Returns
+    -------
+    Two arrays, shape (2 SHIFTS + 1, 2 SHIFTS + 1), of shifts along rows (first) and columns; None of an image that is too
+    small.
+    """
+    height, width = light.shape
+    top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
+    bottom, right = min(height, top + _MIDDLE_PX), min(width, left + _MIDDLE_PX)
+    if min(bottom - top, right - left) <= SHIFTS or max(bottom - top, right - left) <= 2 * SHIFTS:
+        return None
+    part = light[top:bottom, left:right] / noise.strip(top, bottom)[:, left:right]
+    part = np.clip(part, -_MOST_LIGHT, _MOST_LIGHT)
+    one, other = np.array_split(part, 2, axis=1 if width > height else 0)
+    return _correlation(one), _correlation(other)
+
+
+def _correlation(light: F4) -> F8:
+    """Correlation of an image with itself, shifts from -SHIFTS to SHIFTS along rows (first) and columns."""
+    from scipy import fft
+
+    light = light - light.mean()
+    size = [fft.next_fast_len(side + SHIFTS, real=True) for side in light.shape]
+    power = np.abs(fft.rfft2(light, size)) ** 2
+    whole = fft.irfft2(power, size) / light.size
+    reach = np.arange(-SHIFTS, SHIFTS + 1)
+    return np.asarray(whole[np.ix_(reach, reach)], dtype=np.float64)
