@@ -43,7 +43,3 @@ class ConfigError(CelnavError):
 
 class CalibrationError(CelnavError):
     """The frames do not determine the camera, or a calibration that is read makes no sense."""
-
-
-class NothingNamedError(CalibrationError):
-    """No star of any frame can be named."""

@@ -17,7 +17,7 @@ from celnav.calibrating.growth import FEWEST, GENERAL, grow, held, observations
 from celnav.calibrating.noise import CLIP_SIGMAS, Noise, measure_noise
 from celnav.calibrating.star_matching import Match, match_frame
 from celnav.camera import Camera
-from celnav.errors import CalibrationError, NothingNamedError
+from celnav.errors import CalibrationError
 
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -32,6 +32,10 @@ _FIRST_RADIUS_PX = 3.0
 _GUESSED_FRAMES = 50
 _LEAST_RADIUS_PX, _MOST_RADIUS_PX = 0.8, 4.0
 _ROUNDS = 4
+
+
+class NothingNamedError(CalibrationError):
+    """No star of any frame can be named."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from celnav.calibrating.blind_start import PASSES, Pass, find_start, is_mirrored, is_narrow
 from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, Site, Sky
 from celnav.calibrating.growth import grow
-from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, refine
+from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, NothingNamedError, refine
 from celnav.camera import Camera
 from celnav.detection import DetectionConfig, Detections, detect
-from celnav.errors import CalibrationError, NothingNamedError
+from celnav.errors import CalibrationError
 from celnav.position import Weather
 from celnav.sky.astrometry import celestial_to_terrestrial, terrestrial_stars
 from celnav.sky.catalog import load_catalog

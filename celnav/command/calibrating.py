@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from celnav.command.camera_file import read_camera_file
 from celnav.command.pointing import Pointing
 from celnav.detecting.image_file import read_image
-from celnav.errors import ConfigError, NothingNamedError
+from celnav.errors import ConfigError
 
 
 def calibrate_files(arguments: argparse.Namespace) -> str:
@@ -27,6 +27,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     """
     from celnav.calibrating.calibrate import calibrate
     from celnav.calibrating.camera_output import opencv_text, scenario_text
+    from celnav.calibrating.joint_fit import NothingNamedError
     from celnav.calibrating.unknown_camera import WIDER_SIGMAS_PX
     from celnav.calibrating.verdict import report
     from celnav.command.calibration_frames import FEWEST_FOR_MASK, learnt_mask, read_frames

@@ -9,8 +9,9 @@ from PIL import Image
 import celnav
 from celnav.calibrating import blind_start, unknown_camera
 from celnav.calibrating.blind_start import WORK, Pass
+from celnav.calibrating.joint_fit import NothingNamedError
 from celnav.cli import main
-from celnav.errors import CalibrationError, NothingNamedError
+from celnav.errors import CalibrationError
 from tests.calibration_sky import LAT_DEG, LON_DEG, apparent_stars, perspective_positions
 from tests.star_images import add_star
 
