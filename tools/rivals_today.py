@@ -1,8 +1,9 @@
 """What each rival reaches on the boards as they are: python tools/rivals_today.py [--boards results/leaderboard].
 
-Takes the whole systems' rows of today's code on tasks of single frames that skybench and all rivals have run, and prints
-Markdown: success with Wilson's 95 % intervals, wrong fixes and the median error of the right ones over all frames together;
-then success and that median by task. docs/rivals.md holds the table of its day.
+Takes the whole systems' rows on tasks of single frames that skybench and all rivals have run, and prints Markdown: success
+with Wilson's 95 % intervals, wrong fixes and the median error of the right ones over all frames together; then success and
+that median by task. `skybench bench boards --plan` says which rows are not of today's code. docs/rivals.md holds the table of
+its day.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.report.site.tree import StoredResult, read_tree
-from benchmark.run.freshness import State
 from benchmark.stats.frame_metrics import errors_km, fixed, succeeded
 from benchmark.stats.intervals import proportion
 
@@ -29,13 +29,11 @@ def counted(result: StoredResult) -> tuple[list[bool], int, list[float]]:
     return right.tolist(), int((fixed(result.frames) & ~right).sum()), errors
 
 
-def of_today(boards: Path) -> dict[str, dict[str, StoredResult]]:
+def shared_tasks(boards: Path) -> dict[str, dict[str, StoredResult]]:
     """Rows by task and solver, of the tasks that all have run."""
     found = {}
     for group in read_tree(boards):
-        rows = {
-            row.solver: row for row in group if row.detections == "own" and row.age and row.age.state is State.TODAY
-        }
+        rows = {row.solver: row for row in group if row.detections == "own"}
         if set(SOLVERS) <= set(rows) and group[0].task.key != SEQUENCES:
             found[group[0].task.key] = rows
     return found
@@ -56,7 +54,7 @@ def cells(results: Sequence[StoredResult]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--boards", type=Path, default=Path("results/leaderboard"))
-    tasks = of_today(parser.parse_args().boards)
+    tasks = shared_tasks(parser.parse_args().boards)
     heads = ["solver", "success, %", "wrong, %", "median of the right, km", *tasks]
     print(f"| {' | '.join(heads)} |\n|{'-|' * len(heads)}")
     for solver in SOLVERS:
