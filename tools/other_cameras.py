@@ -1,6 +1,6 @@
 """Photographs as other cameras would have taken them, each solved blind: cut, turned, binned, compressed, with hot pixels.
 
-python tools/other_cameras.py PHOTOGRAPH... [--place LAT LON HEIGHT_M] [--only NAME]
+python tools/other_cameras.py PHOTOGRAPH... [--windows] [--place LAT LON HEIGHT_M] [--only NAME]
 
 Each photograph is first identified whole (`celnav.find_camera`); its camera and orientation are the truth of all changes. A
 change is right where the middle of the changed picture points to within 0.1 deg (or two pixels) of where the truth says, and
@@ -86,7 +86,7 @@ def windows(image: F8, camera: celnav.Camera, width_deg: float, away_deg: tuple[
     return found
 
 
-def changes(image: NDArray[np.generic], camera: celnav.Camera, rng: np.random.Generator) -> list[Changed]:
+def changes(image: NDArray[np.generic], rng: np.random.Generator) -> list[Changed]:
     """Return all changes of a grey photograph."""
     grey = image.astype(np.float64)
     height, width = grey.shape
@@ -120,7 +120,6 @@ def changes(image: NDArray[np.generic], camera: celnav.Camera, rng: np.random.Ge
         Changed("colour mosaic", bayer),
         Changed("hot pixels, one in 1000", hot),
         Changed("text and a cross of lines", text),
-        *(cut for side in (60.0, 30.0, 20.0) for cut in windows(grey, camera, side, (15.0, 35.0, 50.0))),
     ]
 
 
@@ -163,6 +162,9 @@ def main() -> None:
     parser.add_argument("photographs", nargs="+", type=Path)
     parser.add_argument("--place", nargs=3, type=float, metavar=("LAT", "LON", "HEIGHT_M"))
     parser.add_argument("--only", default="", help="changes whose names hold this")
+    parser.add_argument(
+        "--windows", action="store_true", help="also windows of 60, 30 and 20 deg, up to 50 deg off the axis"
+    )
     parser.add_argument("--utc", help="where the photographs do not tell it")
     arguments = parser.parse_args()
     counts: dict[str, dict[str, int]] = {}
@@ -171,7 +173,11 @@ def main() -> None:
         utc = arguments.utc or middle or "2020-01-01T00:00:00Z"
         truth = celnav.find_camera(image, utc)
         print(f"{path.name}: {truth.stars} stars, {truth.scatter_px:.2f} px, f {truth.camera.f_px:.1f} px", flush=True)
-        for change in changes(image, truth.camera, np.random.default_rng(1)):
+        changed = changes(image, np.random.default_rng(1))
+        if arguments.windows:
+            for width_deg in (60.0, 30.0, 20.0):
+                changed += windows(image.astype(np.float64), truth.camera, width_deg, (15.0, 35.0, 50.0))
+        for change in changed:
             if arguments.only in change.name:
                 verdict, told = judged(change, truth, utc)
                 print(f"  {verdict:8}{change.name:36}{told}", flush=True)

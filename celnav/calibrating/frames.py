@@ -21,6 +21,7 @@ F8 = NDArray[np.float64]
 
 LOWEST_ALTITUDE_DEG = 5.0
 """Stars below it are left out: refraction of the real air differs from the standard one's by more than a part of a pixel."""
+_NO_AIR_BELOW = -0.01
 FAINTEST_MAG, DEEP_MAG = 8.0, 10.0
 """Of the stars that are looked for: in usual fields, and in narrow ones (`sky_index.NARROW`)."""
 
@@ -105,29 +106,33 @@ class Sky:
         return float(self.v_mag[inside[:count][-1]]) if len(inside) else -np.inf
 
 
-def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG) -> Sky:
-    """Return the stars above `LOWEST_ALTITUDE_DEG` that an observer sees at an instant."""
+def sky_over(site: Site, utc: Utc, faintest_mag: float = FAINTEST_MAG, lowest_deg: float = LOWEST_ALTITUDE_DEG) -> Sky:
+    """Return the stars above an apparent altitude, -90 deg for all, as an observer at the site sees them at an instant."""
     catalog = load_catalog()
     catalog = catalog.take(slice(int(np.searchsorted(catalog.v_mag, faintest_mag))))
     orientation = earth_orientation(utc)
     to_terrestrial = celestial_to_terrestrial(utc, orientation)
     true = terrestrial_stars(catalog, utc, orientation, to_terrestrial).enu(site.lat_deg, site.lon_deg)
-    high = np.flatnonzero(true[:, 2] > np.sin(np.radians(LOWEST_ALTITUDE_DEG - 0.5)))
+    high = np.flatnonzero(true[:, 2] > np.sin(np.radians(max(lowest_deg - 0.5, -90.0))))
     dirs = apparent(true[high], site.weather)
-    above = dirs[:, 2] > np.sin(np.radians(LOWEST_ALTITUDE_DEG))
+    above = dirs[:, 2] > np.sin(np.radians(lowest_deg))
     rows = high[above]
     turned = enu_rotation(site.lat_deg, site.lon_deg) @ to_terrestrial
     return Sky(dirs[above], catalog.v_mag[rows], catalog.star_id[rows], turned, site, utc)
 
 
 def apparent(true_enu: F8, weather: Weather) -> F8:
-    """Lift geometric directions, shape (n, 3), by refraction.
+    """Lift geometric directions, shape (n, 3), by refraction; those below the horizon stay where they are.
 
     `refraction_rad` takes the apparent zenith distance, found by iteration: at 5 deg of altitude the fifth round changes it
     by less than 0.01 arcsec.
     """
     if weather.pressure_hpa <= 0:
         return true_enu
+    if (lower := true_enu[:, 2] < _NO_AIR_BELOW).any():
+        lifted = true_enu.copy()
+        lifted[~lower] = apparent(true_enu[~lower], weather)
+        return lifted
     across = np.hypot(true_enu[:, 0], true_enu[:, 1])
     true_zd = np.arctan2(across, true_enu[:, 2])
     bent = np.zeros(len(true_zd))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.calibrating.below_horizon import HIGHEST_DEG, stars_below
 from celnav.calibrating.blind_start import PASSES, Start, find_start, identify_with, is_mirrored, is_narrow
 from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.fixed_detections import moving
@@ -32,6 +33,8 @@ _FIRST_RADIUS_PX = 3.0
 _GUESSED_FRAMES = 50
 _LEAST_RADIUS_PX, _MOST_RADIUS_PX = 0.8, 4.0
 _ROUNDS = 4
+# Of the stars of a frame: more of them below the horizon contradict place or time.
+_MOST_BELOW = 0.05
 
 
 class NothingNamedError(CalibrationError):
@@ -117,12 +120,29 @@ def first_frame(field: Field, guess: Start | None = None) -> tuple[int, Bundle]:
             )
         bundle = grow(frame, sky, start)
         if _bound(part, 0, bundle, math.inf) < MOST_LOG10_CHANCE:
+            _refuse_below_horizon(frame, sky, start)
             return i, bundle
     if is_mirrored(field.frames[0], field.skies[0]):
         raise CalibrationError("the frames show the sky mirrored: turn the rows of the images over")
     raise NothingNamedError(
         "no frame shows stars that could be named in its middle: give a clearer frame, longer exposures or a camera"
     )
+
+
+def _refuse_below_horizon(frame: CalibrationFrame, sky: Sky, start: Start) -> None:
+    """Raise where a frame, its lens fitted to the stars of the whole sky, shows stars below the horizon of the place."""
+    if is_narrow(start.camera):  # the middle has told
+        return
+    whole = sky_over(sky.site, sky.utc, lowest_deg=-90.0)
+    bundle = grow(frame, whole, start)
+    predicted = bundle.predict(whole.dirs, np.zeros(len(whole.dirs), dtype=np.intp))
+    match = match_frame(frame, whole, predicted, 3.0)
+    seen, chance = stars_below(frame, whole, bundle, match.limiting_mag)
+    if seen > _MOST_BELOW * len(match.star) and chance < MOST_LOG10_CHANCE:
+        raise CalibrationError(
+            f"frame {frame.name}: {seen} stars are seen that stand more than {-HIGHEST_DEG:g} deg below the horizon of the "
+            "place at that time: check latitude, longitude (east is positive) and time"
+        )
 
 
 def _starts(field: Field, guess: Start | None) -> Iterator[tuple[int, Start]]:

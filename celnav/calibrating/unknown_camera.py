@@ -35,6 +35,8 @@ interpolated from a colour mosaic, or smoothed, has hot pixels as wide as sharp 
 width is measured."""
 # Of the frame's longer side: in a narrow field the principal point is one with the orientation, and is left in the middle.
 _NARROW_CENTRE = 0.002
+# Beyond it the lens does not follow the stars, as in a window cut far from the axis of a fisheye.
+_MOST_SCATTER_PX = 1.0
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
 
 
@@ -133,5 +135,15 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
     if fit.matches[0].log10_chance > MOST_LOG10_CHANCE:
         return None
     scatter = math.sqrt(float((fit.residual_px**2).mean()))
+    if scatter > max(_MOST_SCATTER_PX, 3 * _usual_sigma(frame.detections)):
+        raise NothingNamedError(
+            f"{len(fit.seen)} stars are identified near the middle, but no lens about the middle follows them outwards "
+            f"({scatter:.1f} px): is the picture cut from one side of a larger one?"
+        )
     camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
     return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)
+
+
+def _usual_sigma(detections: Detections) -> float:
+    """Median of the standard deviations that detection gave the positions, pixels."""
+    return 0.0 if detections.sigma_px is None else float(np.median(detections.sigma_px))

@@ -147,6 +147,17 @@ def test_wrong_place_is_named(tilted):
         calibrate([tilted[0]], -LAT_DEG, LON_DEG + 180)
 
 
+@pytest.mark.parametrize(("lat_deg", "lon_deg"), [(-LAT_DEG, LON_DEG), (LAT_DEG, -LON_DEG)])
+def test_wrong_sign_of_the_place_is_seen_in_a_whole_sky(lat_deg, lon_deg):
+    """The frame's middle stays above the wrong horizon, and half of its stars do not."""
+    enu, v_mag = apparent_stars(UTC, 5.5)
+    R_cam = np.diag([-1.0, -1.0, 1.0])
+    uv = fisheye_positions(enu, R_cam, (330.0, 600.0, 450.0, 0, 0, 0, 0))
+    frame, _ = frame_of(UTC, uv, v_mag, (1200, 900), np.random.default_rng(3))
+    with pytest.raises(CalibrationError, match="stars are seen that stand more than 5 deg below the horizon"):
+        calibrate([frame], lat_deg, lon_deg, camera=celnav.Camera("equidistant", 1200, 900, 330.0))
+
+
 @pytest.mark.journey
 def test_clutter_alone_is_refused():
     rng = np.random.default_rng(5)
