@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from celnav.calibrating.frames import CalibrationFrame
     from celnav.calibrating.lens_form import LensForm
     from celnav.calibrating.sky_mask import sky_mask
-    from celnav.calibrating.unknown_camera import FoundCamera, find_camera
     from celnav.sequences.cameras import CamerasFix, CameraView, solve_cameras
     from celnav.sequences.night import Night, NightFix
+    from celnav.unknown_camera import FoundCamera, find_camera
 
 __all__ = [
     "SOLVERS",
@@ -100,7 +100,7 @@ def __getattr__(name: str) -> Any:
 
         return CameraCalibration
     if name in ("FoundCamera", "find_camera"):
-        from celnav.calibrating import unknown_camera
+        from celnav import unknown_camera
 
         return getattr(unknown_camera, name)
     if name == "CalibrationFrame":

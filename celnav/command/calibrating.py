@@ -28,10 +28,10 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     from celnav.calibrating.calibrate import calibrate
     from celnav.calibrating.camera_output import opencv_text, scenario_text
     from celnav.calibrating.joint_fit import NothingNamedError
-    from celnav.calibrating.unknown_camera import WIDER_SIGMAS_PX
     from celnav.calibrating.verdict import report
     from celnav.command.calibration_frames import FEWEST_FOR_MASK, learnt_mask, read_frames
     from celnav.command.residual_map import check_map_path, draw_residual_map
+    from celnav.unknown_camera import WIDER_SIGMAS_PX
 
     if arguments.map is not None:
         check_map_path(arguments.map)

@@ -31,7 +31,7 @@ from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
 from celnav.solver import solve
 
 if TYPE_CHECKING:
-    from celnav.calibrating.unknown_camera import FoundCamera
+    from celnav.unknown_camera import FoundCamera
 
 UNKNOWN = "unknown"
 """In place of the camera's file: nothing is known of it."""
@@ -100,7 +100,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             mask = values.astype(bool) if values.ndim == 2 else values.any(axis=2)
         air = usual_weather(arguments.height_m, arguments.pressure_hpa, arguments.temperature_c)
     if told is None:
-        from celnav.calibrating.unknown_camera import find_camera
+        from celnav.unknown_camera import find_camera
 
         with clock.stage("finding the camera"):
             lens, detections = _found_lens(find_camera(image, moment.utc, mask))

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 import celnav
-from celnav.calibrating import blind_start, unknown_camera
+from celnav import unknown_camera
+from celnav.calibrating import blind_start
 from celnav.calibrating.blind_start import WORK, Pass
 from celnav.calibrating.joint_fit import NothingNamedError
 from celnav.cli import main
