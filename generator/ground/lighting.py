@@ -95,9 +95,7 @@ def irradiance(panorama: Panorama, light: SkyLight) -> Floats:
     moon_seen = 1 - float(opacity(around.sphere, *_azimuth_altitude(light.moon_enu))[0])
     moon = np.maximum(surface_normals() @ light.moon_enu, 0)[:, None] * (moon_seen * light.moon_irradiance)
     direct = (around.from_sky @ light.maps.T) @ light.spectra + moon
-    # What every surface sends to every other one by way of the landscape's colours, wavelength by wavelength.
-    exchange = MOST_RETURNED * np.einsum("bn,bst->nst", primaries(), around.exchange)
-    return np.asarray(np.linalg.solve(np.eye(WALLS + 1) - exchange, direct.T[:, :, None])[:, :, 0].T)
+    return np.asarray(np.linalg.solve(around.kept, direct.T[:, :, None])[:, :, 0].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +108,13 @@ class _Surroundings:
         The landscape on the grid of cells.
     from_sky : (WALLS + 1, ROWS^2) array
         Projected solid angles of the sky's directions, without what the landscape hides, sr.
-    exchange : (3, WALLS + 1, WALLS + 1) array
-        Irradiance of each surface over that of each other one whose light the landscape's linear red, green and blue
-        reflect to it.
+    kept : (n, WALLS + 1, WALLS + 1) array
+        Irradiance of all surfaces times this, wavelength by wavelength, is what arrives without the landscape's reflections.
     """
 
     sphere: Layers
     from_sky: Floats
-    exchange: Floats
+    kept: Floats
 
 
 @functools.lru_cache(maxsize=2)
@@ -135,8 +132,10 @@ def _surroundings(panorama: Panorama) -> _Surroundings:
     lit[row, (wall + 1) % WALLS] = np.where(level, 0, weight)
     lit[row, -1] = level
     colours = sphere.reflectance.reshape(-1, 3)[used] / np.pi
-    exchange = np.stack([(projected[:, used] * colours[:, band]) @ lit for band in range(3)])
-    return _Surroundings(sphere, projected[:, :above] * (1 - covered[:above]), exchange)
+    # What every surface sends to every other one by way of the landscape's linear red, green and blue.
+    by_colour = np.stack([(projected[:, used] * colours[:, band]) @ lit for band in range(3)])
+    exchange = MOST_RETURNED * np.einsum("bn,bst->nst", primaries(), by_colour)
+    return _Surroundings(sphere, projected[:, :above] * (1 - covered[:above]), np.eye(WALLS + 1) - exchange)
 
 
 def walls_around(azimuth_deg: Floats) -> tuple[NDArray[np.intp], Floats]:

@@ -35,6 +35,8 @@ from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
 from generator.sky.directions import ALTITUDE_POWER
 
+PACKET = 4
+"""Maps that are read at once."""
 DISTANCE = 1e6
 """Distance of the sky for shadow rays, scene units."""
 
@@ -52,6 +54,7 @@ class DiffuseSkyEmitter(mi.Emitter):
         if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
         self.count, self.rows, self.columns = maps.shape
+        self.stride = 1 if self.count == 1 else -(-self.count // PACKET) * PACKET
         self.values = self._texture(maps)
         self.lowest_sine = 0.0
         if "low_maps" in props:
@@ -87,8 +90,24 @@ class DiffuseSkyEmitter(mi.Emitter):
         One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that a
         look-up reads neighbours in memory.
         """
-        wrapped = np.concatenate([maps, maps[:, :, :1]], axis=2)
-        return mi.Float(np.ascontiguousarray(np.moveaxis(wrapped, 0, -1)).ravel())
+        texels = np.zeros((maps.shape[1], self.columns + 1, self.stride), np.float32)
+        texels[:, :-1, : self.count] = np.moveaxis(maps, 0, -1)
+        texels[:, -1] = texels[:, 0]
+        return mi.Float(texels.ravel())
+
+    def _between(self, values: Any, place: tuple[Any, Any], share: tuple[Any, Any]) -> list[Any]:
+        """All maps of a texture between the texel at a row and column (UInt32) and the next ones, by shares of these."""
+        first = place[0] * (self.columns + 1) + place[1]
+        corners = []
+        for texel in (first, first + 1, first + (self.columns + 1), first + (self.columns + 2)):
+            if self.count == 1:
+                corners.append([dr.gather(mi.Float, values, texel)])
+                continue
+            packets = self.stride // PACKET
+            read = [dr.gather(mi.Vector4f, values, texel * packets + part) for part in range(packets)]
+            corners.append([value for packet in read for value in packet][: self.count])
+        down, right = share
+        return [dr.lerp(dr.lerp(a, b, right), dr.lerp(c, d, right), down) for a, b, c, d in zip(*corners, strict=True)]
 
     def coefficients(self, direction: Any, aureole: bool = True) -> list[Any]:
         """Value of every map in unit vectors `direction` (Vector3f, ENU), one Float each; zero below the horizon.
@@ -103,22 +122,15 @@ class DiffuseSkyEmitter(mi.Emitter):
         r0 = dr.minimum(mi.UInt32(row), self.rows - 2)
         c0 = dr.minimum(mi.UInt32(column), self.columns - 1)
         wr, wc = row - mi.Float(r0), column - mi.Float(c0)
-        first = (r0 * (self.columns + 1) + c0) * self.count
-        below = first + (self.columns + 1) * self.count
-        corners = (first, first + self.count, below, below + self.count)
-
-        def look_up(values: Any, k: int) -> Any:
-            a, b, c, d = (dr.gather(mi.Float, values, corner + k) for corner in corners)
-            return dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr)
-
-        result = [look_up(self.values, k) for k in range(self.count)]
+        result = self._between(self.values, (r0, c0), (wr, wc))
         if self.veiled:
             depths = self.clouds.slant_depths(direction)
             factors = [self.clouds.transmission(depths)]
             if self.moon is not None:
                 factors.append(self.moon.radiance(self.clouds, depths, direction, aureole))
             for factor, values in zip(factors, self.veiled, strict=True):
-                result = [dr.fma(factor, look_up(values, k), value) for k, value in enumerate(result)]
+                behind = self._between(values, (r0, c0), (wr, wc))
+                result = [dr.fma(factor, light, value) for light, value in zip(behind, result, strict=True)]
         if self.lowest_sine < 0:
             below = self._low_coefficients(direction, column)
             return [dr.select(up, value, low) for value, low in zip(result, below, strict=True)]
@@ -131,15 +143,8 @@ class DiffuseSkyEmitter(mi.Emitter):
         r0 = dr.minimum(mi.UInt32(row), self.low_rows - 2)
         c0 = dr.minimum(mi.UInt32(column), self.columns - 1)
         wr, wc = row - mi.Float(r0), column - mi.Float(c0)
-        first = (r0 * (self.columns + 1) + c0) * self.count
-        corners = [first + step * self.count for step in (0, 1, self.columns + 1, self.columns + 2)]
         seen = direction.z >= self.lowest_sine
-
-        def look_up(k: int) -> Any:
-            a, b, c, d = (dr.gather(mi.Float, self.low_values, corner + k) for corner in corners)
-            return dr.select(seen, dr.lerp(dr.lerp(a, b, wc), dr.lerp(c, d, wc), wr), 0)
-
-        return [look_up(k) for k in range(self.count)]
+        return [dr.select(seen, light, 0) for light in self._between(self.low_values, (r0, c0), (wr, wc))]
 
     def radiance(self, direction: Any, wavelengths: Any) -> Any:
         """Radiance (Spectrum) that arrives from unit vectors `direction` (Vector3f, ENU)."""

@@ -185,12 +185,15 @@ def _probes(camera: NightSkyCamera, middle: Placed, counted_px: float) -> tuple[
     beyond = np.maximum(
         np.abs(middle.u - camera.width / 2) - camera.width / 2, np.abs(middle.v - camera.height / 2) - camera.height / 2
     )
-    distance = np.where(beyond < counted_px, distance, -distance)
-    outermost = np.argsort(-np.nan_to_num(distance, nan=-np.inf), kind="stable")
-    _, first, cell = np.unique((rows * PROBES[0] + columns)[outermost], return_index=True, return_inverse=True)
-    of_star = np.empty(len(distance), np.intp)
-    of_star[outermost] = cell.ravel()
-    return outermost[first], of_star
+    distance = np.nan_to_num(np.where(beyond < counted_px, distance, -distance), nan=-np.inf)
+    cell = rows * PROBES[0] + columns
+    farthest = np.full(PROBES[0] * PROBES[1], -np.inf)
+    np.maximum.at(farthest, cell, distance)
+    outermost = np.flatnonzero(distance == farthest[cell])
+    held, first = np.unique(cell[outermost], return_index=True)
+    number = np.zeros(len(farthest), np.intp)
+    number[held] = np.arange(len(held))
+    return outermost[first], number[cell]
 
 
 def _blocks_of_shares(count: int, checks: int) -> Iterator[Floats]:

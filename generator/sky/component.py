@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,7 +27,7 @@ EXTINCTION_RANK = 8
 COMPRESSION_ERROR = 3e-5
 
 
-class Veil(Protocol):
+class Veil(Hashable, Protocol):
     """A factor that varies with direction more finely than the grid."""
 
     def at(self, enu: Floats) -> Floats:
@@ -200,9 +200,14 @@ class SkyTable:
         if self.pattern is not None:
             overhead_by_pattern = self.pattern[..., -1, 0].reshape(-1)
             zenith = zenith * np.repeat(overhead_by_pattern, len(self.parts) // len(overhead_by_pattern))
-        overhead = np.array([[0.0, 0.0, 1.0]])
-        veiled = sum(float(veil.at(overhead)[0]) * table.zenith_v() for veil, table in self.veiled)
+        veiled = sum(_overhead(veil) * table.zenith_v() for veil, table in self.veiled)
         return float(v_band() @ self.spectra.T @ zenith) + veiled
+
+
+@functools.lru_cache(maxsize=2)
+def _overhead(veil: Veil) -> float:
+    """A veil's factor at the zenith: the components of a sky have their veils in common."""
+    return float(veil.at(np.array([[0.0, 0.0, 1.0]]))[0])
 
 
 @functools.cache
