@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -215,7 +216,7 @@ def confirm(
             for task in tasks:
                 line = bar.add_task(task, total=None)
                 choice = FrameChoice(split=split.value, data=data, workers=workers)
-                frames = open_frames(task, choice, lambda count, line=line: bar.advance(line, count))  # type: ignore[misc]
+                frames = open_frames(task, choice, partial(bar.advance, line))
                 found.append(confirm_results(out, frames))
     except BenchmarkError as error:
         fail(error)
