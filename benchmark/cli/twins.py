@@ -94,7 +94,7 @@ def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:
 
     from PIL import Image
 
-    from benchmark.twin.ground import ground_mask, landscape_picture
+    from benchmark.twin.ground import ground_mask, ground_reflectance, landscape_picture
     from benchmark.twin.photograph import read_photograph
     from benchmark.twin.scene import read_scene
     from benchmark.twin.view import dark_plane, view_of
@@ -110,7 +110,9 @@ def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:
             fixed.check_size(path.name, pixels.shape)
             frames.append(pixels - dark_plane(pixels, camera, circle_px, float(black_dn)))
     with working("comparing"):
-        mask = ground_mask(frames, view_of(camera, fixed.spec.R_cam))
+        view = view_of(camera, fixed.spec.R_cam)
+        mask = ground_mask(frames, view)
+        picture = landscape_picture(mask, ground_reflectance(frames, view, mask), camera, fixed.spec.R_cam)
     stream = io.BytesIO()
-    Image.fromarray(landscape_picture(mask, camera, fixed.spec.R_cam)).save(stream, format="PNG", optimize=True)
+    Image.fromarray(picture).save(stream, format="PNG", optimize=True)
     write_bytes(target, stream.getvalue())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, minimum
+from scipy.ndimage import binary_closing, binary_dilation, gaussian_filter, label, median, minimum
 
 from benchmark.twin.view import View
 from celnav.camera import Camera
@@ -27,19 +27,30 @@ HIGHEST_DEG = 35.0
 """Nothing that stands on the ground reaches higher; the sky above is not judged."""
 LEAST_PX = 150
 """Of a connected area; smaller ones are scratches and dust."""
+AREA_PART = 0.7
+"""Median light of such an area over the sky's level, at most: on photographs trees and walls have 0.38 to 0.66 of it, the sky
+beside the glow of a city 0.78 to 0.82."""
 STANDING_DEG = 8.0
-"""Lowest altitude at which an area that stands on the ground must begin."""
+"""Lowest altitude at which an area that stands on the ground must begin, and below which the ground is closed."""
 CLOSED_PX = 3
-COLOUR = (74, 78, 66)
-"""sRGB of the landscape: dark foliage and walls, a reflectance of 7 %."""
 PICTURE_PX = 1024
+SKY_BESIDE_DEG = (10.0, 20.0)
+"""Altitudes whose sky lights what stands on the ground."""
+SHADED_PART = 0.25
+"""Part of the photographs in which the Moon is taken not to shine on a surface."""
+DARKEST, BRIGHTEST = 0.03, 0.95
+"""Diffuse reflectances, from dark needles to white paint."""
+DARK_SHARE = 0.05
+"""Part of the ground that has the first of them."""
+UNSEEN = 0.07
+"""Reflectance of ground that no photograph shows."""
 
 
 def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
     """Tell which pixels are ground, (height, width), from photographs less their dark level, in DN.
 
-    In most of the photographs the ground is darker than the sky beside it at the same altitude. What stands there hides
-    everything below it, so that each azimuth is ground below its highest ground.
+    In most of the photographs the ground is darker than the sky beside it at the same altitude. Sky shows between and under
+    branches; only below `STANDING_DEG` is each azimuth ground below its highest ground.
     """
     altitude = view.altitude_deg
     near = (altitude > 0) & (altitude < HIGHEST_DEG)
@@ -50,7 +61,8 @@ def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
     lowest = minimum(altitude, areas, np.arange(count + 1))
     large = np.asarray(np.bincount(np.asarray(areas).ravel()) >= LEAST_PX)
     low = np.asarray(lowest) < STANDING_DEG
-    kept = np.flatnonzero(large & low)
+    typical = median(np.quantile(parts, MOST_FRAMES, axis=0), areas, np.arange(count + 1))
+    kept = np.flatnonzero(large & low & (np.asarray(typical) < AREA_PART))
     return _down_to_the_horizon(np.asarray(np.isin(areas, kept[kept > 0])), view)
 
 
@@ -59,8 +71,33 @@ def widened(mask: Mask, by_px: int) -> Mask:
     return np.asarray(binary_dilation(mask, iterations=by_px)) if by_px else mask
 
 
-def landscape_picture(ground: Mask, camera: Camera, R_cam: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """The ground as a fisheye picture, (1024, 1024, 4) sRGB and alpha: north at the top, east on the left, 180 deg across."""
+def ground_reflectance(frames: Sequence[NDArray[np.floating]], view: View, ground: Mask) -> Singles:
+    """Diffuse reflectance of the ground, (height, width), from the same photographs; `UNSEEN` elsewhere.
+
+    A wall stands in the light of half of the sky: under an even one of radiance L it sends back reflectance times L / 2
+    (Lambert's law). The light that the lens scatters onto the ground is taken from its darkest pixels.
+    """
+    beside = ~ground & (view.altitude_deg >= SKY_BESIDE_DEG[0]) & (view.altitude_deg < SKY_BESIDE_DEG[1])
+    shown = ground & (view.altitude_deg > 0)
+    found = np.full(ground.shape, UNSEEN, dtype=np.float32)
+    if not shown.any() or not beside.any():
+        return found
+    parts = [
+        gaussian_filter(frame.astype(np.float32), 1.0) / max(float(np.median(frame[beside])), 1e-3) for frame in frames
+    ]
+    part = np.quantile(np.stack([each[shown] for each in parts]), SHADED_PART, axis=0)
+    scattered = float(np.quantile(part, DARK_SHARE)) - DARKEST / 2
+    found[shown] = np.clip(2 * (part - scattered), DARKEST, BRIGHTEST)
+    return found
+
+
+def landscape_picture(
+    ground: Mask, reflectance: Singles, camera: Camera, R_cam: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """The ground as a fisheye picture, (1024, 1024, 4) sRGB and alpha: north at the top, east on the left, 180 deg across.
+
+    White is a reflectance of 1.
+    """
     middle = (PICTURE_PX - 1) / 2
     v, u = np.mgrid[0:PICTURE_PX, 0:PICTURE_PX]
     zenith_distance = np.radians(np.hypot(u - middle, v - middle) / (PICTURE_PX / 2) * 90)
@@ -72,11 +109,17 @@ def landscape_picture(ground: Mask, camera: Camera, R_cam: NDArray[np.float64]) 
     pixel = np.rint(np.where(known[:, None], at, -1)).astype(np.int64)
     height, width = ground.shape
     known &= ((pixel >= 0) & (pixel < [width, height])).all(axis=1)
-    alpha = np.zeros(PICTURE_PX**2, dtype=np.uint8)
-    alpha[known] = 255 * ground[pixel[known, 1], pixel[known, 0]]
-    picture = np.empty((PICTURE_PX, PICTURE_PX, 4), dtype=np.uint8)
-    picture[..., :3], picture[..., 3] = COLOUR, alpha.reshape(PICTURE_PX, PICTURE_PX)
-    return picture
+    picture = np.zeros((PICTURE_PX**2, 4), dtype=np.uint8)
+    picture[:, :3] = _srgb(np.array(UNSEEN))
+    picture[known, :3] = _srgb(reflectance[pixel[known, 1], pixel[known, 0]])[:, None]
+    picture[known, 3] = 255 * ground[pixel[known, 1], pixel[known, 0]]
+    return picture.reshape(PICTURE_PX, PICTURE_PX, 4)
+
+
+def _srgb(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Linear values from 0 to 1 by the transfer curve of IEC 61966-2-1."""
+    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * curve), dtype=np.uint8)
 
 
 def _part_of_sky(frame: NDArray[np.floating], view: View, near: Mask) -> Singles:
@@ -99,8 +142,9 @@ def _part_of_sky(frame: NDArray[np.floating], view: View, near: Mask) -> Singles
 
 
 def _down_to_the_horizon(ground: Mask, view: View) -> Mask:
-    """The mask with everything below its highest pixel at each third of a degree of azimuth."""
+    """The mask with all that is below its highest pixel under `STANDING_DEG` at each third of a degree of azimuth."""
     column = np.nan_to_num(view.azimuth_deg * 3).astype(int) % 1080
     highest = np.full(1080, -np.inf)
-    np.maximum.at(highest, column[ground], view.altitude_deg[ground].astype(np.float64))
+    low = ground & (view.altitude_deg < STANDING_DEG)
+    np.maximum.at(highest, column[low], view.altitude_deg[low].astype(np.float64))
     return np.asarray((view.altitude_deg <= highest[column]) | ground)

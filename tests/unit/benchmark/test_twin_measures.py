@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import FACTORS, fit_focus, focused_psf
-from benchmark.twin.ground import PICTURE_PX, ground_mask, landscape_picture
+from benchmark.twin.ground import PICTURE_PX, UNSEEN, ground_mask, ground_reflectance, landscape_picture
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.view import dark_plane, view_of
 from benchmark.twin.weather import CLOUD, Fit, Seen, Weather, fit_weather, sky_cells
@@ -103,13 +103,50 @@ def test_trees_are_ground_and_the_picture_has_them_in_their_directions() -> None
     above = np.nan_to_num(view.altitude_deg, nan=-90) > 2
     assert (found & above & tree).sum() > 0.95 * (tree & above).sum()
     assert (found & above & ~tree).sum() < 0.05 * (tree & above).sum()
-    picture = landscape_picture(found, CAMERA, UP)
+    reflectance = np.full((400, 400), 0.5, np.float32)
+    picture = landscape_picture(found, reflectance, CAMERA, UP)
     middle = PICTURE_PX // 2
     at_15_deg = round(PICTURE_PX / 2 * 75 / 90)
     alpha = picture[..., 3]
     # East is on the left of a picture of the sky with north at its top.
     assert alpha[middle, middle - at_15_deg] == 255
     assert alpha[middle, middle + at_15_deg] == alpha[middle - at_15_deg, middle] == 0
+    # Half of the light in sRGB (IEC 61966-2-1).
+    assert (picture[middle, middle - at_15_deg, :3] == 188).all()
+
+
+def test_sky_shows_under_a_crown_and_the_skirts_of_a_glow_are_no_ground() -> None:
+    view = view_of(CAMERA, UP)
+    azimuth, altitude = view.azimuth_deg, view.altitude_deg
+    trunk = (np.abs(azimuth - 90) < 3) & (altitude < 15)
+    tree = trunk | ((np.abs(azimuth - 90) < 12) & (altitude >= 15) & (altitude < 25))
+    # A glow towards the west, whose sides are darker than what the level is taken from.
+    glow = 1 + 1.2 * np.exp(-(((azimuth - 270) / 25) ** 2) - (altitude / 12) ** 2)
+    frames = [np.where(tree, 0.3, glow) * np.where(altitude > 0, level, 0.0) for level in (400.0, 900.0, 3000.0)]
+    found = ground_mask(frames, view)
+    open_sky = (altitude > 9) & ~tree
+    assert (found & tree & (altitude > 9)).sum() > 0.9 * (tree & (altitude > 9)).sum()
+    assert (found & open_sky & (np.abs(azimuth - 90) < 12) & (altitude < 14)).sum() < 60
+    assert not (found & (np.abs(azimuth - 270) < 60)).any()
+
+
+def test_walls_reflect_what_they_send_back_of_the_sky() -> None:
+    """Of an even sky a wall of reflectance r sends back r / 2 of its radiance, on top of what the lens scatters."""
+    view = view_of(CAMERA, UP)
+    above = view.altitude_deg > 0
+    wall = above & (np.abs(view.azimuth_deg - 90) < 20) & (view.altitude_deg < 25)
+    needles = above & (np.abs(view.azimuth_deg - 200) < 20) & (view.altitude_deg < 25)
+    ground = wall | needles
+    moonlit = np.where(wall, 2.0, 1.0)
+    frames = [
+        level * np.where(wall, 0.35 + 0.05, np.where(needles, 0.015 + 0.05, above)) * factor
+        for level, factor in ((400.0, 1.0), (900.0, 1.0), (3000.0, moonlit), (5000.0, moonlit))
+    ]
+    found = ground_reflectance(frames, view, ground)
+    inner = (np.abs(view.altitude_deg - 12) < 8) & (np.abs(view.azimuth_deg - 90) < 14)
+    assert np.median(found[inner]) == pytest.approx(0.7, abs=0.02)
+    assert np.median(found[needles]) == pytest.approx(0.03, abs=0.01)
+    assert (found[~ground] == np.float32(UNSEEN)).all()
 
 
 def test_the_dark_level_is_the_plane_of_the_dark_corners() -> None:
