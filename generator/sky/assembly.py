@@ -56,7 +56,9 @@ def star_light(catalogue: str = "ybsc+hipparcos", limit_v_mag: float = 9.0) -> t
 NATURAL: dict[Component, Callable[[SkySpec, StarsSpec, Atmosphere | None, SkyState], SkyTable]] = {
     "airglow": lambda spec, stars, air, state: airglow(spec.solar_flux_sfu, air, spec.airglow_factor),
     "zodiacal": lambda spec, stars, air, state: zodiacal(state.icrs_from_enu, state.sun_icrs, air),
-    "milky_way": lambda spec, stars, air, state: mw.milky_way(state.icrs_from_enu, _light_of(stars)[0], air),
+    "milky_way": lambda spec, stars, air, state: mw.milky_way(
+        state.icrs_from_enu, _light_of(stars)[0], air, stars.catalogue == "tycho2"
+    ),
     "starlight": lambda spec, stars, air, state: scattered_starlight(_light_of(stars)[1], air),
 }
 """Components that shine without lamps, Moon and Sun. A Bortle class counts them: lamps give what they leave."""
