@@ -126,10 +126,10 @@ def s10(icrs: Floats | NDArray[np.float32], deep: bool = False) -> NDArray[np.fl
     """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in :func:`s10_map` or in :func:`detailed_map`."""
     mi = mitsuba_runtime.start()
     parts = (mi.Float(np.ascontiguousarray(part, np.float32).ravel()) for part in np.moveaxis(icrs, -1, 0))
-    return np.array(_looked_up(*parts, deep=deep)).reshape(icrs.shape[:-1])
+    return np.array(_looked_up(deep, *parts)).reshape(icrs.shape[:-1])
 
 
-def _looked_up(x: Any, y: Any, z: Any, deep: bool) -> Any:
+def _looked_up(deep: bool, x: Any, y: Any, z: Any) -> Any:
     """S10(V) (Float) in directions (Floats).
 
     The panorama's columns run along atan2(x, y), its rows along acos(z), of J2000 equatorial unit vectors.
@@ -232,7 +232,7 @@ def _patterns(icrs_from_enu: Floats, factor: float, deep: bool) -> NDArray[np.fl
     ]
     east, north, up = _grid_directions()
     *towards, cosine = (dr.fma(a, east, dr.fma(b, north, c * up)) for a, b, c in rows)
-    light = dr.opaque(mi.Float, factor) * _looked_up(*towards, deep=deep)
+    light = dr.opaque(mi.Float, factor) * _looked_up(deep, *towards)
     squared = dr.square(dr.maximum(cosine, 0))
     redder = light * squared * squared * squared
     dr.eval(light, redder)
