@@ -3,7 +3,8 @@
 A detection is one of the stars predicted near it, or clutter: the probability of each, from the distance, the noise and
 the density of unexplained detections, is a weight (expectation maximisation; Dempster, Laird & Rubin 1977, J. R.
 Statist. Soc. B 39, 1). It is a robust loss whose scale comes from the frame. The covariance is the inverse of the
-observed information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which knows what confusion costs.
+observed information of that mixture (Louis 1982, J. R. Statist. Soc. B 44, 226), which knows what confusion costs; it is that
+of Student's distribution, because the residuals of a few stars hardly know the noise.
 """
 
 from __future__ import annotations
@@ -174,6 +175,17 @@ def _information(design: F8, residual: F8, weight: F8, starts: NDArray[np.intp],
     return complete, complete - weighted @ scores.T + of_detection @ of_detection.T, scores @ weight
 
 
+def noise_known_by(freedom: float) -> float:
+    """Factor on the covariance of a fit whose noise comes from its own residuals, of so many degrees of freedom.
+
+    The unknowns then have Student's distribution, whose variance is n / (n - 2) times that of the normal one (Johnson, Kotz &
+    Balakrishnan 1995, Continuous Univariate Distributions 2, chapter 28); for fewer than 3, where that has no bound, the
+    factor for 3.
+    """
+    freedom = max(freedom, 3.0)
+    return freedom / (freedom - 2)
+
+
 def adjust(
     camera: Camera,
     uv: F8,
@@ -283,6 +295,12 @@ def adjust(
         if not positive:
             return None
     try:
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        # What was told of a parameter is no unknown, and no residual makes it better or worse.
+        told = float(prior @ np.diag(covariance))
+        factor = noise_known_by(2 * n_explained - n_free + told)
+        information = information / factor
+        information[on_diagonal] += prior * (1 - 1 / factor)
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
