@@ -33,6 +33,7 @@ WEATHER = {
     "focus_factor": "focus",
     "zenith_mag_arcsec2": "zenith, mag",
     "gain_factor": "gain",
+    "black_level_dn": "black level",
 }
 """Titles of the numbers that are fitted."""
 SIDE_PX = 620

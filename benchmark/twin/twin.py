@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VideoWeather:
-    """The two numbers of a stack.
+    """The three numbers of a stack.
 
     Attributes
     ----------
@@ -27,12 +27,15 @@ class VideoWeather:
         Of the sky without Moon and twilight.
     gain_factor : float
         Grey values for an electron over those of the scene's camera.
+    black_level_dn : int
+        DN of the sensor without light.
     gain_e_per_dn : float
         Of the scene's camera.
     """
 
     zenith_mag_arcsec2: float
     gain_factor: float
+    black_level_dn: int
     gain_e_per_dn: float
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
@@ -40,7 +43,8 @@ class VideoWeather:
         sky = {key: value for key, value in (tree.get("sky") or {}).items() if key not in ("bortle", "cities")}
         sky["zenith_mag_arcsec2"] = round(self.zenith_mag_arcsec2, 4)
         gain = round(self.gain_e_per_dn / self.gain_factor, 6)
-        return tree | {"sky": sky, "sensor": (tree.get("sensor") or {}) | {"gain_e_per_dn": gain}}
+        sensor = {"gain_e_per_dn": gain, "black_level_dn": self.black_level_dn}
+        return tree | {"sky": sky, "sensor": (tree.get("sensor") or {}) | sensor}
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Twins of meteor cameras' stacks: the brightness of the sky and the camera's gain are fitted, the video is rendered."""
+"""Twins of meteor cameras' stacks: sky, gain and black level are fitted, the video is rendered."""
 
 from __future__ import annotations
 
@@ -36,6 +36,11 @@ BRIGHTEST_MAG, DARKEST_MAG = 16.5, 22.5
 LEAST_STARS = 8
 HIGHEST_8_BIT = 255.0
 QUANTILES = (0.1, 0.5, 0.9)
+DARK_SHARE, DARK_PART, LEAST_DARK_PX = 0.01, 0.15, 500
+"""Part of a mask's pixels, the darkest, that tells the black level, and the light of such trees and walls over the sky's:
+0.08 to 0.25 on an all-sky camera's photographs, and what leaves this camera its own black level in April 2023."""
+LEAST_CHANGE_8_BIT = 3.0
+"""Of the black level: less cannot be told, as the light of what stands before the sky is taken from other pictures."""
 
 
 def make_video_twin(
@@ -57,8 +62,7 @@ def make_video_twin(
         raise PhotographError(
             f"{scene.path}: sensor.video.gamma is {video.gamma:g}; twins of stacks need a linear camera (1)"
         )
-    black_dn = sensor.black_level_dn * to_8_bit
-    weather = VideoWeather(_zenith_of(scene), 1.0, sensor.gain_e_per_dn)
+    weather = VideoWeather(_zenith_of(scene), 1.0, sensor.black_level_dn, sensor.gain_e_per_dn)
 
     def scenario_of(R_cam: Floats) -> Scenario:
         return twin_scenario(scene, twin_tree(scene, photograph, R_cam, weather))
@@ -68,7 +72,7 @@ def make_video_twin(
         plan = plan_frame(scenario_of(R_cam), 0)
         expected = render_expected(plan, False, False)
         electrons = expected.electrons / frames + sensor.dark_current_e_s / video.frames_per_s
-        dn = black_dn + electrons * (to_8_bit * weather.gain_factor / sensor.gain_e_per_dn)
+        dn = to_8_bit * (weather.black_level_dn + electrons * (weather.gain_factor / sensor.gain_e_per_dn))
         return dn.astype(np.float32), stars_of(star_table(plan, expected)), ground_of(expected, photograph.pixels.shape)
 
     say("aligning")
@@ -86,6 +90,10 @@ def make_video_twin(
     height, width = photograph.pixels.shape
     middle = np.zeros_like(sky)
     middle[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3] = True
+    weather = dataclasses.replace(
+        weather, black_level_dn=black_level(photograph.pixels, sky, not_sky, sensor.black_level_dn, to_8_bit)
+    )
+    black_dn = weather.black_level_dn * to_8_bit
     for _ in range(ROUNDS):
         dn, rows, _ = expected_dn(alignment.R_cam)
         uv = np.column_stack((rows["u_px"], rows["v_px"]))
@@ -127,6 +135,26 @@ def make_video_twin(
         sun_altitude_deg=frame.plan.sky.sun_altitude_deg,
         ranges=(range_of(photograph.stack, sky), range_of(made_stack, sky)),
     )
+
+
+def black_level(
+    pixels: NDArray[np.floating],
+    sky: NDArray[np.bool_],
+    not_sky: NDArray[np.bool_] | None,
+    usual_dn: int,
+    to_8_bit: float,
+) -> int:
+    """DN of the sensor without light, by what a mask hides: dark ground sends `DARK_PART` of the sky's light.
+
+    The scene's own, `usual_dn`, without a mask of `LEAST_DARK_PX`, and where it is less than `LEAST_CHANGE_8_BIT` off. An
+    operator's setting of brightness adds to all pixels alike.
+    """
+    if not_sky is None or not_sky.sum() < LEAST_DARK_PX or not sky.any():
+        return usual_dn
+    # The mean of a stack is rounded down.
+    ground = float(np.quantile(pixels[not_sky], DARK_SHARE)) + 0.5
+    black = (ground - DARK_PART * (float(np.median(pixels[sky])) + 0.5)) / (1 - DARK_PART)
+    return usual_dn if abs(black - usual_dn * to_8_bit) < LEAST_CHANGE_8_BIT else max(0, round(black / to_8_bit))
 
 
 def range_of(stack: StackedVideo, sky: NDArray[np.bool_]) -> StackRange:

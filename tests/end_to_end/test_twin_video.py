@@ -15,6 +15,7 @@ from benchmark.cli.app import app
 from benchmark.errors import PhotographError
 from benchmark.twin.photograph import Place, read_photograph
 from benchmark.twin.stacked_video import read_stack, start_of
+from benchmark.twin.video_twin import black_level
 from benchmark.twin.view import not_sky_of
 from celnav.camera import Camera
 from generator.frame.render import render_frame
@@ -129,3 +130,20 @@ def test_stacks_and_scenes_must_fit(folder: Path) -> None:
     run = CliRunner().invoke(app, arguments)
     assert run.exit_code == 2
     assert "a stack of video needs" in " ".join(run.stderr.split())
+
+
+def test_dark_ground_tells_an_operators_setting_of_brightness() -> None:
+    """Ground with 0.15 of the sky's light; 80 of 4095 DN are 5 of 255. Small differences leave the scene's."""
+    rng = np.random.default_rng(6)
+    hidden = np.zeros((100, 120), bool)
+    hidden[80:, 40:70] = True
+    light = np.where(hidden, rng.uniform(0.15, 0.9, hidden.shape), 1.0) * 22
+    to_8_bit = 255 / 4095
+
+    def found(black: float, mask: np.ndarray | None) -> int:
+        return black_level(np.floor(black + light), ~hidden, mask, 80, to_8_bit)
+
+    assert found(36.0, hidden) * to_8_bit == pytest.approx(36, abs=1)
+    assert found(6.5, hidden) == 80
+    assert found(36.0, None) == 80
+    assert found(36.0, np.zeros_like(hidden)) == 80

@@ -229,8 +229,8 @@ PRESETS: dict[str, CameraPreset] = {
             "black_level_dn": 80,
             "bits": 12,
             "dark_current_e_s": 2.0,
-            "prnu": 0.065,
-            "dsnu_e": 1.65,
+            "prnu": 0.22,
+            "dsnu_e": 0.4,
             "video": {
                 "frames_per_s": 25.0,
                 "denoise": {"sigma_px": 1.05, "threshold": 0.1, "temporal": 0.6},
