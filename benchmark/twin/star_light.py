@@ -52,7 +52,9 @@ class StarLight:
         return np.asarray(snr * self.noise * np.sqrt(np.pi) * APERTURE_PX)
 
 
-def star_light(pixels: NDArray[np.floating], uv: Floats, search_px: float = 0.0) -> StarLight:
+def star_light(
+    pixels: NDArray[np.floating], uv: Floats, search_px: float = 0.0, aperture_px: float = APERTURE_PX
+) -> StarLight:
     """Measure stars at positions (n, 2); with `search_px` around the brightest pixel within that distance."""
     height, width = pixels.shape
     n = len(uv)
@@ -74,7 +76,7 @@ def star_light(pixels: NDArray[np.floating], uv: Floats, search_px: float = 0.0)
     ring = np.where((distance >= SKY_PX[0]) & (distance <= SKY_PX[1]), square, np.nan)
     sky = np.nanmedian(ring, axis=(1, 2))
     noise = NORMAL_MAD * np.nanmedian(np.abs(ring - sky[:, None, None]), axis=(1, 2))
-    light = np.where(distance <= APERTURE_PX, square - sky[:, None, None], 0.0)
+    light = np.where(distance <= aperture_px, square - sky[:, None, None], 0.0)
     flux, peak = light.sum(axis=(1, 2)), light.max(axis=(1, 2))
     weight = np.maximum(light, 0.0)
     total = np.maximum(weight.sum(axis=(1, 2)), 1e-9)

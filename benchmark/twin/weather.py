@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.special import expit
 
 from benchmark.twin.view import View
 
@@ -24,8 +25,9 @@ RING_EDGES_DEG = (10, 14, 18, 24, 32, 42, 54, 70, 90)
 SECTORS = 12
 LEAST_PX = 60
 """Of sky in a cell of altitude and azimuth that counts."""
-SKY_SCATTER, STAR_SCATTER = 0.10, 0.20
-"""Relative scatter of a cell and of a star about a right twin: gradients of the night, variable stars, scintillation."""
+SKY_SCATTER, STAR_SCATTER, ORDER_SCATTER = 0.10, 0.20, 0.05
+"""Relative scatter of a cell and of a star about a right twin: gradients of the night, variable stars, scintillation; and of
+stars in the order of their light, whichever they are."""
 MOST_EVALUATIONS = 15
 STEP, OFFSET = 0.05, 10.0
 """Of the derivatives, in the logarithm of a number; and of the logarithms, as SciPy's steps are relative."""
@@ -194,17 +196,21 @@ def fit_weather(
     """
     known_values = dataclasses.asdict(known_before)
     start = np.array([known_values[name] or START[name] for name in names])
+    star_scatter = STAR_SCATTER
     if "cloud_cover" in names:
+        star_scatter = ORDER_SCATTER
         known, shown = real, twin
         real = real.in_order(known)
 
         def twin(weather: Weather) -> Seen:
             return shown(weather).in_order(known)
 
-    low, high = (np.log([LIMITS[name][side] for name in names] / start) + OFFSET for side in (0, 1))
+    covers = np.array([name == "cloud_cover" for name in names])
+    origin = _on_line(start, covers) - OFFSET
+    low, high = (_on_line(np.array([LIMITS[name][side] for name in names]), covers) - origin for side in (0, 1))
 
     def weather_at(point: Floats) -> Weather:
-        values = start * np.exp(np.clip(point, low, high) - OFFSET)
+        values = _off_line(np.clip(point, low, high) + origin, covers)
         return dataclasses.replace(known_before, **dict(zip(names, values.tolist(), strict=True)))
 
     def misses(point: Floats) -> Floats:
@@ -212,7 +218,7 @@ def fit_weather(
         parts = []
         for ours, theirs, scatter in (
             (made.cells, real.cells, SKY_SCATTER * np.sqrt(np.isfinite(real.cells).sum() / 20)),
-            (made.stars, real.stars, STAR_SCATTER * np.sqrt(max(np.isfinite(real.stars).sum() / 20, 1))),
+            (made.stars, real.stars, star_scatter * np.sqrt(max(_seen(real.stars) / 20, 1))),
         ):
             miss = np.log(np.maximum(ours, 1e-3) / np.where(theirs > 0, theirs, np.nan)) / scatter
             parts.append(np.nan_to_num(miss.ravel()))
@@ -237,6 +243,21 @@ def fit_weather(
         float(np.median(np.abs(stars))),
         float(np.mean(np.abs(cells)) + np.mean(np.abs(stars)) / 2),
     )
+
+
+def _on_line(values: Floats, parts: NDArray[np.bool_]) -> Floats:
+    """Logarithms; of parts of a whole, of their odds, since 0.98 and 0.995 are far apart."""
+    return np.asarray(np.log(values) - np.log(np.where(parts, 1 - values, 1.0)))
+
+
+def _off_line(places: Floats, parts: NDArray[np.bool_]) -> Floats:
+    return np.asarray(np.where(parts, expit(places), np.exp(places)))
+
+
+def _seen(stars: Floats) -> int:
+    """Number of stars above the faintest, which is what those that are not seen have."""
+    known = stars[np.isfinite(stars)]
+    return int((known > known.min()).sum()) if len(known) else 0
 
 
 def _misses(made: Floats, real: Floats) -> Floats:

@@ -146,7 +146,7 @@ PRESETS: dict[str, CameraPreset] = {
             "image_circle_px": 500.0,
             "aperture_mm": 0.78,
             "transmission": 0.455,
-            "vignetting": [-1.6, 1.2],
+            "vignetting": [-1.6, -0.67, 2.5],
             "psf": {
                 "field_gaussian": {
                     "radial_sigma_px": [[0, 0.34], [40, 0.37], [60, 0.4], [80, 0.37]],
