@@ -107,11 +107,7 @@ def make_twin(
     sensor = scene.spec.sensor
     full = float(2**sensor.bits - 1)
     real = Seen(np.where(real.cells < 0.8 * full, real.cells, np.nan), real.stars)
-    if not np.nanmax(real.cells, initial=-np.inf) >= LEAST_LIGHT_DN:
-        raise PhotographError(
-            f"{photograph.name}: no part of its sky is brighter than the dark level and darker than full pixels; "
-            "is it of this scene's camera, and of the night?"
-        )
+    check_light(photograph.name, real.cells)
     skies = _Skies(scene, photograph, alignment.R_cam, rows, view, sky)
     # Behind cloud the brightest stars are too few to tell its gaps: all that may be seen, neighbours' light included.
     many = (rows["v_mag"] < CLOUD_MAG) & (rows["altitude_deg"] > CLOUD_ABOVE_DEG) & on_mask(uv, sky)
@@ -264,6 +260,15 @@ class _Skies:
             passed = dataclasses.replace(clouds, point_share=share).point_transmission(self._enu)
             electrons = electrons * passed / np.maximum(clouds.point_transmission(self._enu), 1e-300)
         return [np.asarray(each.sky_electrons, dtype=np.float32) for each in (glowing, others)], electrons
+
+
+def check_light(name: str, cells: Floats) -> None:
+    """Refuse a photograph of which no cell of the sky, above the dark level in DN, has light. Raises PhotographError."""
+    if not np.nanmax(cells, initial=-np.inf) >= LEAST_LIGHT_DN:
+        raise PhotographError(
+            f"{name}: no part of its sky is brighter than the dark level and darker than full pixels; "
+            "is it of this scene's camera, and of the night?"
+        )
 
 
 def listed_stars(stars: dict[str, object]) -> dict[str, object]:

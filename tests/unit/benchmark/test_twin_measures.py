@@ -7,10 +7,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from benchmark.errors import PhotographError
 from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import FACTORS, fit_focus, focused_psf
 from benchmark.twin.ground import PICTURE_PX, UNSEEN, ground_mask, ground_reflectance, landscape_picture
+from benchmark.twin.render_twin import LEAST_LIGHT_DN, check_light
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.view import dark_plane, view_of
 from benchmark.twin.weather import CLOUD, Fit, Seen, Weather, fit_weather, sky_cells
@@ -307,3 +309,11 @@ def test_smooth_noise_has_its_correlation_and_false_stars_are_spurious(night: tu
     assert found.autocorrelation == pytest.approx(np.full(2, expected * part), abs=0.06)
     assert found.spectrum[0] > 2 * found.spectrum[3]
     assert 0.35 < found.sep_spurious < 0.65
+
+
+@pytest.mark.parametrize("cells", [np.full((8, 12), np.nan), np.zeros((8, 12)), np.full((8, 12), 0.9 * LEAST_LIGHT_DN)])
+def test_a_photograph_without_light_of_the_sky_is_refused(cells: np.ndarray) -> None:
+    with pytest.raises(PhotographError, match=r"night\.fits: no part of its sky is brighter than the dark level"):
+        check_light("night.fits", cells)
+    cells[2, 3] = 1.1 * LEAST_LIGHT_DN
+    check_light("night.fits", cells)
