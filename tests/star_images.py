@@ -32,6 +32,16 @@ def grid(rng, size=(360, 480), step=24, margin=16):
     return places + rng.uniform(-3, 3, places.shape)
 
 
+def scattered(rng, number, apart, margin, size=(360, 480)):
+    """Places without any order, which would correlate, that far from each other and from the border, shape (number, 2)."""
+    places = []
+    while len(places) < number:
+        place = rng.uniform(margin, np.array([size[1], size[0]]) - margin)
+        if all(np.hypot(*(place - other)) > apart for other in places):
+            places.append(place)
+    return np.array(places)
+
+
 def nearest(found, truth):
     """Distance of each truth from the nearest detection, and which that is."""
     distance = np.linalg.norm(found.uv[None] - truth[:, None], axis=2) if len(found) else np.full((len(truth), 1), 1e9)

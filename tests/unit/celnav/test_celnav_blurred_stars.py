@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from star_images import add_star, nearest
+from star_images import add_star, nearest, scattered
 
 import celnav
 from celnav.detecting.correlation.self_correlation import correlations_of_halves
@@ -30,15 +30,6 @@ def seen(light, seed):
     )
 
 
-def scattered(rng, number=30, apart=40.0, margin=24):
-    places = []
-    while len(places) < number:
-        place = rng.uniform(margin, np.array([SIZE[1], SIZE[0]]) - margin)
-        if all(np.hypot(*(place - other)) > apart for other in places):
-            places.append(place)
-    return np.array(places)
-
-
 def add_disk(image, u, v, light, diameter_px):
     """Add an evenly lit disk, as geometrical optics makes of a star out of focus, by fine parts."""
     at = (np.arange(40) + 0.5) / 40 * diameter_px - diameter_px / 2
@@ -50,7 +41,7 @@ def add_disk(image, u, v, light, diameter_px):
 
 def starry(add, brightest=2500.0, faintest=700.0, seed=4):
     light = np.zeros(SIZE)
-    places = scattered(np.random.default_rng(seed))
+    places = scattered(np.random.default_rng(seed), 30, apart=40.0, margin=24)
     for place, flux in zip(places, np.geomspace(brightest, faintest, len(places)), strict=True):
         add(light, *place, flux)
     return light, places
@@ -114,7 +105,7 @@ def test_bright_lines_have_none(fault):
 
 def test_stars_far_out_of_focus_are_found_once_and_where_they_are():
     """30 stars on disks of 12 px, 9 to 25 times the noise under a matched filter: no pixel of any is 4 times its noise."""
-    places = scattered(np.random.default_rng(4))
+    places = scattered(np.random.default_rng(4), 30, apart=40.0, margin=24)
     under_filter = NOISE * np.sqrt(4 * np.pi) * 3.0
     light = np.zeros(SIZE)
     for place, ratio in zip(places, np.geomspace(25, 9, len(places)), strict=True):

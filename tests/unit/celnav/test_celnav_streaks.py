@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from star_images import add_star, add_streak, grid, nearest
+from star_images import add_star, add_streak, grid, nearest, scattered
 
 import celnav
 from celnav.detecting.correlation.self_correlation import correlations_of_halves
@@ -27,19 +27,9 @@ def seen(light, seed):
     return np.clip(np.rint(rng.poisson(LEVEL + light) + rng.normal(0, 3, SIZE)), 0, 65535).astype(np.uint16)
 
 
-def scattered(rng, number=20, apart=60.0, margin=40):
-    """Places without any order, which would correlate, shape (number, 2)."""
-    places = []
-    while len(places) < number:
-        place = rng.uniform(margin, np.array([SIZE[1], SIZE[0]]) - margin)
-        if all(np.hypot(*(place - other)) > apart for other in places):
-            places.append(place)
-    return np.array(places)
-
-
 def streaked(streak, lights, seed=4, number=36):
     rng = np.random.default_rng(seed)
-    truth = scattered(rng, number, apart=34.0)
+    truth = scattered(rng, number, apart=34.0, margin=40)
     light = np.zeros(SIZE)
     for place, flux in zip(truth, np.geomspace(*lights, len(truth)), strict=True):
         add_streak(light, *place, flux, *streak)
@@ -157,7 +147,7 @@ def under_bands_of_cloud(light):
 def test_round_stars_trails_clouds_and_faults_are_no_streaks(add):
     rng = np.random.default_rng(4)
     light = np.zeros(SIZE)
-    for place, flux in zip(scattered(rng), np.geomspace(20_000, 500, 20), strict=True):
+    for place, flux in zip(scattered(rng, 20, apart=60.0, margin=40), np.geomspace(20_000, 500, 20), strict=True):
         add_star(light, *place, flux, 1.2)
     if add is not None:
         add(light)
