@@ -200,6 +200,7 @@ def adjust(
     area_px: float,
     min_sigma_px: float = 0.01,
     max_rounds: int = 40,
+    whitening: F8 | None = None,
 ) -> Adjusted | None:
     """Fit the field.
 
@@ -229,6 +230,8 @@ def adjust(
         Floor of the estimated noise: catalogue and refraction are no better.
     max_rounds : int
         Of the iteration.
+    whitening : ndarray, shape (n, 2, 2), or None
+        Matrices that make the detections' errors alike in all directions, up to a factor; in place of `relative_sigma`.
 
     Returns
     -------
@@ -248,19 +251,24 @@ def adjust(
     prior = np.zeros(n_free)
     prior[3:] = 1 / sigmas[free] ** 2
     own = np.ones(len(detection))
-    if relative_sigma is not None:
+    if relative_sigma is not None and whitening is None:
         own = (relative_sigma / median(relative_sigma))[detection]
     own_square = own * own
+    white = None if whitening is None else whitening.take(detection, axis=0)
+    if white is not None:
+        own_square = 1 / np.abs(np.linalg.det(white))
     dirs, observed = stars.take(star, axis=0), uv.take(detection, axis=0)
     # By axis and parameter, so that every step passes over the pairs in the order of the memory.
-    design = np.ascontiguousarray(design_of(camera, dirs @ rotation.T, values, free).transpose(1, 2, 0)) / own
+    design = design_of(camera, dirs @ rotation.T, values, free)
+    design = np.ascontiguousarray((design if white is None else white @ design).transpose(1, 2, 0)) / own
     share, n_explained = 0.8, 0.8 * min(len(uv), len(stars))
     link = np.ones(len(detection))
     weight, residual = np.empty(0), np.empty((0, 2))
     information: F8 = np.empty((0, 0))
     for round_ in range(max_rounds):
         residual = observed - predict(camera, dirs @ rotation.T, values)
-        square = np.einsum("ni,ni->n", residual, residual) / own_square
+        scaled = residual / own[:, None] if white is None else (white @ residual[:, :, None])[:, :, 0]
+        square = np.einsum("ni,ni->n", scaled, scaled)
         clutter = (max(len(uv) - n_explained, 0.0) + 1) / area_px
         ratio = share / (1 - share) / clutter / (2 * math.pi * sigma_px**2 * own_square)
         weight, link = associate(detection, star, ratio * np.exp(-0.5 * square / sigma_px**2), link)
@@ -271,9 +279,7 @@ def adjust(
         variance = max(float(np.sum(weight * square)) / (2 * n_explained - n_free), min_sigma_px**2)
         settled = abs(variance / sigma_px**2 - 1) < 0.01
         sigma_px = math.sqrt(variance)
-        complete, observed_information, gradient = _information(
-            design, residual / own[:, None], weight, starts, variance
-        )
+        complete, observed_information, gradient = _information(design, scaled, weight, starts, variance)
         complete[on_diagonal] += prior
         observed_information[on_diagonal] += prior
         gradient[3:] -= prior[3:] * values[free]

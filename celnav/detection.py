@@ -29,6 +29,7 @@ from celnav.detecting.image_background import (
 )
 from celnav.detecting.matched_filter import Filtered, matched_filter
 from celnav.detecting.noise_map import NoiseMap
+from celnav.detecting.row_statistics import all_true
 from celnav.detecting.shape_stars import shape_of_bright, shape_of_components
 from celnav.detecting.star_candidates import (
     Components,
@@ -78,13 +79,22 @@ class Detections:
     shape : tuple of int or None
         Height and width of the image they come from.
     sigma_px : ndarray, shape (n,), or None
-        Standard deviation of each centroid along each axis, pixels; None where unknown.
+        Standard deviation of each centroid along each axis, pixels; None where unknown. Of a streak the root mean square of
+        those along and across it.
+    streak_px : ndarray, shape (n, 2), or None
+        From one end of a star's streak to the other, in either sense, pixels; 0 where it has left none, None where none has.
+        Its position is then the middle between the ends.
+    sigma_across_px : ndarray, shape (n,), or None
+        Standard deviation across the streak, pixels; `sigma_px` again where there is none. Positions along a streak are known
+        less well by far.
     """
 
     uv: F8
     flux: F8 | None
     shape: tuple[int, int] | None = None
     sigma_px: F8 | None = None
+    streak_px: F8 | None = None
+    sigma_across_px: F8 | None = None
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -176,17 +186,17 @@ def detect(
     pixels = grey(original)
     used = used_pixels(pixels, mask)
     nothing = Detections(np.empty((0, 2)), np.empty(0), pixels.shape, np.empty(0))
-    if not used.any():
+    if not (all_true(used) or used.any()):
         return nothing
     tiles = Tiles.of((pixels.shape[0], pixels.shape[1]), config.tile_px)
     if (blank := blank_border(pixels, tiles)) is not None:
-        used &= ~blank
+        used = used & ~blank
     counts, step = pixels, step_of(pixels)
     if original.ndim == 2:
-        pixels = level_mosaic(pixels, used, config.tile_px, step)
-    levels, whites = zip(*(background_and_noise(pixels, used, grid, step) for grid in tiles.both()), strict=True)
+        pixels = level_mosaic(pixels, used, config.tile_px, 1.01 * step)
+    levels, whites = zip(*(background_and_noise(pixels, used, grid, step) for grid in tiles.both), strict=True)
     background, white = mean_map(levels), mean_map(whites)
-    whole = bool(used.all())
+    whole = all_true(used)
     saturated = saturated_pixels(counts if whole else np.where(used, counts, background.whole()), config.saturation_dn)
     of_whole_numbers = np.issubdtype(original.dtype, np.integer)
     largest = 0.0 if of_whole_numbers else max(float(pixels.max()), -float(pixels.min()))
@@ -194,13 +204,18 @@ def detect(
     highest = take_off(light, background, used)
     if highest <= 0:
         return nothing
-    floor = 1.0
+    floor = max(step, 1.0)
     if not of_whole_numbers:
         floor = max(config.float_floor * highest, _FLOAT_ROUNDING * largest)
     noise = NoiseMap(white, floor / config.seed_sigma)
     cores = saturated_cores(saturated, light)
     usual_noise = typical(noise, used)
-    light = remove_line_offsets(light, usual_noise, used)
+    level = remove_line_offsets(light, usual_noise, used)
+    if level is not light:
+        # Neighbours of different lines differed by the lines' offsets, too.
+        white = mean_map([background_and_noise(level, used, grid)[1] for grid in tiles.both])
+        light, noise = level, replace(noise, white=white)
+        usual_noise = typical(noise, used)
     far = repair_defects(light, outstanding(light, noise))
 
     shape = first_guess = _given_shape(config, pixels.shape)
@@ -209,7 +224,10 @@ def detect(
         shape, known = seen, True
     elif not known and (halves := correlations_of_halves(light, noise)) is not None:
         size = light.shape[0], light.shape[1]
-        seen = streak_of_image(halves, size) or width_of_image(halves, size)
+        seen = streak_of_image(halves, size)
+        if seen is None and (beside := correlations_of_halves(light, noise, without_glare=True)) is not None:
+            seen = streak_of_image(beside, size)
+        seen = seen or width_of_image(halves, size)
         shape = shape if seen is None else seen
     found = _search(light, noise, used, shape, config)
     if not known:
@@ -241,14 +259,18 @@ def detect(
     stars = measure_stars(light, found.noise, uv, covariance, gain, noise)
     guessed = not known and shape is first_guess
     like_stars = _like_stars(stars, covariance, guessed)
-    stars = by_ends(light, found.noise, stars, covariance, gain)
+    stars, streaks = by_ends(light, found.noise, stars, covariance, gain)
     cored = _saturated_stars(light, cores, shape, config)
     uv, flux, sigma_px = (
         np.concatenate((core, star[like_stars]))
         for core, star in zip(cored, (stars.uv, stars.flux, stars.sigma_px), strict=True)
     )
     order = np.argsort(-flux, kind="stable")
-    return Detections(uv[order], flux[order], pixels.shape, sigma_px[order])
+    ends = across = None
+    if streaks is not None:
+        ends = np.concatenate((np.zeros((len(cored[0]), 2)), streaks.ends[like_stars]))[order]
+        across = np.concatenate((cored[2], streaks.sigma_across[like_stars]))[order]
+    return Detections(uv[order], flux[order], pixels.shape, sigma_px[order], ends, across)
 
 
 def _given_shape(config: DetectionConfig, size: tuple[int, ...]) -> StarShape:
@@ -287,7 +309,7 @@ def _search(
     middle = (np.array([[light.shape[1], light.shape[0]]]) - 1) / 2
     extent_px = float(np.sqrt(axes(shape.at(middle))[0][0]))
     tiles = Tiles.of((light.shape[0], light.shape[1]), max(config.tile_px, round(_TILE_OVER_SIGMA * extent_px)))
-    ratio = mean_map([noise_ratio(filtered, noise, used, grid) for grid in tiles.both()])
+    ratio = mean_map([noise_ratio(filtered, noise, used, grid) for grid in tiles.both])
     effective = replace(noise, ratio=ratio)
     at, significance = _standing_out(filtered, effective, config.grow_sigma)
     seeded = significance > config.seed_sigma
@@ -361,7 +383,7 @@ def as_positions(uv: ArrayLike) -> F8:
 
 def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = None) -> Detections:
     """Return validated detections for whatever `celnav.solve` accepts as such."""
-    shape, sigma = None, None
+    shape, sigma, streak, across = None, None, None, None
     if isinstance(detections, Detections):
         if flux is not None:
             raise DetectionError("give flux either in the detections or as flux=, not both")
@@ -370,10 +392,20 @@ def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = N
             sigma = _column("sigma_px", detections.sigma_px, len(positions))
             if (sigma <= 0).any():
                 raise DetectionError("sigma_px must be positive")
+        if detections.sigma_across_px is not None:
+            across = _column("sigma_across_px", detections.sigma_across_px, len(positions))
+            if sigma is None or (across <= 0).any():
+                raise DetectionError("sigma_across_px must be positive, and stand beside sigma_px")
+        if detections.streak_px is not None:
+            streak = real_array(detections.streak_px, "streak_px", DetectionError)
+            if streak.shape != (len(positions), 2):
+                raise DetectionError(f"streak_px has shape {streak.shape}; it must be ({len(positions)}, 2)")
+            if not np.isfinite(streak).all():
+                raise DetectionError("streak_px holds NaN or infinity")
     else:
         positions = as_positions(detections)
     brightness = None if flux is None else _column("flux", flux, len(positions))
-    return Detections(positions, brightness, shape, sigma)
+    return Detections(positions, brightness, shape, sigma, streak, across)
 
 
 def _column(name: str, values: ArrayLike, n: int) -> F8:

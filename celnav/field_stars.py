@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,33 @@ def visible_stars(
 def pairing_radius(sigma_px: float) -> float:
     """Distance up to which a detection and a star may belong together."""
     return max(5.0 * sigma_px + 0.5, 1.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an adjustment begins: orientation and camera, which belong together, noise and pairs.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        Terrestrial frame to camera.
+    values : ndarray, shape (5,)
+        Changes of the camera, in the order of `PARAMETERS`.
+    sigma_px : float
+        Noise.
+    radius_px : float
+        Of the pairs.
+    """
+
+    rotation: F8
+    values: F8
+    sigma_px: float
+    radius_px: float
+
+    @classmethod
+    def from_fit(cls, fit: Adjusted) -> Start:
+        """Where another adjustment ended."""
+        return cls(fit.rotation, fit.camera_values, fit.sigma_px, pairing_radius(fit.sigma_px))
 
 
 def seen_planets(

@@ -72,7 +72,7 @@ class ToldSigmas:
     """
 
     utc_s: float = bounded(0.0, 0, 86400)
-    focal: float = bounded(0.0, 0, 0.5)
+    focal: float = bounded(0.0, 0, 1)
     centre_px: float = bounded(0.0, 0, 1e4)
     pressure_hpa: float = bounded(0.0, 0, 500)
     temperature_c: float = bounded(0.0, 0, 100)
@@ -141,6 +141,8 @@ class Problem:
         Time by the clock after which the caller would rather have a refusal, from the start of the solver's `Stopwatch`.
     sigmas : ToldSigmas
         Standard deviations of time, lens and air as they are told.
+    turn_rad : ndarray, shape (3,), or None
+        Rotation vector of the sky in the camera frame during the exposure, in either sense, where streaks tell it.
     """
 
     observation: Observation
@@ -151,6 +153,7 @@ class Problem:
     near: LastKnown | None = None
     time_limit_s: float | None = None
     sigmas: ToldSigmas = field(default_factory=ToldSigmas)
+    turn_rad: NDArray[np.float64] | None = None
 
 
 def check_time_limit(time_limit_s: float) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
-from celnav.field_stars import aberrated, describe, pairing_radius, visible_stars
+from celnav.field_stars import Start, aberrated, describe, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
@@ -38,12 +38,18 @@ from celnav.uncertainty.field_errors import (
     with_shared_errors,
 )
 from celnav.uncertainty.refraction_errors import RELATIVE_SIGMA
+from celnav.uncertainty.turning_camera import at_mid_exposure, by_readout, fitted_readout, widened_by
 
 F8 = NDArray[np.float64]
 
 _USUAL_PRIORS = {"none": CameraPriors(), "auto": CameraPriors(focal=0.05)}
 # Part of the effort that other focal lengths may take together.
 MOST_FOCAL_EFFORT = 0.9
+# Of fitting the readout time: stars are weighed by what they scatter once the shear is off.
+_READOUT_ROUNDS = 2
+# On the noise to start with where streaks tell places across them far better than along: the first orientation may be off by
+# many of those standard deviations.
+_STREAKS_SIGMA = 4.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,9 @@ class SkybenchConfig:
     max_moved_deg : float
         Where the vertical is told with a standard deviation, a heading that is off by no more is a mount that moved, and the
         position is as uncertain as the heading has proved to be.
+    readout_sigma : float
+        Of a camera that turns during the exposure: standard deviation of the time between the first and the last row that
+        its rolling shutter reads, over the exposure. It is fitted where stars are streaks. 0: a global shutter.
     """
 
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -104,6 +113,7 @@ class SkybenchConfig:
     max_sigma_px: float = bounded(8.0, 0)
     max_heading_off_deg: float = bounded(1.0, 0)
     max_moved_deg: float = bounded(5.0, 0)
+    readout_sigma: float = bounded(0.04, 0, 1)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -127,6 +137,7 @@ class SkybenchSolver:
     def __call__(self, problem: Problem, history: History | None, clock: Stopwatch) -> Fix:
         """Solve; `history` is not used."""
         with clock.stage("prepare"):
+            problem = at_mid_exposure(problem)
             orientation = earth_orientation(problem.utc, problem.dut1_s)
             to_terrestrial = celestial_to_terrestrial(problem.utc, orientation)
             prepared = prepare(problem, to_terrestrial, self.config.max_detections, self.config.single_star_sigma_deg)
@@ -186,13 +197,17 @@ class SkybenchSolver:
         confidence = 1.0 - min(1.0, 10.0**alignment.log10_false_alarm)
         rotation = alignment.rotation @ to_terrestrial.T
         stars, dirs, limiting_mag, pairs = visible_stars(problem, prepared, orientation, to_terrestrial, alignment)
-        adjusted = self._adjust(problem, prepared, dirs, pairs, rotation, alignment, priors)
+        given = prepared
+        start = self._start(alignment, rotation, prepared)
+        adjusted, prepared, readout = self._adjust(problem, given, dirs, pairs, start, priors)
         shared, scatter_cov, common = None, np.zeros((3, 3)), np.zeros((3, 3))
         if adjusted is not None:
             weather = problem.weather.pressure_hpa, problem.weather.temperature_c
             up = None if problem.weather.pressure_hpa == 0 else prepared.question.up
             told = math.hypot(RELATIVE_SIGMA, problem.sigmas.refraction(*weather)) if air is None else air.sigma
-            seen = FieldOfStars(camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told)
+            seen = FieldOfStars(
+                camera, prepared.uv, prepared.rays, prepared.relative_sigma, dirs, up, weather, told, prepared.whitening
+            )
             named = NamedStars.of(seen, adjusted)
             if air is None and (shown := shown_refraction(named)) is not None:
                 problem = replace(problem, weather=refracting(problem.weather, shown.value))
@@ -203,11 +218,12 @@ class SkybenchSolver:
             widened, shared = with_shared_errors(named, priors, problem.attitude)
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
-                again = self._adjust(
-                    problem, replace(prepared, relative_sigma=sigmas), dirs, pairs, adjusted.rotation, alignment, priors
-                )
+                weighed = given.weighed(sigmas)
+                anew = replace(start, rotation=adjusted.rotation)
+                again, moved, read = self._adjust(problem, weighed, dirs, pairs, anew, priors)
                 if again is not None:
-                    adjusted, seen = again, replace(seen, relative_sigma=sigmas)
+                    adjusted, prepared, readout = again, moved, read
+                    seen = replace(seen, uv=prepared.uv, relative_sigma=sigmas, whitening=prepared.whitening)
                     widened, shared = with_shared_errors(NamedStars.of(seen, again), priors, problem.attitude)
             scatter_cov = adjusted.cov[:3, :3]
             common = widened.cov[:3, :3] - scatter_cov + _by_camera(adjusted)
@@ -218,6 +234,9 @@ class SkybenchSolver:
             problem, prepared, stars, adjusted, alignment, limiting_mag, to_terrestrial, confidence, shared, air
         )
         fix = replace(fix, common_cov_rad2=common)
+        if readout is not None:
+            told_of_it = {"readout": readout.value, "readout_sigma": readout.sigma}
+            fix = replace(fix, details={**fix.details, **told_of_it})
         if adjusted.sigma_px > self.config.max_sigma_px:
             message = f"the stars scatter by {adjusted.sigma_px:.1f} px: check the camera"
             return replace(fix, reason=Reason.INCONSISTENT, message=message)
@@ -244,38 +263,60 @@ class SkybenchSolver:
         prepared: Prepared,
         dirs: F8,
         pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
-        rotation: F8,
-        alignment: Alignment,
+        start: Start,
+        priors: CameraPriors,
+    ) -> tuple[Adjusted | None, Prepared, Estimate | None]:
+        """Adjust the field; where the camera turned, with the readout time, whose shifts are taken off the detections."""
+        adjusted = self._adjust_given(problem, prepared, dirs, pairs, start, priors)
+        camera, turn, sigma = problem.observation.camera, problem.turn_rad, self.config.readout_sigma
+        if adjusted is None or turn is None or sigma == 0:
+            return adjusted, prepared, None
+        shift = by_readout(camera, prepared.uv, prepared.rays, turn)
+        moved, readout, answer = prepared, Estimate(0.0, sigma), np.zeros(len(adjusted.cov))
+        for _ in range(_READOUT_ROUNDS):
+            seen = FieldOfStars(
+                camera, moved.uv, moved.rays, moved.relative_sigma, dirs, None, (0.0, 0.0), 0.0, moved.whitening
+            )
+            before = readout.value
+            readout, answer = fitted_readout(NamedStars.of(seen, adjusted), shift, priors, sigma, readout.value)
+            moved = replace(moved, uv=prepared.uv - readout.value * shift)
+            left = adjusted.residual_px - ((readout.value - before) * shift).take(adjusted.detection, axis=0)
+            moved = moved.rebalanced(left, adjusted.detection, adjusted.weight)
+            predicted = nowhere_far_off(predict(camera, dirs @ adjusted.rotation.T, adjusted.camera_values))
+            detection, star, _ = candidate_pairs(moved.uv, predicted, pairing_radius(adjusted.sigma_px))
+            again = self._adjust_given(problem, moved, dirs, (detection, star), Start.from_fit(adjusted), priors)
+            if again is None or len(again.cov) != len(answer):
+                return again, moved, readout
+            adjusted = again
+        return widened_by(adjusted, readout, answer), moved, readout
+
+    def _adjust_given(
+        self,
+        problem: Problem,
+        prepared: Prepared,
+        dirs: F8,
+        pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
+        start: Start,
         priors: CameraPriors,
     ) -> Adjusted | None:
-        start = np.zeros(5)
-        mode = self.config.calibrate
-        if mode != "none":
-            start[0] = alignment.log_f
-        camera = problem.observation.camera
-        radius = pairing_radius(alignment.sigma_px)
-        sigma, turned = max(alignment.sigma_px, 0.1), rotation
-        adjusted = None
+        mode, camera, adjusted = self.config.calibrate, problem.observation.camera, None
         for _ in range(4):
             adjusted = adjust(
-                camera, prepared.uv, prepared.relative_sigma, dirs, pairs, turned, values=start,
-                sigma_px=sigma, priors=priors, area_px=prepared.question.area_px,
+                camera, prepared.uv, prepared.relative_sigma, dirs, pairs, start.rotation, values=start.values,
+                sigma_px=start.sigma_px, priors=priors, area_px=prepared.question.area_px, whitening=prepared.whitening,
             )  # fmt: skip
             if adjusted is None:
                 return None
             if adjusted.sigma_px > self.config.max_sigma_px:
                 break  # a refusal: pairs that lie farther apart would scatter more
             # Pairs that the first guess left out would hold the solution back where it was.
-            before, after = predict(camera, dirs @ turned.T, start), predict(
-                camera, dirs @ adjusted.rotation.T, adjusted.camera_values
-            )  # fmt: skip
-            apart = after - before
+            after = predict(camera, dirs @ adjusted.rotation.T, adjusted.camera_values)
+            apart = after - predict(camera, dirs @ start.rotation.T, start.values)
             moved = math.sqrt(float(np.fmax.reduce(np.einsum("ni,ni->n", apart, apart))))
-            if radius >= 4 * adjusted.sigma_px + moved:
+            if start.radius_px >= 4 * adjusted.sigma_px + moved:
                 break
-            turned, start, sigma = adjusted.rotation, adjusted.camera_values, adjusted.sigma_px
-            radius = pairing_radius(sigma)
-            detection, star, _ = candidate_pairs(prepared.uv, nowhere_far_off(after), radius)
+            start = Start.from_fit(adjusted)
+            detection, star, _ = candidate_pairs(prepared.uv, nowhere_far_off(after), start.radius_px)
             pairs = detection, star
         if mode != "auto" or problem.sigmas.focal > 0 or problem.sigmas.distortion > 0 or adjusted is None:
             return adjusted
@@ -283,6 +324,13 @@ class SkybenchSolver:
             return adjusted
         clearly_off = abs(adjusted.camera_values[0]) > max(5 * adjusted.camera_sigmas[0], 3e-4)
         return adjusted if clearly_off else without_focal(adjusted)
+
+    def _start(self, alignment: Alignment, rotation: F8, prepared: Prepared) -> Start:
+        values = np.zeros(5)
+        if self.config.calibrate != "none":
+            values[0] = alignment.log_f
+        sigma = max(alignment.sigma_px, 0.1) * (1.0 if prepared.whitening is None else _STREAKS_SIGMA)
+        return Start(rotation, values, sigma, pairing_radius(alignment.sigma_px))
 
     def _priors(self, problem: Problem) -> CameraPriors:
         held, told = _USUAL_PRIORS.get(self.config.calibrate, self.config.priors), problem.sigmas

@@ -198,7 +198,15 @@ def solve(
         if history is not None and not isinstance(history, History):
             raise ConfigError(f"history = {shown(history)} must be a celnav.History")
         problem = Problem(
-            Observation(seen.uv, camera.to_rays(seen.uv), seen.flux, camera, seen.sigma_px),
+            Observation(
+                seen.uv,
+                camera.to_rays(seen.uv),
+                seen.flux,
+                camera,
+                seen.sigma_px,
+                streak_px=seen.streak_px,
+                sigma_across_px=seen.sigma_across_px,
+            ),
             parse_utc(utc),
             as_attitude(attitude),
             Weather(pressure_hpa, temperature_c),

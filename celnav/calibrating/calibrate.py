@@ -18,7 +18,7 @@ from celnav.calibrating.joint_fit import Field, JointFit, fit_all, refine
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of
-from celnav.calibrating.residual_pattern import residual_pattern, star_cells
+from celnav.calibrating.scatter.residual_pattern import residual_pattern, star_cells
 from celnav.camera import Camera
 from celnav.checking import finite_number
 from celnav.errors import CalibrationError, ConfigError
@@ -184,6 +184,7 @@ def _described(
         steady=steady,
         mount=mount,
         noise=fit.noise,
+        pixel_phase=fit.phase,
         rms_px=math.sqrt(float(np.average(square, weights=weight))),
         plain_rms_px=math.sqrt(float(square.mean())),
         median_px=float(np.median(np.hypot(*residual.T))),

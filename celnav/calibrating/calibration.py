@@ -18,8 +18,9 @@ from celnav.calibrating.lens_form import LensForm
 from celnav.calibrating.model_choice import Judged
 from celnav.calibrating.mount import Mount
 from celnav.calibrating.mount_times import AttitudeInTime, attitude_at
-from celnav.calibrating.noise import Noise
-from celnav.calibrating.residual_pattern import Pattern
+from celnav.calibrating.scatter.noise import Noise
+from celnav.calibrating.scatter.pixel_phase import PixelPhase
+from celnav.calibrating.scatter.residual_pattern import Pattern
 from celnav.camera import Camera
 from celnav.sky.utc import Utc, parse_utc
 
@@ -59,7 +60,10 @@ class FrameAttitude:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Stars that were fitted: positions, measured minus predicted (n, 2), standard deviations, frame, star id, attitude."""
+    """Stars that were fitted: positions, measured minus predicted (n, 2), standard deviations, frame, star id, attitude.
+
+    The positions are without pixel-phase error.
+    """
 
     uv: F8
     off_px: F8
@@ -93,6 +97,8 @@ class CameraCalibration:
         Of the fixed camera: mean attitude, and standard deviations for a night to come.
     noise : Noise
         Scatter of the measured positions.
+    pixel_phase : PixelPhase
+        How far the grid of the pixels drew the centroids; it was taken off them.
     rms_px, plain_rms_px : float
         Root mean square of residuals along an axis: weighted by the stars' variances, and all alike.
     median_px : float
@@ -118,6 +124,7 @@ class CameraCalibration:
     steady: bool
     mount: Mount
     noise: Noise
+    pixel_phase: PixelPhase
     rms_px: float
     plain_rms_px: float
     median_px: float
@@ -177,6 +184,7 @@ class CameraCalibration:
                 "median_px": self.median_px,
                 "floor_px": self.noise.floor_px,
                 "centroid_sigma_factor": self.noise.factor,
+                "pixel_phase_px": list(self.pixel_phase.amplitude_px),
                 "pattern_px": self.pattern.rms_px,
                 "wander_tilt_deg": _or_none(mount.wander_tilt_deg),
                 "wander_heading_deg": _or_none(mount.wander_heading_deg),

@@ -15,7 +15,8 @@ from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.fixed_detections import moving
 from celnav.calibrating.frames import DEEP_MAG, CalibrationFrame, Sky, sky_over
 from celnav.calibrating.growth import FEWEST, GENERAL, grow, held, observations
-from celnav.calibrating.noise import CLIP_SIGMAS, Noise, measure_noise
+from celnav.calibrating.scatter.noise import CLIP_SIGMAS, Noise, measure_noise
+from celnav.calibrating.scatter.pixel_phase import PixelPhase, measure_pixel_phase
 from celnav.calibrating.star_matching import Match, match_frame
 from celnav.camera import Camera
 from celnav.errors import CalibrationError
@@ -86,11 +87,14 @@ class JointFit:
     group : ndarray, shape (number of frames,)
         The attitude of each frame.
     seen : Observations
-        Stars that were taken for true, with the standard deviations that the fit gave them.
+        Stars that were taken for true, with the standard deviations that the fit gave them; their positions are without
+        pixel-phase error.
     matches : list of Match
         All pairs of each frame, those that were left out for their distance included.
     noise : Noise
         Scatter of the positions.
+    phase : PixelPhase
+        What was taken off the measured positions.
     """
 
     bundle: Bundle
@@ -98,6 +102,7 @@ class JointFit:
     seen: Observations
     matches: list[Match]
     noise: Noise
+    phase: PixelPhase
 
     @property
     def residual_px(self) -> F8:
@@ -257,26 +262,34 @@ def refine(field: Field, bundle: Bundle, group: Rows, *, held_back: bool = False
         own = centroid_sigma(field, pairs)
         pairs = replace(pairs, sigma_px=noise.sigma_px(own, pairs.pull_px))
         bundle = adjust(bundle, pairs, group[pairs.frame], robust=True, prior=prior)
-        bundle, seen, noise = settle(bundle, pairs, own, group, prior)
+        bundle, seen, noise, phase = settle(bundle, pairs, own, group, prior)
         radius = float(np.clip(6 * np.median(seen.sigma_px), _LEAST_RADIUS_PX, _MOST_RADIUS_PX))
         if round_ == 0:
             still = moving(field.frames, bundle.values[0])
             usable = [good & alive for good, alive in zip(usable, still, strict=True)]
-    return JointFit(bundle, group, seen, matches, noise)
+    return JointFit(bundle, group, seen, matches, noise, phase)
 
 
 def settle(
     bundle: Bundle, pairs: Observations, own: F8, group: Rows, prior: F8 | None = None
-) -> tuple[Bundle, Observations, Noise]:
-    """Measure the noise, take the stars within 4 standard deviations, and adjust by squares; three times."""
+) -> tuple[Bundle, Observations, Noise, PixelPhase]:
+    """Measure noise and pixel-phase error, take the stars within 4 standard deviations, adjust by squares; three times.
+
+    Lens and pixel-phase error are all but uncorrelated, one varying over the frame and one within a pixel.
+    """
+    phase = PixelPhase()
     for _ in range(3):
-        residual = residuals(bundle, pairs, group[pairs.frame])
+        left = residuals(bundle, pairs, group[pairs.frame])
+        residual = left - phase.error_px(pairs.uv)
         square = np.nan_to_num(np.einsum("ni,ni->n", residual, residual), nan=np.inf)
         noise = measure_noise(square, own, pairs.pull_px)
         sigma = noise.sigma_px(own, pairs.pull_px)
-        kept = replace(pairs, sigma_px=sigma).take(square <= (CLIP_SIGMAS * sigma) ** 2)
+        near = square <= (CLIP_SIGMAS * sigma) ** 2
+        kept = replace(pairs, sigma_px=sigma).take(near)
+        phase = measure_pixel_phase(kept.uv, left[near], kept.sigma_px)
+        kept = replace(kept, uv=kept.uv - phase.error_px(kept.uv))
         bundle = adjust(bundle, kept, group[kept.frame], robust=False, prior=prior)
-    return bundle, kept, noise
+    return bundle, kept, noise, phase
 
 
 def centroid_sigma(field: Field, pairs: Observations) -> F8:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.detecting.blank_border import blank_border
-from celnav.detecting.image_background import as_image, background_and_noise, grey, step_of
+from celnav.detecting.image_background import as_image, background_and_noise, grey
 from celnav.detecting.tiles import Tiles
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import ImageError
@@ -19,6 +19,8 @@ F8 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_FRAMES = 3
+# What is not masked but smaller than this, inside of what is, holds no star whose surroundings are seen.
+_LEAST_SKY_PX = 25
 _TILE_PX, _STEP_PX = 32, 8
 # A pixel is hot or dead where it differs by so many sigma from the four beside it in this part of the frames.
 _HOT_SIGMA, _HOT_SHARE = 5.0, 0.7
@@ -28,7 +30,7 @@ _STILL_SIGMA, _LEAST_STILL, _STILL_SHARE, _STILL_PX = 2.5, 1.5, 0.7, 1.5
 # Ground is darker than the sky within a tile and a half: by this part of what the frame's darkest places are below it, and by
 # so many sigma of a pixel. It pulls the background down by that part of it. Sky are tiles with so many moving detections,
 # as a part of the usual number.
-_DARK, _DARK_SIGMA, _PULLED, _STARRY = 0.35, 5.0, 0.1, 0.25
+_DARK, _DARK_SIGMA, _PULLED, _STARRY = 0.35, 5.0, 0.05, 0.25
 # A detection moves where fewer than this part of the other frames show one at its place; a sky that turned has so many.
 _STANDING_SHARE, _LEAST_MOVING = 0.5, 0.2
 # Lamps' edges, and the pattern that video makes of a sensor's, are hardly brighter than its noise: detections that so low a
@@ -94,7 +96,7 @@ def sky_mask(frames: Sequence[ArrayLike]) -> Mask:
     sky = _where_stars_come_and_go(moving[~structure[at[:, 1], at[:, 0]]], (size[0], size[1]))
     if sky is not None:
         mask |= ~sky
-    return np.asarray(mask)
+    return mask | _specks(~mask)
 
 
 def _moving(found: list[Detections]) -> F8:
@@ -161,7 +163,7 @@ def _standing(images: list[F4], starry: Mask) -> _Still:
         used = np.ones(size, dtype=bool)
         if (blank := blank_border(pixels, tiles)) is not None:
             used &= ~blank
-        background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles, step_of(pixels)))
+        background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))
         noise = np.maximum(noise, np.float32(1e-6 * max(1.0, float(np.abs(pixels).max()))))
         relative = (pixels - background) / noise
         relative[~used] = 0
@@ -206,6 +208,14 @@ def _dilated(mask: Mask) -> Mask:
     from scipy import ndimage
 
     return np.asarray(ndimage.binary_dilation(mask, structure=np.ones((3, 3), dtype=bool)))
+
+
+def _specks(sky: Mask) -> Mask:
+    """Parts of the sky of fewer than `_LEAST_SKY_PX` pixels that hang together by their sides."""
+    from scipy import ndimage
+
+    label, _ = ndimage.label(sky)
+    return np.asarray(sky & (np.bincount(label.ravel())[label] < _LEAST_SKY_PX))
 
 
 def _where_stars_come_and_go(uv: F8, size: tuple[int, int]) -> Mask | None:

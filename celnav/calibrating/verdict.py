@@ -14,6 +14,9 @@ from celnav.calibrating.mount import USUAL_WANDER_DEG, turns_deg
 def verdict(found: CameraCalibration) -> str:
     """Say in a sentence what matters most."""
     parts = [f"{found.rms_px:.2f} px rms", *_terms(found), *_mount_words(found)]
+    if found.pixel_phase:
+        most = max(abs(amplitude) for amplitude in found.pixel_phase.amplitude_px)
+        parts.append(f"pixel-phase error of {most:.2f} px taken off")
     if found.pattern.rms_px > 0.5 * found.rms_px:
         parts.append(f"the lens leaves a pattern of {found.pattern.rms_px:.2f} px")
     return ", ".join(parts)
@@ -43,6 +46,7 @@ def report(found: CameraCalibration) -> str:
             + (f", {found.noise.factor:.2f} x the centroids' own standard deviations" if found.noise.factor else "")
             + f"; pattern that neighbours share {found.pattern.rms_px:.3f} px",
         ),
+        ("", _phase_words(found)),
         ("held out", _choice(found)),
         ("mount", _attitude_words(found)),
         ("", _sigma_words(found)),
@@ -100,6 +104,17 @@ def _night_turn(found: CameraCalibration, night: int) -> NDArray[np.float64]:
 def _date(found: CameraCalibration, night: int) -> str:
     mjd = min(one.utc.mjd for one in found.attitudes if one.night == night)
     return str(np.datetime64("1858-11-17") + np.timedelta64(math.floor(mjd), "D"))
+
+
+def _phase_words(found: CameraCalibration) -> str:
+    phase = found.pixel_phase
+    if not phase:
+        return "no pixel-phase error of the centroids found"
+    parts = [
+        f"{amplitude:+.3f} +- {sigma:.3f} px x sin(2 pi {axis})"
+        for axis, amplitude, sigma in zip("uv", phase.amplitude_px, phase.sigma_px, strict=True)
+    ]
+    return f"pixel-phase error of the centroids {' and '.join(parts)}, taken off"
 
 
 def _choice(found: CameraCalibration) -> str:

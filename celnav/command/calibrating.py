@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,8 @@ from numpy.typing import NDArray
 
 from celnav.command.camera_file import read_camera_file
 from celnav.command.pointing import Pointing
-from celnav.detecting.image_file import read_image
+from celnav.command.whole_file import write_whole
+from celnav.detecting.image_file import read_mask
 from celnav.errors import ConfigError
 
 
@@ -43,10 +42,7 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
     ):
         if path is not None and not Path(path).resolve().parent.is_dir():
             raise ConfigError(f"{option} {path}: its folder does not exist")
-    mask: NDArray[np.bool_] | None = None
-    if arguments.mask is not None:
-        values = read_image(arguments.mask)
-        mask = np.asarray(values.astype(bool) if values.ndim == 2 else values.any(axis=2), dtype=np.bool_)
+    mask = None if arguments.mask is None else read_mask(arguments.mask)
     if arguments.mask_out is not None and mask is None:
         mask = learnt_mask(arguments.frames)
         if mask is None:
@@ -77,9 +73,10 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
         except NothingNamedError:
             if sigma_px == widths[-1]:
                 raise
-    _write(arguments.out, found.to_json())
+    write_whole(arguments.out, found.to_json(), "--out")
     if arguments.opencv is not None:
-        _write(arguments.opencv, opencv_text(found.camera, yaml=not arguments.opencv.lower().endswith(".json")))
+        text = opencv_text(found.camera, yaml=not arguments.opencv.lower().endswith(".json"))
+        write_whole(arguments.opencv, text, "--opencv")
     if arguments.scenario is not None:
         pointing = Pointing.of(found.mount.R_cam)
         angles = {
@@ -94,9 +91,10 @@ def calibrate_files(arguments: argparse.Namespace) -> str:
         moment = np.datetime64("1858-11-17T00:00:00") + np.timedelta64(round(started_mjd * 86400), "s")
         centre = np.array([found.camera.cx_px, found.camera.cy_px])
         reach_px = float(np.hypot(*(found.residuals.uv - centre).T).max())
-        _write(arguments.scenario, scenario_text(found.camera, angles, site, f"{moment}Z", exposure_s, reach_px))
+        text = scenario_text(found.camera, angles, site, f"{moment}Z", exposure_s, reach_px)
+        write_whole(arguments.scenario, text, "--scenario")
     if arguments.mask_out is not None and mask is not None:
-        _write(arguments.mask_out, _mask_picture(mask))
+        write_whole(arguments.mask_out, _mask_picture(mask), "--mask-out")
     if arguments.map is not None:
         draw_residual_map(found, arguments.map)
     return found.to_json().rstrip("\n") if arguments.json else report(found)
@@ -109,15 +107,3 @@ def _mask_picture(mask: NDArray[np.bool_]) -> bytes:
     content = io.BytesIO()
     Image.fromarray(np.where(mask, np.uint8(255), np.uint8(0))).save(content, format="PNG")
     return content.getvalue()
-
-
-def _write(path: str, content: str | bytes) -> None:
-    """Write a file that appears under its name only when it is complete."""
-    target = Path(path)
-    try:
-        with tempfile.NamedTemporaryFile("wb", dir=target.resolve().parent, delete=False) as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-        Path(file.name).chmod(0o644)
-        os.replace(file.name, target)
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from None

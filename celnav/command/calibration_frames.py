@@ -17,10 +17,11 @@ from celnav.calibrating.sky_mask import sky_mask
 from celnav.checking import finite_number
 from celnav.command.exif import read_tags, refuse_raw
 from celnav.command.exposure_time import Stamp, exposure_time
-from celnav.detecting.fits_file import block_middle, is_fits, read_fits
-from celnav.detecting.image_file import read_image
+from celnav.detecting.fits_file import is_fits, read_fits
+from celnav.detecting.image_file import read_image, without_blanks
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CalibrationError, ImageError, TimeError
+from celnav.sky.fits_times import block_middle
 from celnav.sky.utc import parse_utc
 
 MAX_BYTES = 200_000_000
@@ -85,13 +86,12 @@ def _image_frame(
     moment = utc or middle
     if moment is None:
         if is_fits(path):
-            raise TimeError(
-                f"image {path}: its header has no DATE-OBS with an exposure time: give --utc, once for each image"
-            )
+            raise TimeError(f"image {path}: {read_fits(path).exposure.lacks}: give --utc, once for each image")
         try:
             moment = exposure_time(read_tags(path), None, time_zone, stamp).utc
         except TimeError as error:
             raise TimeError(f"image {path}: {error}") from None
+    image, mask = without_blanks(image, mask)
     height, width = image.shape[:2]
     return CalibrationFrame(
         detect(image, mask, config), parse_utc(moment), (width, height), Path(path).name, exposure_s
@@ -103,9 +103,10 @@ def image_and_time(path: str) -> tuple[NDArray[np.generic], str | None, float | 
     refuse_raw(path)
     if is_fits(path):
         found = read_fits(path)
-        return found.pixels, None if found.middle is None else _written(found.middle), found.exposure_s
-    middle, exposure_s = _of_record(Path(path).with_suffix(".json"))
-    return read_image(path), middle, read_tags(path).exposure_s if exposure_s is None else exposure_s
+        middle = found.exposure.middle
+        return found.pixels, None if middle is None else _written(middle), found.exposure.length_s
+    stated, exposure_s = _of_record(Path(path).with_suffix(".json"))
+    return read_image(path), stated, read_tags(path).exposure_s if exposure_s is None else exposure_s
 
 
 def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:
@@ -115,7 +116,7 @@ def learnt_mask(paths: Sequence[str]) -> NDArray[np.bool_] | None:
         return None
     rows = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), _MOST_FOR_MASK)).astype(int))
     try:
-        return sky_mask([image_and_time(paths[row])[0] for row in rows])
+        return sky_mask([without_blanks(image_and_time(paths[row])[0], None)[0] for row in rows])
     except ImageError:
         return None
 

@@ -64,6 +64,10 @@ class PhotoTags:
         Names.
     up : tuple of float or None
         The zenith's direction in the camera frame of the pixels as they are read, by the accelerometer of a telephone.
+    source : str
+        Where time and exposure stand.
+    lacks : str
+        What hinders the time of a FITS image from being known; empty where it is known.
     """
 
     width: int
@@ -81,6 +85,8 @@ class PhotoTags:
     camera: str = ""
     lens: str = ""
     up: Vector | None = None
+    source: str = "EXIF"
+    lacks: str = ""
 
 
 def refuse_raw(path: str | Path) -> None:
@@ -108,11 +114,18 @@ def read_tags(path: str | Path) -> PhotoTags:
 
     if is_fits(path):
         found = read_fits(path)
-        height, width = found.pixels.shape
-        begun = None if found.middle is None else found.middle - timedelta(seconds=(found.exposure_s or 0.0) / 2)
-        taken = None if begun is None else begun.replace(tzinfo=None)
+        height, width = found.pixels.shape[:2]
+        exposure = found.exposure
+        begun = exposure.begun or exposure.middle
         return PhotoTags(
-            width, height, taken, False, None if taken is None else timedelta(0), exposure_s=found.exposure_s
+            width,
+            height,
+            None if begun is None else begun.replace(tzinfo=None),
+            False,
+            None if begun is None else timedelta(0),
+            exposure_s=exposure.length_s,
+            source="FITS header",
+            lacks=exposure.lacks,
         )
     if is_heif(path):
         picture = open_heif(path)

@@ -60,7 +60,8 @@ def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp
         return ExposureTime(utc)
     if tags.taken is None:
         if tags.gps_utc is None:
-            raise TimeError("the image has no time of its own: give --utc, such as --utc 2020-01-01T00:00:00Z")
+            why = f" ({tags.lacks})" if tags.lacks else ""
+            raise TimeError(f"the image has no time of its own{why}: give --utc, such as --utc 2020-01-01T00:00:00Z")
         begun, assumed = tags.gps_utc, ["time from the tag of its last position fix, which may be older"]
     else:
         begun, assumed = _on_the_clock(tags, tags.taken, time_zone)
@@ -84,7 +85,7 @@ def _on_the_clock(tags: PhotoTags, taken: datetime, time_zone: str | None) -> tu
         ]
     if tags.offset is not None:
         return taken.replace(tzinfo=timezone(tags.offset)), [
-            f"time {shown} of the camera's clock at UTC{_offset_text(tags.offset)} (EXIF)"
+            f"time {shown} of the camera's clock at UTC{_offset_text(tags.offset)} ({tags.source})"
         ]
     if tags.gps_utc is not None:
         apart_s = (taken.replace(tzinfo=UTC) - tags.gps_utc).total_seconds()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from celnav.adjustment import PARAMETERS, predict
 from celnav.command.answer import Answer, match_names, position_texts
+from celnav.command.whole_file import write_whole
 from celnav.errors import ConfigError
 from celnav.sky.catalog import load_catalog
 
@@ -175,21 +175,6 @@ def _title(answer: Answer) -> str:
 
 
 def _save(figure: Any, path: Path) -> None:
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.resolve().parent, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "wb") as target:
-                figure.savefig(target, format="png", facecolor=figure.get_facecolor())
-            os.chmod(temporary, 0o666 & ~_umask())
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    except OSError as error:
-        raise ConfigError(f"--plot {path}: cannot be written: {error.strerror}") from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", facecolor=figure.get_facecolor())
+    write_whole(path, picture.getvalue(), "--plot")

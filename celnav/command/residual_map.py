@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from celnav.calibrating.calibration import CameraCalibration
 from celnav.calibrating.verdict import verdict
+from celnav.command.whole_file import write_whole
 from celnav.errors import ConfigError
 
 _STAR_SCALE, _MEAN_SCALE = 150.0, 600.0  # pixels of the frame for each pixel of residual
@@ -54,4 +56,6 @@ def draw_residual_map(found: CameraCalibration, path: str) -> None:
         axes.plot(camera.cx_px, camera.cy_px, "+", color="tab:red")
     left.set_ylabel("v, px")
     figure.suptitle(textwrap.fill(verdict(found), 130), fontsize=11)
-    figure.savefig(path)
+    picture = io.BytesIO()
+    figure.savefig(picture, format=Path(path).suffix[1:].lower())
+    write_whole(path, picture.getvalue(), "--map")

@@ -21,7 +21,7 @@ from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
-from celnav.detecting.image_file import read_image
+from celnav.detecting.image_file import read_image, read_mask, without_blanks
 from celnav.detection import Detections, detect
 from celnav.errors import CameraError, ConfigError
 from celnav.fix import Reason
@@ -94,10 +94,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
         told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
         attitude = read_attitude(arguments.attitude, tags.up, moment.utc)
-        mask = None
-        if arguments.mask is not None:
-            values = read_image(arguments.mask)
-            mask = values.astype(bool) if values.ndim == 2 else values.any(axis=2)
+        image, mask = without_blanks(image, None if arguments.mask is None else read_mask(arguments.mask, image.shape))
         air = usual_weather(arguments.height_m, arguments.pressure_hpa, arguments.temperature_c)
     if told is None:
         from celnav.unknown_camera import find_camera

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from celnav.detecting.row_statistics import count_true, medians, moments_within
+from celnav.detecting.row_statistics import all_true, count_true, medians, moments_within
 from celnav.detecting.tiles import SAMPLES, Tiles, smooth
 
 F4 = NDArray[np.float32]
@@ -82,7 +82,7 @@ def _differences(pixels: F4, used: Mask, tiles: Tiles, step: float) -> _Differen
     sets = [(slice(row, height, 2), slice(column, width, 2)) for row, column in _SETS]
     samples = np.concatenate([tiles.spread_samples(pixels[each]) for each in sets])
     counted = np.ones(samples.shape, dtype=bool)
-    if not used.all():
+    if not all_true(used):
         counted = np.concatenate([tiles.spread_samples(used[each]) for each in sets])
     known = np.asarray((count_true(counted).reshape(len(sets), -1) >= _FEWEST).all(axis=0))
     middle = medians(samples, counted)

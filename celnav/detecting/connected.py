@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+Rows = NDArray[np.intp]
 
-def connected(at: NDArray[np.intp], width: int) -> tuple[NDArray[np.int32], int]:
+
+def connected(at: Rows, width: int) -> tuple[NDArray[np.int32], int]:
     """Number the components of pixels that touch at their sides or corners.
 
     Parameters
@@ -23,22 +25,49 @@ def connected(at: NDArray[np.intp], width: int) -> tuple[NDArray[np.int32], int]
     number : int
         Components.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
     if not len(at):
         return np.zeros(0, dtype=np.int32), 0
-    begins = np.diff(at, prepend=at[0] - 2) != 1
-    begins |= at % width == 0
-    start = np.flatnonzero(begins)
-    first, last = at[start], at[np.append(start[1:], len(at)) - 1]
+    row = at // width
+    begins = np.empty(len(at), dtype=bool)
+    begins[0] = True
+    np.not_equal(at[1:] - at[:-1], 1, out=begins[1:])
+    begins |= at == row * width
+    start = begins.nonzero()[0]
+    first, last = at.take(start), at.take(np.append(start[1:], len(at)) - 1)
     # Runs of the next row that touch each run.
-    next_row = (first // width + 1) * width
-    low = np.searchsorted(last, np.maximum(first + width - 1, next_row))
-    high = np.searchsorted(first, np.minimum(last + width + 1, next_row + width - 1), side="right")
+    next_row = (row.take(start) + 1) * width
+    low = _number_below(np.maximum(first + (width - 1), next_row), last)
+    high = _number_below(np.minimum(last + (width + 2), next_row + width), first)
     count = np.maximum(high - low, 0)
-    bounds = np.concatenate(([0], np.cumsum(count)))
-    touching = np.repeat(low - bounds[:-1], count) + np.arange(bounds[-1])
-    graph = csr_array((np.ones(len(touching), dtype=np.int8), touching, bounds), shape=(len(first), len(first)))
-    number, of_run = connected_components(graph, directed=False)
-    return np.asarray(of_run[np.cumsum(begins) - 1] + 1, dtype=np.int32), int(number)
+    end = count.cumsum()
+    above = np.arange(len(first)).repeat(count)
+    below = np.arange(end[-1]) + (low - end + count).repeat(count)
+    root = _earliest(len(first), above, below)
+    is_root = root == np.arange(len(root))
+    number = is_root.cumsum(dtype=np.int32)
+    return number.take(root).take(begins.cumsum() - 1), int(number[-1])
+
+
+def _number_below(limits: Rows, values: Rows) -> Rows:
+    """How many of some ascending values are less than each of some ascending limits, shape (limits,).
+
+    A stable sort merges the two lists, which takes half of the time of a binary search for each.
+    """
+    order = np.concatenate((limits, values)).argsort(kind="stable")
+    return (order < len(limits)).nonzero()[0] - np.arange(len(limits))
+
+
+def _earliest(n: int, above: Rows, below: Rows) -> Rows:
+    """Of `n` runs of which those in `above` touch those in `below`: the first run that each is connected with, shape (n,)."""
+    root = np.arange(n)
+    while len(above):
+        # Every root is joined to an earlier one; where it touches several, the others wait for the next round.
+        root[below] = above
+        further = root.take(root)
+        while not np.array_equal(further, root):
+            root, further = further, further.take(further)
+        above, below = root.take(above), root.take(below)
+        apart = (above != below).nonzero()[0]
+        above, below = above.take(apart), below.take(apart)
+        above, below = np.minimum(above, below), np.maximum(above, below)
+    return root

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from celnav.detecting.matched_filter import Filtered
 from celnav.detecting.noise_map import NoiseMap
-from celnav.detecting.row_statistics import count_true
+from celnav.detecting.row_statistics import all_true, count_true
 from celnav.detecting.tiles import TileMap, Tiles, smooth
 
 F4 = NDArray[np.float32]
@@ -44,7 +44,7 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
     relative = tiles.spread_samples(filtered.amplitude)
     white = tiles.spread_samples_of(noise)
     counted = np.asarray(white > np.float32(1.001 * noise.least))
-    if not used.all():
+    if not all_true(used):
         counted &= tiles.spread_samples(used)
     np.maximum(white, _LEAST_NOISE, out=white)
     if filtered.noise_factor.size > 1:
@@ -53,7 +53,8 @@ def noise_ratio(filtered: Filtered, noise: NoiseMap, used: Mask, tiles: Tiles) -
         white *= filtered.noise_factor[0, 0]
     relative /= white
     number = count_true(counted)
-    relative[~counted] = np.inf
+    if number.min() < counted.shape[1]:
+        relative[~counted] = np.inf
     relative.sort(axis=1)
     spreads = _one_sided(relative, number, tiles)
     alike, own = smooth(spreads).min(axis=0), spreads.min(axis=0)
@@ -93,8 +94,9 @@ def _one_sided(ordered: F4, number: NDArray[np.int_], tiles: Tiles) -> F4:
     )
     for side, count, usual in sides:
         limit = _CLIP * np.float32(1.4826) * usual
-        within = (side > 0) & (side <= limit[:, None])
-        inside, kept = side * within, count_true(within)
+        within = side > 0
+        within &= side <= limit[:, None]
+        inside, kept = side * within.astype(np.float32), count_true(within)
         square = np.einsum("ij,ij->i", inside, inside) / np.maximum(kept, 1)
         spread = np.where(count > 0, np.sqrt(square) / _CLIPPED_NORMAL, np.nan)
         spreads.append(tiles.filled(np.asarray(spread, dtype=np.float32), 2 * kept))

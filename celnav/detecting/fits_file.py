@@ -1,7 +1,7 @@
-"""FITS images, plain or compressed (gzip, bzip2), read within bounds; and the time that their header gives.
+"""FITS images, plain or compressed (gzip, bzip2, tiles), read within bounds; and what their header says.
 
-Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, Rots et al. 2015, A&A 574, A36: DATE-OBS is the start unless the
-header has DATE-BEG, DATE-AVG or DATE-END. Rows are taken in the order of the file.
+Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, `celnav.sky.fits_times`. Rows are taken in the order of
+the file.
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ from __future__ import annotations
 import bz2
 import io
 import math
-import re
 import warnings
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from celnav.errors import ImageError
+from celnav.sky.fits_times import ExposureInHeader, exposure_in
 
 MAX_PIXELS = 100_000_000
 MAX_BYTES = 500_000_000
 _CHUNK = 1 << 20
 _STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
-_YEARS = (1900, 2200)
-_DATES = ("DATE-AVG", "DATE-BEG", "DATE-OBS", "DATE-END")
-_EXPOSURES = ("EXPTIME", "EXPOSURE", "XPOSURE", "EXP_TIME")
+_MOST_WORDS = 2000
 # The mean of a block of video frames, as the Global Meteor Network's stations write it.
 _MEAN_OF_BLOCK = "AVEPIXEL"
-_BLOCK_NAME = re.compile(r"FF_?\w*?_(\d{8})_(\d{6})_(\d{3})_")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +37,17 @@ class FitsImage:
 
     Attributes
     ----------
-    pixels : ndarray, shape (height, width)
-        Values.
-    middle : datetime or None
-        Middle of the exposure, UTC, where the header says it.
-    exposure_s : float or None
-        Its length.
+    pixels : ndarray, shape (height, width) or (height, width, 3)
+        Values; NaN where it has none.
+    exposure : ExposureInHeader
+        When it was taken, where the header says it.
+    header : mapping
+        Words and their values (str, int, float): the image's, and of the file's first unit what the image's does not have.
     """
 
     pixels: NDArray[np.generic]
-    middle: datetime | None
-    exposure_s: float | None
+    exposure: ExposureInHeader
+    header: Mapping[str, object]
 
 
 def is_fits(path: str | Path) -> bool:
@@ -69,56 +66,76 @@ def read_fits(path: str | Path) -> FitsImage:
     Raises
     ------
     ImageError
-        When the file cannot be read, holds no image of two axes, or more than a hundred million pixels.
+        When the file cannot be read, holds no image of two axes or of three colours, or more than a hundred million pixels.
     """
     from astropy.io import fits
 
-    data = _bytes(Path(path))
+    data = unpacked_bytes(path)
     if not data.startswith(b"SIMPLE"):
         raise ImageError(f"image {path} is not a FITS file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as units:
-                unit = _image_unit(units, path)
-                size = int(unit.header["NAXIS1"]) * int(unit.header["NAXIS2"])
-                if not 0 < size <= MAX_PIXELS:
+                unit, axes = _image_unit(units, path)
+                size = math.prod(axes)
+                if not 0 < size <= MAX_PIXELS * (1 if len(axes) == 2 else 3):
                     raise ImageError(f"image {path} has {size} pixels; the limit is 100 million")
-                pixels = np.ascontiguousarray(unit.data)
-                header, first = _values(unit.header), _values(units[0].header)
+                pixels = np.asarray(unit.data).reshape(axes)
+                header, first = _words(unit.header), _words(units[0].header)
     except ImageError:
         raise
     except Exception as error:  # astropy raises OSError, TypeError, KeyError, VerifyError and others for damaged files
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ImageError(f"image {path} is a damaged FITS file: {text}") from None
-    if pixels.ndim != 2:
-        raise ImageError(f"image {path} holds no image of two axes")
-    native = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
-    exposure_s = _exposure(header, first)
-    if exposure_s is None:
-        exposure_s = _block_length(first)
-    return FitsImage(native, _middle(header, first, exposure_s, Path(path).name), exposure_s)
+    if pixels.ndim == 3 and pixels.shape[2] != 3:
+        pixels = np.moveaxis(pixels, 0, 2)
+    native = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder("="), copy=False))
+    return FitsImage(native, exposure_in(header, first, Path(path).name), first | header)
 
 
-def _image_unit(units: Any, path: str | Path) -> Any:
+def _image_unit(units: Any, path: str | Path) -> tuple[Any, tuple[int, ...]]:
+    """Choose the unit that is read; with its axes as numpy counts them, those of one pixel left out."""
     chosen = None
     for number in range(64):
         try:
             unit = units[number]
         except IndexError:
             break
-        if unit.header.get("NAXIS") != 2 or unit.header.get("XTENSION", "IMAGE").strip() != "IMAGE":
+        axes = _axes(unit)
+        if axes is None:
             continue
         if unit.name == _MEAN_OF_BLOCK:
-            return unit
-        chosen = unit if chosen is None else chosen
+            return unit, axes
+        chosen = (unit, axes) if chosen is None else chosen
     if chosen is None:
-        raise ImageError(f"image {path} holds no image of two axes (cubes and tables are not read)")
+        raise ImageError(
+            f"image {path} holds no image of two axes, or of three with three colours (other cubes and tables are not read)"
+        )
     return chosen
 
 
-def _bytes(path: Path) -> bytes:
-    """Return the file's bytes, unpacked where it is compressed, and no more than `MAX_BYTES` of them."""
+def _axes(unit: Any) -> tuple[int, ...] | None:
+    """Sides of a unit's image, or of its image in three colours; None of what is neither."""
+    if str(unit.header.get("XTENSION", "IMAGE")).strip() != "IMAGE":
+        return None
+    number = int(unit.header.get("NAXIS", 0))
+    sides = [int(unit.header[f"NAXIS{axis}"]) for axis in range(number, 0, -1)]
+    axes = tuple(sides) if number == 2 else tuple(side for side in sides if side != 1)
+    if len(axes) == 2 or (len(axes) == 3 and 3 in (axes[0], axes[2])):
+        return axes
+    return None
+
+
+def unpacked_bytes(path: str | Path) -> bytes:
+    """Return a file's bytes, unpacked where it is compressed by gzip or bzip2.
+
+    Raises
+    ------
+    ImageError
+        When it cannot be read, is damaged, or holds more than `MAX_BYTES`.
+    """
+    path = Path(path)
     try:
         with path.open("rb") as file:
             start = file.read(3)
@@ -163,6 +180,8 @@ def _unpacked(file: io.BufferedReader, unpacker: Any, path: Path) -> bytes:
             total += len(parts[-1])
             if total > MAX_BYTES:
                 break
+    except ImageError:
+        raise
     except (OSError, ValueError, zlib.error) as error:
         raise ImageError(f"image {path} is damaged: {error}") from None
     return _bounded(b"".join(parts), path)
@@ -174,74 +193,16 @@ def _bounded(data: bytes, path: Path) -> bytes:
     return data
 
 
-def _values(header: Any) -> dict[str, object]:
-    """Return the values of a header that are used here; those that cannot be parsed count as absent."""
+def _words(header: Any) -> dict[str, object]:
+    """Return the texts and numbers of a header; those that cannot be parsed count as absent."""
     from astropy.io.fits.verify import VerifyError
 
-    values = {}
-    for key in (*_EXPOSURES, *_DATES, "NFRAMES", "FPS"):
+    words: dict[str, object] = {}
+    for key in list(header)[:_MOST_WORDS]:
         try:
-            values[key] = header.get(key)
-        except (VerifyError, ValueError):
+            value = header[key]
+        except (VerifyError, ValueError, KeyError):
             continue
-    return values
-
-
-def _exposure(header: dict[str, object], first: dict[str, object]) -> float | None:
-    for part in (header, first):
-        for key in _EXPOSURES:
-            value = part.get(key)
-            if isinstance(value, (int, float)) and math.isfinite(value) and 0 <= value <= 86400:
-                return float(value)
-    return None
-
-
-def _middle(
-    header: dict[str, object], first: dict[str, object], exposure_s: float | None, name: str
-) -> datetime | None:
-    """Middle of the exposure: DATE-AVG; the start and half the exposure; the name of a meteor station's block."""
-    for part in (header, first):
-        if (average := _moment(part.get("DATE-AVG"))) is not None:
-            return average
-        begun, ended = _moment(part.get("DATE-BEG")) or _moment(part.get("DATE-OBS")), _moment(part.get("DATE-END"))
-        if begun is not None and exposure_s is not None:
-            return begun + timedelta(seconds=exposure_s / 2)
-        if begun is not None and ended is not None:
-            return begun + (ended - begun) / 2
-    length_s = _block_length(first)
-    return None if length_s is None else block_middle(name, length_s)
-
-
-def _block_length(first: dict[str, object]) -> float | None:
-    """Length of a meteor station's block of video frames, s."""
-    count, rate = first.get("NFRAMES"), first.get("FPS")
-    if not (isinstance(count, (int, float)) and isinstance(rate, (int, float)) and 0 < count < 1e6 and 0 < rate < 1e6):
-        return None
-    return count / rate if count / rate < 86400 else None
-
-
-def block_middle(name: str, length_s: float) -> datetime | None:
-    """Middle of a block of video frames by its file name, ``FF_<station>_<date>_<time>_<ms>_…``; None for other names."""
-    found = _BLOCK_NAME.match(name)
-    if found is None:
-        return None
-    try:
-        begun = datetime.strptime(found[1] + found[2], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-    except ValueError:
-        return None
-    if not _YEARS[0] <= begun.year <= _YEARS[1]:
-        return None
-    return begun + timedelta(milliseconds=int(found[3])) + timedelta(seconds=length_s / 2)
-
-
-def _moment(value: object) -> datetime | None:
-    """Read a date with a time of day; without a zone it is UTC."""
-    if not isinstance(value, str) or "T" not in value:
-        return None
-    try:
-        moment = datetime.fromisoformat(value.strip())
-        if not _YEARS[0] <= moment.year <= _YEARS[1]:
-            return None
-        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
-    except (ValueError, OverflowError):
-        return None
+        if isinstance(value, (str, int, float)):
+            words.setdefault(key, value)
+    return words

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.checking import bounded, check_fields
-from celnav.detecting.image_background import as_image, background_and_noise, grey, step_of, used_pixels
+from celnav.detecting.image_background import as_image, background_and_noise, grey, used_pixels
 from celnav.detecting.tiles import Tiles
 from celnav.errors import ConfigError
 
@@ -60,7 +60,7 @@ def flood_fill(image: ArrayLike, mask: ArrayLike | None, config: FloodFillConfig
     if not used.any():
         return nothing
     tiles = Tiles.of(size, config.tile_px)
-    background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles, step_of(pixels)))
+    background, noise = (each.whole() for each in background_and_noise(pixels, used, tiles))
     light = pixels - background
     light[~used] = 0.0
     # Of noise-free images the noise is zero: one step of integers, and what rounding leaves of other numbers.

@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celnav.detecting.noise_map import NoiseMap
-from celnav.detecting.row_statistics import count_true, medians, moments_within
+from celnav.detecting.row_statistics import CLIP, all_true, count_true, medians, moments_within, scatter_of_steps
 from celnav.detecting.strips import strips
-from celnav.detecting.tiles import PixelMap, TileMap, Tiles, smooth
+from celnav.detecting.tiles import SAMPLES, PixelMap, TileMap, Tiles, smooth
 from celnav.errors import ImageError
 
 F4 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 LARGEST_VALUE = 1e15
 
-# Clipped at three standard deviations a normal distribution keeps this part of its own.
-_CLIP, _CLIPPED_NORMAL = np.float32(3.0), np.float32(0.98658)
+# Noise of less than a step is nothing in one place and half a step where the sky is between two values. That is so much
+# of a difference by one step over the root of two.
+_ROUNDED = np.float32(0.7)
 # A row or column is known from so many of the pixels sampled in it.
 _FEWEST_OF_LINE = 12
 # A star of 0.5 px, the sharpest that a lens makes, puts this part of its middle pixel into the four beside it, at least.
@@ -49,7 +50,8 @@ def grey(image: NDArray[np.generic]) -> F4:
     if image.ndim == 3 and image.shape[2] in (3, 4):
         values = image[:, :, :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     elif image.ndim == 2:
-        values = image.astype(np.float32)
+        # In the order of rows, whatever way the image was turned: single pixels are reached by their numbers.
+        values = image.astype(np.float32, order="C")
     else:
         raise ImageError(f"image has shape {image.shape}; it must be (height, width) or (height, width, 3 or 4)")
     if min(values.shape) < 3:
@@ -60,7 +62,7 @@ def grey(image: NDArray[np.generic]) -> F4:
 def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
     """Return where an image is to be used; raises `ImageError` for a mask that does not fit."""
     if mask is None:
-        return np.ones(pixels.shape, dtype=bool)
+        return np.broadcast_to(np.True_, pixels.shape)
     ignored = as_image(mask)
     if ignored.shape != pixels.shape or ignored.dtype != np.bool_:
         raise ImageError(f"mask must be boolean of shape {pixels.shape}, true where the image is not to be used")
@@ -68,31 +70,40 @@ def used_pixels(pixels: F4, mask: ArrayLike | None) -> Mask:
 
 
 def step_of(pixels: F4) -> float:
-    """Deviation that is never clipped: a little over the step of an image of whole numbers, zero of any other."""
-    some = pixels[::7, ::11]
-    return 1.01 if (some == np.rint(some)).all() else 0.0
+    """Step between the values of an image that has few: next to nothing of any other.
+
+    The fiftieth part of the differences between pixels and the second ones beside them, of those that are not zero.
+    """
+    apart = np.abs(pixels[::7, 2::11] - pixels[::7, :-2:11])
+    apart = np.sort(apart[apart > 0])
+    return float(apart[len(apart) // 50]) if len(apart) else 0.0
 
 
-def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float) -> tuple[TileMap, TileMap]:
+def background_and_noise(pixels: F4, used: Mask, tiles: Tiles, step: float = 0.0) -> tuple[TileMap, TileMap]:
     """Estimate background and noise.
 
-    Clipped means of tiles, and standard deviations of the differences between neighbouring pixels, smoothed by a 3x3
-    median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the nearest other's.
-    Deviations of no more than `step` are never clipped (`step_of` the image as it was read).
+    Clipped means of tiles, and standard deviations of the differences between neighbouring pixels along rows and columns,
+    smoothed by a 3x3 median and interpolated bilinearly. Unused pixels do not count; a tile without used ones takes the
+    nearest other's. Deviations of one step of an image that has few values are never clipped, and its noise is half a step
+    at least; `step` is that of the whole image (`step_of`), zero leaves it out.
     """
     samples = tiles.pairs(pixels)
-    counted = np.ones(samples.shape, dtype=bool) if used.all() else tiles.pairs(used)
-    # Differences of neighbours know nothing of the sky's slope.
-    steps = (samples[:, 1::2] - samples[:, ::2]) * np.float32(np.sqrt(0.5))
-    both = counted[:, 1::2] & counted[:, ::2]
-    limit = np.maximum(_CLIP * np.float32(1.4826) * medians(np.abs(steps), both), np.float32(step))
-    mean, square = moments_within(steps, limit, both)
-    spread = np.asarray(np.sqrt(np.maximum(square - mean * mean, 0)) / _CLIPPED_NORMAL, dtype=np.float32)
+    counted = None if all_true(used) else tiles.pairs(used)
+    blocks = samples.reshape(-1, SAMPLES, SAMPLES)
+    counting = np.ones(blocks.shape, dtype=bool) if counted is None else counted.reshape(-1, SAMPLES, SAMPLES)
+    down = scatter_of_steps(blocks, counting)
+    along = scatter_of_steps(blocks.swapaxes(1, 2), counting.swapaxes(1, 2))
+    number = down.number + along.number
+    variance = (down.variance * down.number + along.variance * along.number) / np.maximum(number, 1)
+    spread = np.asarray(np.where(number > 0, np.sqrt(variance), np.float32(np.nan)), dtype=np.float32)
     middle = medians(samples, counted)
-    offset, _ = moments_within(samples - middle[:, None], np.maximum(_CLIP * spread, np.float32(step)), counted)
+    steps = np.maximum(down.step, along.step)
+    np.maximum(spread, _ROUNDED * np.minimum(steps, np.float32(step)), out=spread, where=number > 0)
+    limit = np.maximum(CLIP * spread, steps)
+    offset, _ = moments_within(samples - middle[:, None], limit, counted)
     level = middle + offset
-    known = tiles.filled(level, count_true(counted)), tiles.filled(spread, 2 * count_true(both))
-    levels, spreads = smooth(np.stack(known))
+    whole = np.full(len(samples), samples.shape[1]) if counted is None else count_true(counted)
+    levels, spreads = smooth(np.stack((tiles.filled(level, whole), tiles.filled(spread, number))))
     return tiles.map_of(levels), tiles.map_of(spreads, extrapolated=False)
 
 
@@ -105,12 +116,12 @@ def typical(values: PixelMap, used: Mask) -> float:
 
 def take_off(pixels: F4, background: TileMap, used: Mask) -> float:
     """Subtract the background in place; unused pixels become zero. Returns the highest value that remains."""
-    highest = -np.inf
+    highest, whole = -np.inf, all_true(used)
     for top, bottom in strips(*pixels.shape):
         strip = pixels[top:bottom]
         strip -= background.strip(top, bottom)
-        if not (counted := used[top:bottom]).all():
-            strip[~counted] = 0.0
+        if not whole:
+            strip[~used[top:bottom]] = 0.0
         highest = max(highest, float(strip.max()))
     return highest
 
@@ -127,7 +138,7 @@ def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
     used : ndarray of bool, shape (height, width)
         Pixels that count. The light of the others is zero.
     """
-    whole = bool(used.all())
+    whole = all_true(used)
     for axis in (1, 0):
         lines, counted = (light, used) if axis == 1 else (light.T, used.T)
         if lines.shape[1] < 32:
@@ -137,9 +148,11 @@ def remove_line_offsets(light: F4, usual: float, used: Mask) -> F4:
         known = number >= _FEWEST_OF_LINE
         if known.sum() < 2:
             continue
-        means = (np.clip(few, -3 * usual, 3 * usual).sum(axis=1) / np.maximum(number, 1))[known]
-        # Of neighbouring lines, each by its own scatter: what stars and clouds change, changes slowly.
-        scatter = usual / np.sqrt(number[known])
+        few = np.clip(few, -3 * usual, 3 * usual)
+        means, squares = ((each.sum(axis=1) / np.maximum(number, 1))[known] for each in (few, few * few))
+        # Of neighbouring lines, each by its own scatter: what stars and clouds change, changes slowly. Correlated noise
+        # scatters by more than its neighbours differ.
+        scatter = np.sqrt(np.maximum(squares - means**2, usual**2) / number[known])
         change = np.diff(means) / np.hypot(scatter[1:], scatter[:-1])
         if 1.4826 * float(np.median(np.abs(change))) > 1.4:
             middle = lines.shape[1] // 2

@@ -1,15 +1,18 @@
-"""Reading image files, strictly: a file that is damaged or absurdly large is refused."""
+"""Reading image files, strictly: one that is damaged or absurdly large is refused; and which of their pixels are used."""
 
 from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.errors import ImageError
 
+Mask = NDArray[np.bool_]
+Pixels = NDArray[np.generic]
 # A hundred million pixels: beyond any night-sky camera, and less than 1 GB while it is worked on.
 MAX_PIXELS = 100_000_000
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
@@ -70,3 +73,48 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
 def _refuse_large(path: str | Path, width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         raise ImageError(f"image {path} has {width} x {height} pixels; the limit is 100 million")
+
+
+def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:
+    """Read a picture that is not black where pixels are not to be used.
+
+    Raises
+    ------
+    ImageError
+        When it cannot be read, is not of the image's shape where that is given, or hides everything.
+    """
+    values = read_image(path)
+    hidden: Mask = np.asarray(values.astype(bool) if values.ndim == 2 else values.any(axis=2), dtype=np.bool_)
+    if hidden.all():
+        raise ImageError(f"--mask {path} hides every pixel: it must be black where the image is to be used")
+    if shape is not None and hidden.shape != shape[:2]:
+        sizes = [f"{width} x {height}" for height, width in (hidden.shape, shape[:2])]
+        raise ImageError(f"--mask {path} has {sizes[0]} px, the image {sizes[1]}: give one of the image's size")
+    return hidden
+
+
+def without_blanks(image: Pixels, mask: Mask | None) -> tuple[Pixels, Mask | None]:
+    """Hide the pixels of an image of floating numbers that have no value (NaN), as FITS marks what was not measured.
+
+    Parameters
+    ----------
+    image : ndarray, shape (height, width) or (height, width, 3)
+    mask : ndarray of bool, shape (height, width), optional
+        True where pixels are not used.
+
+    Returns
+    -------
+    image, mask
+        With the median in the hidden pixels; as they were where every pixel has a value.
+    """
+    values: NDArray[Any] = image
+    if not np.issubdtype(values.dtype, np.floating):
+        return image, mask
+    blank = np.isnan(values)
+    if not blank.any() or blank.all():
+        return image, mask
+    hidden: Mask = blank if blank.ndim == 2 else blank.any(axis=2)
+    filled = np.where(blank, np.nanmedian(values), values)
+    if mask is not None and mask.shape == hidden.shape:
+        hidden = hidden | mask
+    return filled, hidden if mask is None or mask.shape == hidden.shape else mask

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from celnav.detecting.star_shape import StarShape, inverse
@@ -15,8 +14,12 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 _ZONE_PX = 180
-# Pixels that are filtered at a time, which stay in the processor's cache.
-_BLOCK_ROWS, _BLOCK_COLUMNS = 64, 1152
+# Pixels that are filtered at a time.
+_BLOCK_ROWS, _BLOCK_COLUMNS = 360, 1152
+# Rows, and columns, that one product of matrices makes: wider bands hold more zeros, narrower ones take more products.
+_ROWS, _COLUMNS = 8, 16
+# Products of more numbers are split over threads by OpenBLAS, which costs more than it gains.
+_MOST_PRODUCTS = 262_144
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,79 +45,86 @@ def matched_filter(light: F4, shape: StarShape) -> Filtered:
         return _filter_by_zones(light, shape)
     reach = max(2, int(np.ceil(3 * sigma)))
     line = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    half = int(np.ceil(7 * sigma))
-    side = 2 * half + 1
+    side = 2 * int(np.ceil(7 * sigma)) + 1
     gain, noise = _response(np.outer(line, line), side**2)
     unit = line / line.sum()
-    down, along = unit.astype(np.float32), (unit / gain).astype(np.float32)
+    star = _Lines.of(unit, unit / gain)
+    square = _Lines.of(np.ones(side), np.full(side, 1 / (gain * side**2)))
     amplitude = np.empty_like(light)
     height, width = light.shape
     for top in range(0, height, _BLOCK_ROWS):
-        bottom = min(top + _BLOCK_ROWS, height)
         for left in range(0, width, _BLOCK_COLUMNS):
-            right = min(left + _BLOCK_COLUMNS, width)
-            window = _with_margin(light, (top, bottom), (left, right), half)
-            star = _correlated(window[half - reach : half + reach + bottom - top], down)
-            star = _along_rows(star, _correlated(star.reshape(-1, 1), along))[:, half - reach :]
-            square = _box_sums(window, side)
-            square = _along_rows(square, _box_sums(square.reshape(-1, 1), side))
-            square *= np.float32(1 / (gain * side**2))
-            np.subtract(star[:, : right - left], square, out=amplitude[top:bottom, left:right])
+            out = amplitude[top : top + _BLOCK_ROWS, left : left + _BLOCK_COLUMNS]
+            mean = np.empty(out.shape, dtype=np.float32)
+            star.apply(light, top, left, out)
+            square.apply(light, top, left, mean)
+            out -= mean
     return Filtered(amplitude, np.full((1, 1), noise / gain, dtype=np.float32))
 
 
-def _along_rows(values: F4, sums: F4) -> F4:
-    """Sums along the rows of an image out of those along all of its rows as one column, which take half of the time.
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Weights along columns and along rows, for products of matrices, which take less time than sums of shifted pixels.
 
-    Sums that mix the end of a row with the next one's beginning are left out.
+    Attributes
+    ----------
+    down : ndarray, shape (_ROWS, _ROWS + 2 reach)
+        Those along columns, in each row one place further.
+    along : ndarray, shape (_COLUMNS + 2 reach, _COLUMNS)
+        Those along rows, in each column one place further.
     """
-    rows, width = values.shape
-    lost = values.size - len(sums)
-    return as_strided(sums, (rows, width - lost), (width * sums.itemsize, sums.itemsize))
+
+    down: F4
+    along: F4
+
+    @classmethod
+    def of(cls, down: F8, along: F8) -> _Lines:
+        """Of two odd numbers of weights."""
+        return cls(_banded(down, _ROWS), np.ascontiguousarray(_banded(along, _COLUMNS).T))
+
+    def apply(self, light: F4, top: int, left: int, out: F4) -> None:
+        """Filter the part of an image that begins at a row and a column and has the shape of `out`.
+
+        Beyond the border the outermost pixels are repeated.
+        """
+        rows, columns = out.shape
+        reach = (self.down.shape[1] - _ROWS) // 2
+        first, last = max(left - reach, 0), min(left + columns + reach, light.shape[1])
+        begin, end = first - left + reach, last - left + reach
+        summed = np.empty((rows, columns + 2 * reach), dtype=np.float32)
+        step = max(1, _MOST_PRODUCTS // self.down.size)
+        for row in range(0, rows, _ROWS):
+            lines = summed[row : row + _ROWS, begin:end]
+            window = _rows_with_margin(light, top + row, len(lines), reach)[:, first:last]
+            weights = self.down[: len(lines), : len(window)]
+            for column in range(0, last - first, step):
+                np.matmul(weights, window[:, column : column + step], out=lines[:, column : column + step])
+        summed[:, :begin], summed[:, end:] = summed[:, begin, None], summed[:, end - 1, None]
+        step = max(1, _MOST_PRODUCTS // self.along.size)
+        for row in range(0, rows, step):
+            lines, result = summed[row : row + step], out[row : row + step]
+            for column in range(0, columns, _COLUMNS):
+                part = result[:, column : column + _COLUMNS]
+                width = part.shape[1]
+                np.matmul(
+                    lines[:, column : column + width + 2 * reach], self.along[: width + 2 * reach, :width], out=part
+                )
 
 
-def _with_margin(light: F4, rows: tuple[int, int], columns: tuple[int, int], margin: int) -> F4:
-    """A block of an image with a margin around it; beyond the border its outermost pixels are repeated."""
-    first_row, last_row, first, last = rows[0] - margin, rows[1] + margin, columns[0] - margin, columns[1] + margin
-    part = light[max(first_row, 0) : last_row, max(first, 0) : last]
-    above, left = max(-first_row, 0), max(-first, 0)
-    below, right = above + part.shape[0], left + part.shape[1]
-    if part.shape == (last_row - first_row, last - first):
-        return part
-    window = np.empty((last_row - first_row, last - first), dtype=light.dtype)
-    window[above:below, left:right] = part
-    window[above:below, :left], window[above:below, right:] = part[:, :1], part[:, -1:]
-    window[:above], window[below:] = window[above], window[below - 1]
-    return window
+def _banded(line: F8, rows: int) -> F4:
+    """A line in every row of a matrix, in each one place further; shape (rows, rows + len(line) - 1)."""
+    banded = np.zeros((rows, rows + len(line) - 1), dtype=np.float32)
+    for row in range(rows):
+        banded[row, row : row + len(line)] = line
+    return banded
 
 
-def _correlated(values: F4, line: F4) -> F4:
-    """Correlate columns with a symmetrical line; shape (rows - len(line) + 1, columns)."""
-    reach = len(line) // 2
-    rows = len(values) - 2 * reach
-    out = values[reach : reach + rows] * line[reach]
-    pair = np.empty_like(out)
-    for k in range(1, reach + 1):
-        np.add(values[reach - k : reach - k + rows], values[reach + k : reach + k + rows], out=pair)
-        pair *= line[reach + k]
-        out += pair
-    return out
-
-
-def _box_sums(values: F4, side: int) -> F4:
-    """Sum `side` rows from each on; shape (rows - side + 1, columns). Sums of 1, 2, 4, ... rows make those of any number."""
-    rows = len(values) - side + 1
-    done, power, size, total = 0, values, 1, None
-    while done < side:
-        if side & size:
-            part = power[done : done + rows]
-            total = part if total is None else total + part
-            done += size
-        if done < side:
-            power = power[:-size] + power[size:]
-            size *= 2
-    assert total is not None
-    return total
+def _rows_with_margin(light: F4, top: int, rows: int, margin: int) -> F4:
+    """Some rows of an image with others above and below; beyond the border the outermost one is repeated."""
+    first, last = top - margin, top + rows + margin
+    if first >= 0 and last <= len(light):
+        return light[first:last]
+    return light.take(np.arange(first, last).clip(0, len(light) - 1), axis=0)
 
 
 def _response(star: F8, area: int) -> tuple[float, float]:

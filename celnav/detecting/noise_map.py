@@ -67,10 +67,12 @@ class NoiseMap:
         """
         height, width = values.shape
         found = []
-        for top, bottom in strips(height, width):
-            bound = self._bound(top, bottom) * np.float32(times)
-            strip = np.abs(values[top:bottom]) if either_sign else values[top:bottom]
-            above = strip > (bound if zones is None else bound * zones[top:bottom])
+        pieces = list(strips(height, width))
+        for (top, bottom), bound in zip(pieces, self._bounds(pieces) * np.float32(times), strict=True):
+            strip, least = values[top:bottom], bound if zones is None else bound * zones[top:bottom]
+            above = strip > least
+            if either_sign:
+                above |= strip < -least
             found.append(above.ravel().nonzero()[0] + top * width)
         at = np.concatenate(found)
         value, rows = values.ravel().take(at), at // width
@@ -81,13 +83,13 @@ class NoiseMap:
         standing = ((np.abs(value) if either_sign else value) > limit).nonzero()[0]
         return at.take(standing), limit.take(standing)
 
-    def _bound(self, top: int, bottom: int) -> F4:
-        """Return for each column a bound that no value of the rows from `top` to `bottom` is below, shape (width,)."""
-        bound = np.maximum(self.white.least(top, bottom), np.float32(self.least))
+    def _bounds(self, pieces: list[tuple[int, int]]) -> F4:
+        """Return for strips of rows, and each column, a bound that no value is below, shape (strips, width)."""
+        bounds = np.maximum(self.white.least(pieces), np.float32(self.least))
         if self.ratio is not None:
-            bound *= self.ratio.least(top, bottom)
-        bound *= np.float32(1 - _ROUNDING)
-        return bound
+            bounds *= self.ratio.least(pieces)
+        bounds *= np.float32(1 - _ROUNDING)
+        return bounds
 
     def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values of single pixels, shape (n,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.close_pairs import close_pairs
 from celnav.detecting.image_background import Outstanding
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_candidates import Components, Cores
@@ -22,7 +23,7 @@ _BRIGHT, _ALONE_PX = 20.0, 6.0
 # Maxima that are considered at most, and fewest of which a shape is believed.
 _MOST_MAXIMA, _FEWEST_MAXIMA = 5000, 12
 # Of the ring around a star where its light has gone; how often the light there scatters goes into a star's peak, at least.
-_RING_PX, _RING_PLACES, _OVER_RING = 8.0, 40, 6.0
+_RING_PX, _RING_PLACES, _OVER_RING = 8.0, 40, 20.0
 # Where more than the second part is longer than stars are (axes' moments 1 : 2.3), they are streaks or tracks.
 _LONG, _MOST_LONG, _WINDOW_PX = 0.4, 0.4, 5
 # Sources beyond this variance, px^2, are measured under larger windows; under small ones none has more than the second.
@@ -41,8 +42,6 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
     cores : Cores
         Saturated stars, which are left out.
     """
-    from scipy.spatial import cKDTree
-
     width, flat = light.shape[1], light.ravel()
     bright = far.value > np.float32(_BRIGHT) * far.sigma
     at, value = far.at[bright], far.value[bright]
@@ -55,8 +54,10 @@ def shape_of_bright(light: F4, far: Outstanding, cores: Cores) -> StarShape | No
     rows, columns = np.divmod(at[order], width)
     uv, value = np.column_stack((columns, rows)).astype(np.float64), value[order]
     alone = np.ones(len(uv), dtype=bool)
-    alone[cKDTree(uv).query_pairs(_ALONE_PX, output_type="ndarray").max(axis=1, initial=0)] = False
+    alone[close_pairs(uv, _ALONE_PX).max(axis=1, initial=0)] = False
     if len(cores.uv):
+        from scipy.spatial import cKDTree
+
         distance, core = cKDTree(cores.uv).query(uv)
         alone &= distance > 3 * cores.radius_px[core] + _ALONE_PX
     uv, value = uv[alone], value[alone]
@@ -155,9 +156,7 @@ def _brightest_around(uv: F8, brightness: F8) -> Rows:
 
     Trees, lamps and reflections lie close together; stars are everywhere.
     """
-    from scipy.spatial import cKDTree
-
     order = np.argsort(-brightness, kind="stable")
-    pairs = cKDTree(uv[order]).query_pairs(_AROUND_PX, output_type="ndarray") if len(uv) > 1 else np.empty((0, 2), int)
+    pairs = close_pairs(uv[order], _AROUND_PX)
     brighter = np.bincount(pairs.max(axis=1, initial=0), minlength=len(uv)) if len(pairs) else np.zeros(len(uv), int)
     return np.asarray(order[np.argsort(brighter // _EACH, kind="stable")])

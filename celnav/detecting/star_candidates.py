@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.close_pairs import close_pairs
 from celnav.detecting.connected import connected
 from celnav.detecting.matched_filter import Filtered
 from celnav.detecting.star_shape import StarShape, inverse
@@ -98,19 +99,22 @@ def components(light: F4, above: NDArray[np.intp], seeded: Mask) -> Components:
     """
     width = light.shape[1]
     label, n = connected(above, width)
-    rows, columns = np.divmod(above, width)
+    rows = above // width
+    columns = above - rows * width
+    number = label.astype(np.intp)
     value = np.maximum(light.ravel().take(above).astype(np.float64), 0.0)
-    area = np.bincount(label, minlength=n + 1)
-    good = np.bincount(label, weights=seeded, minlength=n + 1) > 0
-    flux: F8 = np.bincount(label, weights=value, minlength=n + 1).astype(np.float64, copy=False)
+    area = np.bincount(number, minlength=n + 1)
+    good = np.zeros(n + 1, dtype=bool)
+    good[number[seeded]] = True
+    flux: F8 = np.bincount(number, weights=value, minlength=n + 1).astype(np.float64, copy=False)
     good &= flux > 0
     good[0] = False
 
     def mean(quantity: F8) -> F8:
-        return np.asarray(np.bincount(label, weights=value * quantity, minlength=n + 1) / np.maximum(flux, 1e-30))
+        return np.asarray(np.bincount(number, weights=value * quantity, minlength=n + 1) / np.maximum(flux, 1e-30))
 
     middle_u, middle_v = mean(columns.astype(np.float64)), mean(rows.astype(np.float64))
-    du, dv = columns - middle_u[label], rows - middle_v[label]
+    du, dv = columns - middle_u.take(number), rows - middle_v.take(number)
     covariance = np.column_stack((mean(du * du), mean(du * dv), mean(dv * dv)))
     return Components(
         above, label, width, np.column_stack((middle_u, middle_v))[good], covariance[good], flux[good],
@@ -123,10 +127,13 @@ def saturated_pixels(pixels: F4, level: float | None) -> NDArray[np.intp]:
 
     A bright sky that is saturated altogether, or an image of noise, has none.
     """
-    highest = float(pixels.max())
+    of_rows = pixels.max(axis=1)
+    highest = float(of_rows.max())
     least = float(np.median(pixels[::16, ::16]))
     threshold = highest - (1 - _FLAT) * (highest - least) if level is None else level
-    at = np.flatnonzero(pixels >= threshold)
+    rows = (of_rows >= threshold).nonzero()[0]
+    row, column = (pixels.take(rows, axis=0) >= threshold).nonzero()
+    at = rows.take(row) * pixels.shape[1] + column
     if highest <= least or len(at) > 0.01 * pixels.size:
         return at[:0]
     return at
@@ -208,8 +215,9 @@ def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Ma
         good = value > flat.take(at + offset, mode="clip")
         good &= value >= flat.take(at - offset, mode="clip")
         at, value = at[good], value[good]
-    rows, columns = np.divmod(at, width)
-    inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used.ravel().take(at)
+    rows = at // width
+    columns = at - rows * width
+    inner = (rows > 0) & (rows < height - 1) & (columns > 0) & (columns < width - 1) & used[rows, columns]
     at, value = at[inner], value[inner]
     order = np.argsort(-value, kind="stable")
     at, brightness = at[order], value[order].astype(np.float64)
@@ -226,14 +234,12 @@ def peaks(filtered: Filtered, noise: PixelMap, above: NDArray[np.intp], used: Ma
 
 def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: StarShape, cores: Cores) -> Mask:
     """Tell which peaks, brightest first, stand out of the light of brighter neighbours and cores; shape (n,)."""
-    from scipy.spatial import cKDTree
-
     if not len(uv) or len(uv) + len(cores.uv) < 2:
         return np.ones(len(uv), dtype=bool)
     own = shape.at(uv)
     reach = 4.5 * float(np.sqrt(np.median(np.maximum(own[:, 0], own[:, 2])))) + 1
     kept = np.ones(len(uv), dtype=bool)
-    pairs = cKDTree(uv).query_pairs(reach, output_type="ndarray")
+    pairs = close_pairs(uv, reach)
     if len(pairs):
         bright, faint = pairs.min(axis=1), pairs.max(axis=1)
         d = uv[faint] - uv[bright]
@@ -244,8 +250,9 @@ def without_flanks(uv: F8, amplitude: F8, sigma: F8, seed_sigma: float, shape: S
         lost = excess < seed_sigma * sigma[faint] + 0.25 * amplitude[bright] * np.exp(-0.25 * distance2)
         kept[faint[lost]] = False
     if len(cores.uv):
-        tree = cKDTree(cores.uv)
-        distance, core = tree.query(uv)
+        from scipy.spatial import cKDTree
+
+        distance, core = cKDTree(cores.uv).query(uv)
         sigma_px = np.sqrt((own[:, 0] + own[:, 2]) / 2)
         # Beyond the rim the light falls as the star's wing does.
         from_rim = np.maximum(distance - cores.radius_px[core], 0) / sigma_px

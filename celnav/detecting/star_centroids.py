@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.detecting.close_pairs import close_pairs
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_shape import gaussians, inverse, offsets, windows
 
@@ -105,10 +106,8 @@ def measure_stars(
 
 def _neighbours(uv: F8, covariance: F8) -> NDArray[np.intp]:
     """Ordered pairs (star, neighbour), shape (p, 2), whose light overlaps, sorted by star."""
-    from scipy.spatial import cKDTree
-
     reach = 5.0 * float(np.sqrt(np.median(np.maximum(covariance[:, 0], covariance[:, 2]))))
-    pairs = cKDTree(uv).query_pairs(reach, output_type="ndarray")
+    pairs = close_pairs(uv, reach)
     both = np.concatenate((pairs, pairs[:, ::-1]))
     return both[np.argsort(both[:, 0], kind="stable")]
 
@@ -147,6 +146,7 @@ def _measure(
         crowd = np.bincount(own, weights=crowding, minlength=len(first)).astype(np.float64)
     at = first.copy()
     limit = 2 * np.sqrt(np.maximum(shape[:, [0, 2]], 1.0))
+    lowest, highest = first - limit, first + limit
     window = cut
     for _ in range(_ROUNDS):
         du, dv = offsets(rows, columns, at)
@@ -156,7 +156,7 @@ def _measure(
         total = _positive(by_row.sum(axis=0))
         at[:, 0] += 2 * (by_column * du).sum(axis=0) / total
         at[:, 1] += 2 * (by_row * dv).sum(axis=0) / total
-        np.clip(at, first - limit, first + limit, out=at)
+        np.minimum(np.maximum(at, lowest, out=at), highest, out=at)
     # What wanders off follows a neighbour's light: it stays where it was found.
     wandered = np.any(np.abs(at - first) > 0.75 * limit, axis=1)
     at = np.where(wandered[:, None], first, at)
@@ -206,11 +206,11 @@ def unlikeness(cut: F4, star: F4, sky_power: F8, photons: F8) -> tuple[F8, F8]:
     significance : ndarray, shape (n,)
         That power in standard deviations of the noise's.
     """
-    inner = star > np.float32(np.exp(-0.5 * 2.5**2))
+    inner = (star > np.float32(np.exp(-0.5 * 2.5**2))).astype(np.float32)
     star = star * inner
     squares = star * star
     total, own = _summed(star), _summed(squares)
-    number, left = np.count_nonzero(inner, axis=(0, 1)), cut * inner
+    number, left = _summed(inner), cut * inner
     peak = np.maximum(_summed(left * star) / np.maximum(own, 1e-30), 0.0)
     left -= star * peak.astype(np.float32)
     power = _summed(left * left)

@@ -174,22 +174,25 @@ def adaptive_moments(
     for _ in range(rounds):
         window = inverse(covariance)
         total, step, seen = _windowed_moments(cut, *offsets(rows, columns, at), window)
-        total = np.where(total > 0, total, np.nan)[:, None]
+        total = np.where(total > 0, total, np.nan)
         step /= total
-        u, v = step.T
-        seen = seen / total - np.stack((u * u, u * v, v * v), axis=1)
-        at += 2 * np.clip(step, -1, 1)
+        u, v = step
+        seen /= total
+        seen -= (u * u, u * v, v * v)
+        np.minimum(np.maximum(step, -1, out=step), 1, out=step)
+        at += 2 * step.T
         # Light and window multiply: their inverse covariances add.
-        difference = inverse(seen) - window
-        good = (difference[:, 0] > 0) & (difference[:, 0] * difference[:, 2] > difference[:, 1] ** 2)
-        covariance = np.where(good[:, None], inverse(np.where(good[:, None], difference, [[1.0, 0.0, 1.0]])), np.nan)
+        difference = inverse(seen.T) - window
+        p, q, r = difference.T
+        difference[~((p > 0) & (p * r > q**2))] = np.nan
+        covariance = inverse(difference)
         large, small = axes(covariance)
         covariance[~((small > _SMOOTHED + 0.05) & (large < largest))] = np.nan
     return covariance - np.array([_SMOOTHED, 0, _SMOOTHED])
 
 
 def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
-    """Sum light under Gaussian windows, and its first and second moments; shapes (n,), (n, 2) and (n, 3).
+    """Sum light under Gaussian windows, and its first and second moments; shapes (n,), (2, n) and (3, n).
 
     Parameters
     ----------
@@ -207,7 +210,7 @@ def _windowed_moments(cut: F4, du: F4, dv: F4, window: F8) -> tuple[F8, F8, F8]:
     first = ((across * du).sum(axis=0), (down * dv).sum(axis=0))
     second = ((across * du * du).sum(axis=0), (mixed * dv).sum(axis=0), (down * dv * dv).sum(axis=0))
     total, steps, moments = (np.array(each, dtype=np.float64) for each in (down.sum(axis=0), first, second))
-    return total, steps.T.copy(), moments.T
+    return total, steps, moments
 
 
 def gaussians(window: F8, du: F4, dv: F4) -> F4:
@@ -290,7 +293,8 @@ def _robust_fit(terms: F8, covariance: F8, begun: Mask) -> F8:
     kept = begun
     coefficients = np.zeros((6, 3))
     for _ in range(6):
-        square, right = terms[kept].T @ terms[kept], terms[kept].T @ covariance[kept]
+        some = terms[kept]
+        square, right = some.T @ some, some.T @ covariance[kept]
         coefficients = np.asarray(np.linalg.lstsq(square, right, rcond=None)[0], dtype=np.float64)
         residual: F8 = np.abs(covariance - terms @ coefficients).sum(axis=1)
         before, kept = kept, residual <= 3.5 * median(residual[begun])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -44,26 +44,26 @@ class Tiles:
 
     Attributes
     ----------
-    row_edges, column_edges : ndarray of int
-        Where tiles begin and end, shapes (rows + 1,) and (columns + 1,).
+    row_edges, column_edges : ndarray
+        Where tiles begin and end, shapes (rows + 1,) and (columns + 1,); between pixels where sizes do not divide.
     """
 
-    row_edges: NDArray[np.int_]
-    column_edges: NDArray[np.int_]
+    row_edges: F8
+    column_edges: F8
 
     @classmethod
     def of(cls, size: tuple[int, int], tile_px: int) -> Tiles:
         """Divide an image of a height and width into tiles of about `tile_px`."""
-        rows, columns = (max(1, round(side / tile_px)) for side in size)
-        return cls(np.linspace(0, size[0], rows + 1).astype(int), np.linspace(0, size[1], columns + 1).astype(int))
+        return _tiles_of(size[0], size[1], tile_px)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of tiles."""
         return len(self.row_edges) - 1, len(self.column_edges) - 1
 
+    @cached_property
     def both(self) -> tuple[Tiles, Tiles]:
-        """Return the grid, and the one that lies half a tile further.
+        """The grid, and the one that lies half a tile further.
 
         A mean over both (`mean_map`) hardly depends on where the tiles fall on clouds, and so on what is cut off or added.
         """
@@ -79,15 +79,19 @@ class Tiles:
 
     def spread_samples_of(self, values: PixelMap) -> F4:
         """Sample every tile of a map as `spread_samples` does of an image."""
-        return self._by_tile(values.mesh(*self._places(paired=False)))
+        return self._by_tile(values.mesh(*self._places[False]))
 
     def _sampled(self, image: NDArray[Value], paired: bool) -> NDArray[Value]:
-        rows, columns = self._places(paired)
+        rows, columns = self._places[paired]
         return self._by_tile(image[rows].take(columns, axis=1))
 
-    def _places(self, paired: bool) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Rows and columns of the samples."""
-        return _places(self.row_edges, paired).ravel(), _places(self.column_edges, paired).ravel()
+    @cached_property
+    def _places(self) -> dict[bool, tuple[NDArray[np.int_], NDArray[np.int_]]]:
+        """Rows and columns of the samples: of `spread_samples` (False), and of `pairs` (True)."""
+        edges = self.row_edges, self.column_edges
+        return {
+            paired: (_places(edges[0], paired).ravel(), _places(edges[1], paired).ravel()) for paired in (False, True)
+        }
 
     def _by_tile(self, cut: NDArray[Value]) -> NDArray[Value]:
         tiled = cut.reshape(self.shape[0], SAMPLES, self.shape[1], SAMPLES).transpose(0, 2, 1, 3)
@@ -103,20 +107,22 @@ class Tiles:
         number : ndarray of int, shape (tiles,)
             Samples that each comes from.
         """
-        from scipy import ndimage
-
         known = (np.isfinite(values) & (number >= _FEWEST)).reshape(self.shape)
         if not known.any():
             known = np.isfinite(values).reshape(self.shape)
         grid = values.reshape(self.shape)
-        if known.all() or not known.any():
+        if known.all():
+            return grid
+        if not known.any():
             return np.nan_to_num(grid)
+        from scipy import ndimage
+
         nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         return np.asarray(grid[tuple(nearest)])
 
     def same_value(self, image: NDArray[Value]) -> Mask:
         """Tell in which tiles all samples of `pairs` have one value, shape (tiles,)."""
-        rows, columns = self._places(paired=True)
+        rows, columns = self._places[True]
         first = image[rows[::SAMPLES]].take(columns, axis=1).reshape(*self.shape, SAMPLES)
         if not (first == first[..., :1]).all(axis=2).any():
             return np.zeros(self.shape[0] * self.shape[1], dtype=bool)
@@ -125,10 +131,22 @@ class Tiles:
 
     def map_of(self, grid: F4, extrapolated: bool = True) -> TileMap:
         """Return the map between the tiles' centres of a grid of values; beyond the outer ones a line, or constant."""
+        return TileMap(np.asarray(grid, dtype=np.float32), *self._axes[extrapolated])
+
+    @cached_property
+    def _axes(self) -> dict[bool, tuple[_Between, _Between]]:
+        """Between which tiles pixels lie, along columns and rows: of maps that are extrapolated, or not."""
+        edges = self.row_edges, self.column_edges
         rows, columns = (
-            _Between(_middles(edges), int(edges[-1]), extrapolated) for edges in (self.row_edges, self.column_edges)
+            [_Between(_middles(each), round(float(each[-1])), beyond) for beyond in (False, True)] for each in edges
         )
-        return TileMap(np.asarray(grid, dtype=np.float32), rows, columns)
+        return {beyond: (rows[beyond], columns[beyond]) for beyond in (False, True)}
+
+
+@lru_cache(maxsize=4)
+def _tiles_of(height: int, width: int, tile_px: int) -> Tiles:
+    rows, columns = (max(1, round(side / tile_px)) for side in (height, width))
+    return Tiles(np.linspace(0, height, rows + 1), np.linspace(0, width, columns + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,32 +178,32 @@ class TileMap:
         weights[at, np.minimum(left + 1, last) - first] += part
         return np.asarray(weights @ self._across[first : last + 1])
 
-    def least(self, top: int, bottom: int) -> F4:
-        """Return for each column a bound that no value of the rows from `top` to `bottom` is below, shape (width,).
+    def least(self, pieces: list[tuple[int, int]]) -> F4:
+        """Return for strips, from a row to before another, and each column, a bound that no value is below.
 
-        Of a map that is not extrapolated.
+        Of a map that is not extrapolated; shape (strips, width).
         """
-        first, last = int(self._rows.left[top]), min(int(self._rows.left[bottom - 1]) + 1, len(self.grid) - 1)
-        return np.asarray(self._across[first : last + 1].min(axis=0))
+        left, across = self._rows.left, self._across
+        begin, end = np.array(pieces).T
+        first, last = left.take(begin), np.minimum(left.take(end - 1) + 1, len(across) - 1)
+        least = across.take(first, axis=0)
+        for step in range(1, int((last - first).max()) + 1):
+            np.minimum(least, across.take(np.minimum(first + step, last), axis=0), out=least)
+        return least
 
     def at(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values of single pixels, shape (n,)."""
-        above, down = self._rows.left.take(rows), self._rows.part.take(rows)
-        width, across = self._across.shape[1], self._across.ravel()
-        place = above * width + columns
-        value = across.take(place)
+        left, down, across = self._rows.left, self._rows.part.take(rows), self._across.ravel()
+        width = self._across.shape[1]
+        value = across.take((left * width).take(rows) + columns)
         value *= 1 - down
-        value += down * across.take(np.where(above + 1 < len(self.grid), place + width, place))
+        down *= across.take((np.minimum(left + 1, len(self.grid) - 1) * width).take(rows) + columns)
+        value += down
         return value
 
     def mesh(self, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> F4:
         """Values where rows and columns cross, shape (rows, columns)."""
         return _between(self._across.take(columns, axis=1), self._rows.left[rows], self._rows.part[rows])
-
-    def _centred(self, rows: F8, columns: F8) -> F4:
-        """Values where places between pixels cross, shape (rows, columns)."""
-        across = _between(self.grid.T, *_within(self._columns.centres, columns, self._columns.extrapolated)).T
-        return _between(across, *_within(self._rows.centres, rows, self._rows.extrapolated))
 
     def whole(self) -> F4:
         """Values of all pixels, shape (height, width)."""
@@ -194,13 +212,13 @@ class TileMap:
 
 def mean_map(maps: Sequence[TileMap]) -> TileMap:
     """Mean of maps of one image: a map over the centres of all of their tiles, which is exact."""
-    rows, columns = (
-        np.unique(np.concatenate([axis.centres for axis in axes]))
-        for axes in ([each._rows for each in maps], [each._columns for each in maps])
-    )
-    grid: F4 = np.stack([each._centred(rows, columns) for each in maps]).mean(axis=0)
-    axes = ((rows, maps[0]._rows), (columns, maps[0]._columns))
-    return TileMap(grid, *(replace(axis, centres=centres) for centres, axis in axes))
+    rows, of_rows = _joined(*(each._rows for each in maps))
+    columns, of_columns = _joined(*(each._columns for each in maps))
+    grids = [
+        _between(_between(each.grid.T, *across).T, *down)
+        for each, down, across in zip(maps, of_rows, of_columns, strict=True)
+    ]
+    return TileMap(np.stack(grids).mean(axis=0), rows, columns)
 
 
 def smooth(grid: F4) -> F4:
@@ -227,19 +245,25 @@ def _in_order(a: F4, b: F4, c: F4) -> tuple[F4, F4, F4]:
     return np.minimum(low, c), np.maximum(low, np.minimum(high, c)), np.maximum(high, c)
 
 
-def _half_further(edges: NDArray[np.int_]) -> NDArray[np.int_]:
+def _half_further(edges: F8) -> F8:
     """Edges in the middles of tiles; one tile alone stays."""
     if len(edges) == 2:
         return edges
-    return np.concatenate((edges[:1], (edges[:-1] + edges[1:]) // 2, edges[-1:]))
+    return np.concatenate((edges[:1], (edges[:-1] + edges[1:]) / 2, edges[-1:]))
 
 
-def _places(edges: NDArray[np.int_], paired: bool) -> NDArray[np.int_]:
-    """Pixels along one axis that are sampled in each tile, shape (tiles, samples)."""
-    size = np.diff(edges)[:, None]
+def _places(edges: F8, paired: bool) -> NDArray[np.int_]:
+    """Pixels along one axis that are sampled in each tile, shape (tiles, samples): the same from either end of the image."""
+    begin, size, side = edges[:-1, None], np.diff(edges)[:, None], round(float(edges[-1]))
     k = np.arange(SAMPLES)[None, :]
-    inside = (k // 2) * size * 2 // SAMPLES + k % 2 if paired else (2 * k + 1) * size // (2 * SAMPLES)
-    return np.asarray(edges[:-1, None] + np.minimum(inside, size - 1))
+    # A ten thousandth, so that rounding of whole numbers decides nothing.
+    if paired:
+        first = begin + (k // 2) * (size * 2 / SAMPLES) + 1e-4
+        places = np.minimum(first.astype(np.int_), side - 2) + k % 2
+    else:
+        places = (begin + (2 * k + 1) * (size / (2 * SAMPLES)) + 1e-4).astype(np.int_)
+    half = places.ravel()[: places.size // 2]
+    return np.asarray(np.concatenate((half, side - 1 - half[::-1])).reshape(places.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +287,14 @@ class _Between:
         return _within(self.centres, np.arange(self.pixels), self.extrapolated)
 
 
-def _middles(edges: NDArray[np.int_]) -> F8:
+@lru_cache(maxsize=16)
+def _joined(*axes: _Between) -> tuple[_Between, list[tuple[NDArray[np.intp], F4]]]:
+    """Join axes to one with the centres of all; and between which centres of each these lie."""
+    centres = np.unique(np.concatenate([axis.centres for axis in axes]))
+    return replace(axes[0], centres=centres), [_within(axis.centres, centres, axis.extrapolated) for axis in axes]
+
+
+def _middles(edges: F8) -> F8:
     return np.asarray((edges[:-1] + edges[1:] - 1) / 2)
 
 
@@ -278,5 +309,9 @@ def _within(centres: F8, at: NDArray[np.number], extrapolated: bool) -> tuple[ND
 
 def _between(values: F4, left: NDArray[np.intp], part: F4) -> F4:
     """Interpolate rows, shape (n, k), to places between them, shape (m, k)."""
-    after = np.minimum(left + 1, len(values) - 1)
-    return np.asarray(values[left] * (1 - part)[:, None] + values[after] * part[:, None])
+    between = values.take(left, axis=0)
+    between *= (1 - part)[:, None]
+    after = values.take(np.minimum(left + 1, len(values) - 1), axis=0)
+    after *= part[:, None]
+    between += after
+    return between

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -310,6 +311,19 @@ class _Search:
         )
         return verified, int(min(max(in_field, 30) * self.per_field, len(self.index.xyz)))
 
+    def _finest_rad(self, order: _Order, number: int) -> float:
+        """Smallest scale of a pixel among those of the first detections of an order, as many as verify a hypothesis."""
+        key = order, number
+        if key not in self._finest:
+            uv = self.question.uv[order.rows[:number]]
+            self._finest[key] = float(self.question.camera.radians_per_px(uv).min())
+        return self._finest[key]
+
+    @cached_property
+    def _finest(self) -> dict[tuple[_Order, int], float]:
+        """What `_finest_rad` has found: through a distorting lens it takes as long as a verification."""
+        return {}
+
     def _verification_work(self, order: _Order, view: View) -> int:
         verified, n_stars = self._verification(order, view)
         return VERIFICATION_WORK + VERIFIED_PAIR_WORK * int(len(verified) * n_stars / self.per_field)
@@ -348,7 +362,9 @@ class _Search:
         stars = self.index.xyz[:n_stars].astype(np.float64)
         region = question.region if question.near is None else question.near.region
         sparse = question.sparse(verified, self.index.v_mag[:n_stars])
-        for rotation in polished[after >= min(least + self.made_of, half)]:
+        promising = polished[after >= min(least + self.made_of, half)]
+        finest_rad = self._finest_rad(order, len(verified)) if len(promising) else 0.0
+        for rotation in promising:
             effort.work += self._verification_work(order, view)
             found = verify(
                 question.camera,
@@ -359,9 +375,10 @@ class _Search:
                 log10_tried=math.log10(effort.hypotheses),
                 free_stars=self.made_of,
                 region=region,
+                finest_rad=finest_rad,
             )
             if sparse is not None:
-                found = sparse.judged(found, question.camera, question.uv[verified], stars, region)
+                found = sparse.judged(found, question.camera, question.uv[verified], stars, region, finest_rad)
             effort.best_log10_false_alarm = min(effort.best_log10_false_alarm, found.log10_false_alarm)
             if found.log10_false_alarm <= config.max_log10_false_alarm:
                 return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,14 @@ from celnav.camera import Camera
 from celnav.horizon import horizontal_frame
 from celnav.identification.neighbourhood import neighbourhood, open_region
 from celnav.identification.question import Question
+from celnav.matching.protocol import Observation
 from celnav.problem import Problem
 from celnav.sky.refraction import unrefract_rays
 
 F8 = NDArray[np.float64]
 
+# Of streaks: no residual counts more than so many mean squares; by such a factor claims are mended at most.
+_MOST_SQUARE, _MOST_RATIO = 9.0, 6.0
 # Below what any observer in the air sees: the horizon's dip is 3.2 deg at 10 km.
 LOWEST_ALTITUDE_DEG = -5.0
 _BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
@@ -24,13 +27,41 @@ _BELOW_HORIZON = math.sin(math.radians(LOWEST_ALTITUDE_DEG))
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Usable detections in the solver's order."""
+    """Usable detections in the solver's order; of streaks what makes their errors alike in all directions (`whitening`)."""
 
     rows: NDArray[np.intp]
     uv: F8
     rays: F8
     relative_sigma: F8 | None
     question: Question
+    whitening: F8 | None = None
+
+    def rebalanced(self, residual: F8, rows: NDArray[np.intp], weight: F8) -> Prepared:
+        """The same with standard deviations along and across streaks in the ratio that residuals have.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (m, 2)
+            Measured minus predicted, px.
+        rows : ndarray, shape (m,)
+            Their detections.
+        weight : ndarray, shape (m,)
+            Probabilities that they are those stars.
+        """
+        if self.whitening is None:
+            return self
+        white = (self.whitening.take(rows, axis=0) @ residual[:, :, None])[:, :, 0]
+        along, across = np.sqrt(weight @ np.minimum(white**2, _MOST_SQUARE * (weight @ white**2 / weight.sum())))
+        ratio = min(max(along / max(across, 1e-12), 1 / _MOST_RATIO), _MOST_RATIO)
+        return replace(self, whitening=self.whitening * np.array([[ratio**-0.5], [ratio**0.5]]))
+
+    def weighed(self, sigmas: F8) -> Prepared:
+        """The same with other standard deviations up to a factor, shape (n,); of streaks along and across in proportion."""
+        white = self.whitening
+        if white is not None and self.relative_sigma is not None:
+            ratio = self.relative_sigma / sigmas
+            white = white * (ratio / np.median(ratio))[:, None, None]
+        return replace(self, relative_sigma=sigmas, whitening=white)
 
 
 def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_star_sigma_deg: float) -> Prepared:
@@ -81,7 +112,22 @@ def prepare(problem: Problem, to_terrestrial: F8, max_detections: int, single_st
     question = Question(
         camera, uv, rays, mag is not None, camera.solid_angle_sr, area, local, to_terrestrial, up, near, region, mag
     )
-    return Prepared(rows, uv, rays, relative, question)
+    return Prepared(rows, uv, rays, relative, question, whitening(seen, rows))
+
+
+def whitening(seen: Observation, rows: NDArray[np.intp]) -> F8 | None:
+    """Return matrices that make errors of detections alike in all directions and equal but for a factor, shape (n, 2, 2).
+
+    Along a streak a position is known less well than across it. None where nothing says so.
+    """
+    if seen.streak_px is None or seen.sigma_px is None or seen.sigma_across_px is None:
+        return None
+    sigma, across, streak = seen.sigma_px[rows], seen.sigma_across_px[rows], seen.streak_px[rows]
+    length = np.hypot(*streak.T)
+    unit = np.where(length[:, None] > 0, streak, [1.0, 0.0]) / np.where(length > 0, length, 1.0)[:, None]
+    along = np.sqrt(np.maximum(2 * sigma**2 - across**2, across**2))
+    beside = np.column_stack((-unit[:, 1], unit[:, 0]))
+    return np.asarray(np.median(sigma) * np.stack((unit / along[:, None], beside / across[:, None]), axis=1))
 
 
 def _seen_part(camera: Camera) -> float:

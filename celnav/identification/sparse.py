@@ -113,7 +113,7 @@ class Sparse:
     area_px: float
     told: ToldOrientation | None
 
-    def judged(self, found: Alignment, camera: Camera, uv: F8, xyz: F8, region: Region) -> Alignment:
+    def judged(self, found: Alignment, camera: Camera, uv: F8, xyz: F8, region: Region, finest_rad: float) -> Alignment:
         """Return the hypothesis with the smaller of its own bound of false alarm and the one by brightness.
 
         Parameters
@@ -128,16 +128,17 @@ class Sparse:
             Stars of the sky that may be seen.
         region : Region
             Orientations among which the hypothesis was looked for.
+        finest_rad : float
+            Smallest scale of a pixel among those of the detections.
         """
         own = replace(found, log10_false_alarm=min(0.0, found.log10_false_alarm - math.log10(1 - SHARE)))
         if not FEWEST_AGREEING <= len(found.detection) <= MOST_AGREEING:
             return own
         other = self._as_told(found, camera, uv, xyz)
         agreeing = self._agreeing(other, camera, uv, xyz)
-        finest = float(camera.radians_per_px(uv).min())
         bounds = [
             chance
-            + region.log10_steps(TURN_STEP * radius * finest)
+            + region.log10_steps(TURN_STEP * radius * finest_rad)
             + (0.0 if self.told is not None else log10_focal_shell(camera, other.log_f, radius))
             for radius, chance in agreeing.items()
         ]

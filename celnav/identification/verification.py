@@ -139,6 +139,7 @@ def verify(
     log10_tried: float,
     free_stars: int,
     region: Region,
+    finest_rad: float,
 ) -> Alignment:
     """Refine a hypothesis on the field and bound its false-alarm probability.
 
@@ -160,6 +161,8 @@ def verify(
         Agreements that prove nothing, because the hypothesis was made of them.
     region : Region
         Orientations among which the hypothesis was looked for.
+    finest_rad : float
+        Smallest scale of a pixel (`Camera.radians_per_px`) among those of the detections.
     """
     log_f, radius = 0.0, tolerance_px
     rounds = 3 if tolerance_px <= 6 else 4
@@ -209,7 +212,6 @@ def verify(
     crowding = _local_density(uv, predicted[inside], max(CROWD_PX, 3 * radius))
     # The fit could choose among the places that the tolerance holds, in each of its dimensions.
     tried = log10_tried + 3 * math.log10(max(tolerance_px / radius, 1.0))
-    finest = float(camera.radians_per_px(uv).min())
     best = 0.0
     radii = radius * np.array(_RADII)
     # By chance a star lies within each radius, and within each as a turn and a focal length may be off besides.
@@ -218,7 +220,9 @@ def verify(
     for k, r in enumerate(radii.tolist()):
         agreeing = int(np.count_nonzero(length <= r))
         made = tried + log10_chance(agreeing - n_free, len(uv), chances[k])
-        steps = region.log10_steps(TURN_STEP * r * finest) + log10_focal_shell(camera, log_f, r) + math.log10(SEARCHES)
+        steps = (
+            region.log10_steps(TURN_STEP * r * finest_rad) + log10_focal_shell(camera, log_f, r) + math.log10(SEARCHES)
+        )
         covered = steps + log10_chance(agreeing, len(uv), chances[k + len(_RADII)])
         best = min(best, made, covered)
     total = min(0.0, best + math.log10(2 * len(_RADII)))

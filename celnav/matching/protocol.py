@@ -32,6 +32,10 @@ class Observation:
         Standard deviation of each position along each axis, where known.
     R_cam : ndarray, shape (3, 3), or None
         Takes ENU to camera, where that is known; patterns do not need it, only rejection by the fix's geometry does.
+    streak_px : ndarray, shape (n, 2), or None
+        From one end of each detection's streak to the other, in either sense; 0 without one.
+    sigma_across_px : ndarray, shape (n,), or None
+        Standard deviation across the streak.
     """
 
     uv: NDArray[np.float64]
@@ -40,6 +44,8 @@ class Observation:
     camera: Camera
     sigma_px: NDArray[np.float64] | None = None
     R_cam: NDArray[np.float64] | None = None
+    streak_px: NDArray[np.float64] | None = None
+    sigma_across_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

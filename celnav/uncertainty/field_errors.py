@@ -56,6 +56,8 @@ class FieldOfStars:
         Pressure (hPa) and temperature (deg C).
     air_sigma : float
         Relative standard deviation of the refraction.
+    whitening : ndarray, shape (n, 2, 2), or None
+        Matrices that make the detections' errors alike in all directions, up to a factor; in place of `relative_sigma`.
     """
 
     camera: Camera
@@ -66,6 +68,7 @@ class FieldOfStars:
     up: F8 | None
     air: tuple[float, float]
     air_sigma: float
+    whitening: F8 | None = None
 
     @cached_property
     def mass(self) -> F8 | None:
@@ -86,13 +89,15 @@ class NamedStars:
     rows, detection : ndarray of int, shape (n,)
         The pairs, and their detections.
     precision : ndarray, shape (n,)
-        Inverse variances, px^-2.
+        Inverse variances, px^-2; of streaks those of the geometric mean along and across them.
+    rounding : ndarray, shape (n, 2, 2), or None
+        Of streaks: matrices of unit determinant under which errors are alike in all directions.
     turned : ndarray, shape (n, 3)
         Directions of their stars, camera frame.
     free : ndarray of int, shape (k,)
         The focal length and the camera parameters that were fitted.
     design : ndarray, shape (n, 2, 3 + k)
-        Derivatives of the predictions by a turn and by these.
+        Derivatives of the predictions by a turn and by these, after `rounding`, as all that follows and the residuals are.
     by_air : ndarray, shape (n, 2, 1), or None
         Derivatives by the refraction's relative error; None where no vertical is known, or there is no air.
     """
@@ -102,6 +107,7 @@ class NamedStars:
     rows: Rows
     detection: Rows
     precision: F8
+    rounding: F8 | None
     turned: F8
     free: Rows
     design: F8
@@ -112,8 +118,12 @@ class NamedStars:
         """Choose the pairs, and derive."""
         rows = np.flatnonzero(adjusted.weight > _LEAST_WEIGHT)
         detection, star = adjusted.detection[rows], adjusted.star[rows]
-        own = np.ones(len(rows))
-        if field.relative_sigma is not None:
+        own, rounding = np.ones(len(rows)), None
+        if field.whitening is not None:
+            white = field.whitening.take(detection, axis=0)
+            own = np.abs(np.linalg.det(white)) ** -0.5
+            rounding = white * own[:, None, None]
+        elif field.relative_sigma is not None:
             own = (field.relative_sigma / median(field.relative_sigma))[detection]
         precision = adjusted.weight[rows] / (adjusted.sigma_px * own) ** 2
         turned = field.dirs.take(star, axis=0) @ adjusted.rotation.T
@@ -122,12 +132,18 @@ class NamedStars:
             free = np.concatenate((np.zeros(1, dtype=np.intp), free))
         design = design_of(field.camera, turned, adjusted.camera_values, free)
         by_air = None if field.up is None else refraction_derivatives(field.camera, turned, field.up, *field.air)
-        return cls(field, adjusted, rows, detection, precision, turned, free, design, by_air)
+        if rounding is not None:
+            design, by_air = rounding @ design, None if by_air is None else rounding @ by_air
+        return cls(field, adjusted, rows, detection, precision, rounding, turned, free, design, by_air)
 
     @property
     def residual(self) -> F8:
         """Measured minus predicted, px, shape (n, 2)."""
-        return self.adjusted.residual_px.take(self.rows, axis=0)
+        return self.rounded(self.adjusted.residual_px.take(self.rows, axis=0)[:, :, None])[:, :, 0]
+
+    def rounded(self, moved: F8) -> F8:
+        """Shifts of the stars, shape (n, 2, m), in the axes of `design`."""
+        return moved if self.rounding is None else np.asarray(self.rounding @ moved)
 
     @property
     def fitted_design(self) -> F8:
@@ -141,6 +157,9 @@ def measured_sigmas(field: FieldOfStars, adjusted: Adjusted) -> F8 | None:
     """Return standard deviations of the detections up to a factor, where those given do not explain the residuals."""
     own = np.ones(len(field.uv)) if field.relative_sigma is None else field.relative_sigma
     half_square = np.einsum("ni,ni->n", adjusted.residual_px, adjusted.residual_px) / 2
+    if field.whitening is not None:
+        white = (field.whitening.take(adjusted.detection, axis=0) @ adjusted.residual_px[:, :, None])[:, :, 0]
+        half_square = np.einsum("ni,ni->n", white, white) / 2 * own.take(adjusted.detection) ** 2
     return relative_sigmas(half_square, adjusted.weight, adjusted.detection, own, field.mass)
 
 
@@ -183,7 +202,7 @@ def with_shared_errors(
         cov[:3, :3] += field.air_sigma**2 * turn @ turn.T
     uncertainty = field.camera.uncertainty
     if uncertainty is not None:
-        by_lens = lens_derivatives(field.camera, named.turned, uncertainty.names)
+        by_lens = named.rounded(lens_derivatives(field.camera, named.turned, uncertainty.names))
         turn = turn_by_lens(design, by_lens, precision, held)
         cov[:3, :3] += lens_covariance(uncertainty, turn, np.array(uncertainty.turn_by_lens) if together else None)
     return replace(adjusted, cov=cov), shared

@@ -14,9 +14,11 @@ SHIFTS = 96
 """Pixels that the image is laid over itself shifted by at most, along rows and columns, to both sides."""
 # Light counts up to so many standard deviations, so that no bright star decides; and in the middle of large images alone.
 _MOST_LIGHT, _MIDDLE_PX = 5.0, 1024
+# Glare is so much light in the mean of so many pixels squared; a bright streak 5 px wide has 1.1 there at most.
+_GLARE, _GLARE_PX = 1.5, 32
 
 
-def correlations_of_halves(light: F4, noise: NoiseMap) -> tuple[F8, F8] | None:
+def correlations_of_halves(light: F4, noise: NoiseMap, without_glare: bool = False) -> tuple[F8, F8] | None:
     """Correlate the halves of an image with themselves, in units of the noise's variance.
 
     Parameters
@@ -25,11 +27,13 @@ def correlations_of_halves(light: F4, noise: NoiseMap) -> tuple[F8, F8] | None:
         Image less background, zero where it is not used.
     noise : NoiseMap
         Standard deviation of its pixels.
+    without_glare : bool
+        Leave out where the light of many pixels together stands above the background, as around the Moon.
 
     Returns
     -------
     Two arrays, shape (2 SHIFTS + 1, 2 SHIFTS + 1), of shifts along rows (first) and columns; None of an image that is too
-    small.
+    small, or has no glare to be left out.
     """
     height, width = light.shape
     top, left = max(0, (height - _MIDDLE_PX) // 2), max(0, (width - _MIDDLE_PX) // 2)
@@ -38,8 +42,26 @@ def correlations_of_halves(light: F4, noise: NoiseMap) -> tuple[F8, F8] | None:
         return None
     part = light[top:bottom, left:right] / noise.strip(top, bottom)[:, left:right]
     part = np.clip(part, -_MOST_LIGHT, _MOST_LIGHT)
+    if without_glare:
+        glare = _glare(part)
+        if not glare.any():
+            return None
+        part[glare] = 0.0
     one, other = np.array_split(part, 2, axis=1 if width > height else 0)
     return _correlation(one), _correlation(other)
+
+
+def _glare(light: F4) -> NDArray[np.bool_]:
+    """Tell pixels in and beside blocks whose mean light, in standard deviations, is more than stars or their streaks make."""
+    high, wide = (-(-side // _GLARE_PX) for side in light.shape)
+    padded = np.zeros((high * _GLARE_PX, wide * _GLARE_PX), dtype=light.dtype)
+    padded[: light.shape[0], : light.shape[1]] = light
+    blocks = np.abs(padded.reshape(high, _GLARE_PX, wide, _GLARE_PX).mean(axis=(1, 3))) > _GLARE
+    if not blocks.any():
+        return np.zeros(light.shape, dtype=bool)
+    around = np.pad(blocks, 1)
+    beside = np.any([around[i : i + high, j : j + wide] for i in range(3) for j in range(3)], axis=0)
+    return np.asarray(np.kron(beside, np.ones((_GLARE_PX, _GLARE_PX), dtype=bool))[: light.shape[0], : light.shape[1]])
 
 
 def _correlation(light: F4) -> F8:

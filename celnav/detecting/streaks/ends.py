@@ -6,8 +6,9 @@ a ridge of height a the middle is known to n / a, whatever the length (the CramÃ
 where the centroid under a Gaussian of the streak's length, of which the ends are left out, scatters three times as much.
 
 A streak's profile is compared with lines at all shifts, and the mean over their likelihoods is its middle: so it is
-uncertain as the streak is faint, up to the whole range where noise hides the ends. One length for all, as a factor on the
-shape's, is that under which the streaks stand out most.
+uncertain as the streak is faint, up to the whole range where noise hides the ends. Direction and length are those of the
+shape, changed by what the streaks themselves say of the frame's parts (`celnav.detecting.streaks.lean`): read along a line
+that leans by some degrees, a long streak's ends are lost.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from celnav.detecting.correlation.streak import GAUSSIAN_OF_LINE
 from celnav.detecting.noise_map import NoiseMap
 from celnav.detecting.star_centroids import CENTROID_FLOOR_PX, Measured
 from celnav.detecting.star_shape import axes
+from celnav.detecting.streaks.lean import FINDING, PLACING, lean, smooth
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -35,8 +37,26 @@ _LENGTHS = np.arange(0.7, 1.451, 0.025)
 _STEP_PX, _SHIFT_PX = 0.5, 0.2
 # A streak counts for the length as one of such a significance, squared and halved, does at most. So many tell it.
 _MOST, _TELLING = 200.0, 256
+_LENGTH_FLOOR = 0.02
+# Parts of the lengths from which directions are told, and places across streaks.
+_LEANING, _PLACING = (0.35, 0.7), 0.85
 # Streaks that are measured at a time.
 _AT_ONCE = 256
+
+
+class Streaks(NamedTuple):
+    """Streaks that stars have left.
+
+    Attributes
+    ----------
+    ends : ndarray, shape (n, 2)
+        From one end to the other, px, in either sense; 0 of a star without a streak.
+    sigma_across : ndarray, shape (n,)
+        Standard deviation of a star's place across its streak, px.
+    """
+
+    ends: F8
+    sigma_across: F8
 
 
 class _Profiles(NamedTuple):
@@ -60,8 +80,10 @@ class _Profiles(NamedTuple):
     scale: F8
 
 
-def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_per_unit: float) -> Measured:
-    """Measure anew where stars are that have left streaks; the others, and all where few have, stay.
+def by_ends(
+    light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_per_unit: float
+) -> tuple[Measured, Streaks | None]:
+    """Measure anew where stars are that have left streaks, and how long these are; the others, and all where few have, stay.
 
     Parameters
     ----------
@@ -75,11 +97,15 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
         Of the stars' images: uu, uv, vv, px^2.
     gain_e_per_unit : float
         Electrons that make one unit of the image.
+
+    Returns
+    -------
+    The stars, and their streaks; None where few have left any.
     """
     large, small = axes(covariance)
     long = np.flatnonzero(large > _LONG * small)
     if len(long) < _FEWEST:
-        return stars
+        return stars, None
     large, small, (uu, uv, vv) = large[long], small[long], covariance[long].T
     turn = np.arctan2(2 * uv, uu - vv) / 2
     along = np.column_stack((np.cos(turn), np.sin(turn)))
@@ -88,6 +114,10 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
     rows, columns = np.rint(found[:, ::-1]).astype(np.intp).T
     size = light.shape
     pixel = noise.at(rows.clip(0, size[0] - 1), columns.clip(0, size[1] - 1)).astype(np.float64)
+    extent = size[0], size[1]
+    for inner in _LEANING:
+        _, slope, uncertain = lean(light, found, along, length, width, pixel, inner, FINDING)
+        along = _turned(along, smooth(found, extent, slope, uncertain, found))
     typical = float(np.median(length))
     reach = _BEYOND + _BEYOND_PX / typical
     shifts = np.arange(-reach, reach, _SHIFT_PX / typical)
@@ -97,34 +127,62 @@ def by_ends(light: F4, noise: NoiseMap, stars: Measured, covariance: F8, gain_e_
     telling = np.linspace(0, len(long) - 1, min(len(long), _TELLING)).astype(np.intp)
     profiles = _profiles(light, found[telling], along[telling], length[telling], width[telling], along_at)
     best = np.array([_fit(profiles, factor, edge, shifts, pixel[telling])[0].max(axis=1) for factor in _LENGTHS])
-    # No bright one decides.
-    counted = np.minimum(1, _MOST / np.maximum(best.max(axis=0), 1e-30))
-    factor = float(_LENGTHS[np.argmax(best @ counted)])
+    factor, own, uncertain = _lengths(best)
+    length = length * factor * (1 + smooth(found[telling], extent, own / factor - 1, uncertain / factor, found))
     placed = []
     for start in range(0, len(long), _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
         profiles = _profiles(light, found[part], along[part], length[part], width[part], along_at)
-        placed.append(_placed(*_fit(profiles, factor, edge, shifts, pixel[part]), shifts))
-    shift, spread, ridge = np.concatenate(placed, axis=1)
+        placed.append(_placed(*_fit(profiles, 1.0, edge, shifts, pixel[part]), shifts))
+    shift, spread, ridge, significance = np.concatenate(placed, axis=1)
     spread *= length
-    # At the ends half of the ridge's light scatters too. Across a streak positions are better by far.
+    # Across a streak all of its light tells the place: its width over the noise, and over the root of its own electrons.
+    electrons = np.sqrt(2 * np.pi) * width * ridge * length * gain_e_per_unit
+    across = np.hypot(width * np.sqrt(1 / np.maximum(significance, 1) ** 2 + 1 / electrons), CENTROID_FLOOR_PX)
+    # At the ends half of the ridge's light scatters too.
     spread = np.sqrt(spread**2 + 1 / (2 * ridge * gain_e_per_unit) + _SHIFT_PX**2 / 12)
     moved = found + (shift * length)[:, None] * along
+    offset, _, _ = lean(light, moved, along, length, width, pixel, _PLACING, PLACING)
+    moved[:, 0] -= offset * along[:, 1]
+    moved[:, 1] += offset * along[:, 0]
     inside = ((moved >= 0) & (moved <= np.array([size[1], size[0]]) - 1)).all(axis=1)
     at, sigma = stars.uv.copy(), stars.sigma_px.copy()
     at[long[inside]] = moved[inside]
-    sigma[long[inside]] = np.hypot(spread[inside] / np.sqrt(2), CENTROID_FLOOR_PX)
-    return replace(stars, uv=at, sigma_px=sigma)
+    along_px = np.maximum(np.hypot(spread[inside], CENTROID_FLOOR_PX), across[inside])
+    sigma[long[inside]] = np.hypot(along_px, across[inside]) / np.sqrt(2)
+    streak, beside = np.zeros_like(at), sigma.copy()
+    streak[long] = length[:, None] * along
+    beside[long[inside]] = across[inside]
+    return replace(stars, uv=at, sigma_px=sigma), Streaks(streak, beside)
+
+
+def _lengths(best: F8) -> tuple[float, F8, F8]:
+    """Factor on the lengths that all streaks have in common, each one's own, and their standard deviations.
+
+    `best` are likelihoods of the `_LENGTHS`, shape (lengths, n). No bright streak decides alone.
+    """
+    counted = np.minimum(1, _MOST / np.maximum(best.max(axis=0), 1e-30))
+    each = np.exp(best - best.max(axis=0))
+    each /= each.sum(axis=0)
+    own = _LENGTHS @ each
+    spread = np.sqrt(np.maximum(_LENGTHS**2 @ each - own**2, 0) + _LENGTH_FLOOR**2)
+    return float(_LENGTHS[np.argmax(best @ counted)]), own, spread
+
+
+def _turned(along: F8, slope: F8) -> F8:
+    """Turn directions, shape (n, 2), by slopes against them, shape (n,)."""
+    turned = along + slope[:, None] * np.column_stack((-along[:, 1], along[:, 0]))
+    return np.asarray(turned / np.hypot(*turned.T)[:, None])
 
 
 def _placed(likelihood: F8, ridge: F8, shifts: F8) -> F8:
-    """Mean of the shifts of each streak over their likelihoods, its scatter, and the ridge at the likeliest; shape (3, n)."""
+    """Mean of each streak's shifts over their likelihoods, its scatter, ridge and significance at the likeliest; (4, n)."""
     weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
     shift = weight @ shifts
     spread = np.sqrt(np.maximum(weight @ shifts**2 - shift**2, 0))
     ridge = np.maximum(np.take_along_axis(ridge, likelihood.argmax(axis=1)[:, None], axis=1)[:, 0], 1e-30)
-    return np.stack((shift, spread, ridge))
+    return np.stack((shift, spread, ridge, np.sqrt(2 * likelihood.max(axis=1))))
 
 
 def _profiles(light: F4, uv: F8, along: F8, length: F8, width: F8, at: F8) -> _Profiles:

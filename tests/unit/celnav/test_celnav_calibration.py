@@ -16,7 +16,7 @@ from celnav.calibrating.fixed_detections import moving
 from celnav.calibrating.frames import CalibrationFrame
 from celnav.calibrating.lens_form import LAWS, LensForm, form_of
 from celnav.calibrating.mount import mean_rotation, turned, turns_deg
-from celnav.calibrating.noise import measure_noise
+from celnav.calibrating.scatter.noise import measure_noise
 from celnav.calibrating.verdict import report, verdict
 from celnav.command.pointing import Pointing
 from celnav.detection import Detections

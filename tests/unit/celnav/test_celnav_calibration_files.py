@@ -18,8 +18,9 @@ from celnav.command.calibrating import _mask_picture
 from celnav.command.calibration_frames import read_frames, read_rms_centroids
 from celnav.command.pointing import Pointing
 from celnav.detecting import fits_file
-from celnav.detecting.fits_file import block_middle, read_fits
+from celnav.detecting.fits_file import read_fits
 from celnav.errors import CalibrationError, ImageError, TimeError
+from celnav.sky.fits_times import block_middle
 
 PIXELS = np.arange(600, dtype=np.uint16).reshape(20, 30) + 40000
 DATE = "2018-08-06T05:17:04.752"
@@ -40,22 +41,22 @@ def test_fits_is_read_plain_and_compressed(tmp_path, pack):
     assert image.dtype == np.uint16
     assert (image == PIXELS).all()
     found = read_fits(path)
-    assert found.middle.isoformat() == "2018-08-06T05:17:34.752000+00:00"
-    assert found.exposure_s == 60.0
+    assert found.exposure.middle.isoformat() == "2018-08-06T05:17:34.752000+00:00"
+    assert found.exposure.length_s == 60.0
 
 
 def test_fits_times_of_the_standard(tmp_path):
     average = written(tmp_path / "a.fits", **{"DATE-AVG": "2018-08-06T05:18:00", "DATE-OBS": DATE, "EXPTIME": 60.0})
-    assert read_fits(average).middle.minute == 18
+    assert read_fits(average).exposure.middle.minute == 18
     ends = written(tmp_path / "b.fits", **{"DATE-BEG": "2018-08-06T05:00:00", "DATE-END": "2018-08-06T05:02:00"})
-    assert read_fits(ends).middle.minute == 1
+    assert read_fits(ends).exposure.middle.minute == 1
     for header in (
         {},
         {"DATE-OBS": "2018-08-06", "EXPTIME": 1.0},
         {"DATE-OBS": DATE},
         {"DATE-OBS": DATE, "EXPTIME": -1.0},
     ):
-        assert read_fits(written(tmp_path / "c.fits", **header)).middle is None
+        assert read_fits(written(tmp_path / "c.fits", **header)).exposure.middle is None
 
 
 def test_block_of_a_meteor_station_gives_its_mean_and_its_time(tmp_path):
@@ -66,7 +67,7 @@ def test_block_of_a_meteor_station_gives_its_mean_and_its_time(tmp_path):
     fits.HDUList(units).writeto(path)
     found = read_fits(path)
     assert (found.pixels == PIXELS + 1).all()
-    assert found.middle.isoformat() == "2023-04-21T21:22:30.102000+00:00"
+    assert found.exposure.middle.isoformat() == "2023-04-21T21:22:30.102000+00:00"
     assert block_middle("FF_XX0001_20231399_212224_982_0.fits", 10.0) is None
 
 

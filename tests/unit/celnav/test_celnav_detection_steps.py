@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 import celnav
 from celnav.detecting import matched_filter as filtering
 from celnav.detecting import strips
+from celnav.detecting.close_pairs import close_pairs
 from celnav.detecting.connected import connected
 from celnav.detecting.filtered_noise import _one_sided
 from celnav.detecting.noise_map import NoiseMap
@@ -23,6 +25,15 @@ def test_connected_pixels_are_those_of_scipy(part, width):
     label, found = connected(np.flatnonzero(mask), width)
     assert found == number
     np.testing.assert_array_equal(label, expected[mask])
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 60, 900])
+@pytest.mark.parametrize("radius_px", [1.0, 6.0, 56.0])
+def test_close_pairs_are_those_of_scipy(number, radius_px):
+    uv = np.random.default_rng(4).uniform(0, 400, (number, 2))
+    found = close_pairs(uv, radius_px)
+    assert found.shape[1] == 2
+    assert {tuple(pair) for pair in found.tolist()} == cKDTree(uv).query_pairs(radius_px)
 
 
 @pytest.mark.parametrize("sigma_px", [0.6, 1.0, 2.3])
@@ -65,7 +76,7 @@ def test_a_map_is_the_same_by_strips_pixels_and_meshes(size, extrapolated):
 @pytest.mark.parametrize("extrapolated", [False, True])
 def test_the_mean_of_maps_is_that_of_their_pixels(size, extrapolated):
     rng = np.random.default_rng(4)
-    grids = Tiles.of(size, 32).both()
+    grids = Tiles.of(size, 32).both
     maps = [grid.map_of(rng.normal(100, 5, grid.shape), extrapolated) for grid in grids]
     expected = (maps[0].whole() + maps[1].whole()) / 2
     np.testing.assert_allclose(mean_map(maps).whole(), expected, rtol=2e-6)

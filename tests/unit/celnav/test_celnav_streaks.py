@@ -82,7 +82,9 @@ def test_middles_are_known_to_noise_over_ridge():
     image, scale = light.astype(np.float32), flat_noise(noise)
     begun = truth + rng.uniform(-3, 3, truth.shape) * [1, 0.2]
     under_gaussians = measure_stars(image, scale, begun, covariance, np.inf)
-    stars = by_ends(image, scale, under_gaussians, covariance, np.inf)
+    stars, streaks = by_ends(image, scale, under_gaussians, covariance, np.inf)
+    assert np.abs(np.abs(streaks.ends) - [40.0, 0.0]).max() < 2.0
+    assert np.sqrt(np.mean(streaks.sigma_across**2)) == pytest.approx((stars.uv - truth)[:, 1].std(), rel=0.35)
     along, across = (stars.uv - truth).T
     bound = noise / ridge
     assert along.std() == pytest.approx(bound, rel=0.25)
@@ -102,7 +104,7 @@ def test_length_and_middle_where_the_shape_is_short_and_the_image_cuts_streaks()
     covariance = np.tile([40**2 / GAUSSIAN_OF_LINE + 1, 0.0, 1.0], (len(truth), 1))
     image, scale = light.astype(np.float32), flat_noise(2.0)
     stars = measure_stars(image, scale, truth + [3.0, 0.0] * np.sign([240, 180] - truth), covariance, np.inf)
-    assert np.abs(by_ends(image, scale, stars, covariance, np.inf).uv - truth).max() < 0.6
+    assert np.abs(by_ends(image, scale, stars, covariance, np.inf)[0].uv - truth).max() < 0.6
 
 
 @pytest.mark.parametrize("streak", [(-7.0, 9.0), (30.0, 5.0), (-36.0, 48.0), (0.0, 55.0)])
@@ -167,7 +169,9 @@ def test_few_streaks_and_round_stars_stay_where_they_were():
     for covariance, places in ((long, truth[:3]), (round_, truth)):
         own = np.tile(covariance, (len(places), 1))
         stars = measure_stars(image, scale, places, own, np.inf)
-        assert by_ends(image, scale, stars, own, np.inf) is stars
+        found, streaks = by_ends(image, scale, stars, own, np.inf)
+        assert found is stars
+        assert streaks is None
 
 
 def test_shape_of_few_long_streaks_and_of_few_round_stars():
@@ -185,9 +189,9 @@ def test_streaks_measured_a_few_at_a_time_are_those_measured_together(monkeypatc
     image, noise = seen(light, 6) - np.float32(LEVEL), flat_noise(np.sqrt(LEVEL + 9))
     own = np.tile(np.array([24.0 * 24, 24.0 * 18, 18.0 * 18]) / GAUSSIAN_OF_LINE + [1.0, 0.0, 1.0], (len(truth), 1))
     stars = measure_stars(image, noise, truth, own, np.inf)
-    together = by_ends(image, noise, stars, own, np.inf)
+    together, _ = by_ends(image, noise, stars, own, np.inf)
     monkeypatch.setattr("celnav.detecting.streaks.ends._AT_ONCE", 5)
-    apart = by_ends(image, noise, stars, own, np.inf)
+    apart, _ = by_ends(image, noise, stars, own, np.inf)
     assert together is not stars
     assert apart.uv == pytest.approx(together.uv, abs=1e-9)
     assert apart.sigma_px == pytest.approx(together.sigma_px, rel=1e-9)

@@ -1,0 +1,124 @@
+"""FITS images as other programs write them: headers of many kinds, colours, compressed tiles, pixels without a value."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+import celnav
+from celnav.cli import main
+from celnav.command.exif import read_tags
+from celnav.command.exposure_time import exposure_time
+from celnav.detecting.fits_file import read_fits
+from celnav.detecting.image_file import read_mask, without_blanks
+from celnav.errors import ImageError, TimeError
+from celnav.sky.fits_times import exposure_in
+
+PIXELS = np.arange(600, dtype=np.uint16).reshape(20, 30) + 40000
+START = datetime(2018, 9, 14, 11, 53, 22, 844000, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"DATE-OBS": "2018-09-14T11:53:22.844Z"},
+        {"DATE-OBS": "2018-09-14T13:53:22.844+02:00"},
+        {"DATE-OBS": "2018-09-14 11:53:22.844"},
+        {"DATE-OBS": "2018-09-14", "TIME-OBS": "11:53:22.844"},
+        {"DATE-OBS": "2018/09/14", "UT": "11:53:22.844"},
+        {"DATE-OBS": "2018-09-14T11:53:22.844", "TIMESYS": "UTC"},
+        {
+            "MJD-OBS": 58375.0
+            + (START - START.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds() / 86400
+        },
+        {"DATE-BEG": "2018-09-14T11:53:22.844", "DATE-OBS": "2018-09-14T00:00:00"},
+    ],
+)
+@pytest.mark.parametrize("length", [{"EXPTIME": 60.0}, {"EXPTIME": "60"}, {"EXPTIME": "long", "EXPOSURE": 60}])
+def test_the_time_of_a_header_is_read(header, length):
+    found = exposure_in(header | length, {}, "a.fits")
+    assert abs((found.begun - START).total_seconds()) < 1e-5
+    assert (found.middle - found.begun).total_seconds() == 30.0
+    assert found.lacks == ""
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ({}, "no DATE-OBS"),
+        ({"DATE-OBS": "2018-09-14"}, "without a time of day"),
+        ({"DATE-OBS": "14/09/18", "UT": "11:53:22"}, "DATE-OBS is '14/09/18'"),
+        ({"DATE-OBS": "9999-12-31T23:59:59"}, "9999"),
+        ({"DATE-OBS": "2018-09-14T11:53:22", "TIMESYS": "TAI"}, "'TAI' \\(TIMESYS\\)"),
+        ({"DATE-OBS": "2018-09-14T11:53:22", "EXPTIME": -1.0}, "EXPTIME is -1.0"),
+        ({"DATE-OBS": "2018-09-14T11:53:22", "EXPTIME": "nan"}, "EXPTIME is 'nan'"),
+        ({"MJD-OBS": 1e300}, "MJD-OBS is 1e\\+300"),
+        ({"MJD-OBS": "nan"}, "MJD-OBS is 'nan'"),
+    ],
+)
+def test_what_a_header_lacks_is_said(tmp_path, capsys, header, words):
+    path = tmp_path / "frame.fits"
+    fits.PrimaryHDU(PIXELS, fits.Header(header)).writeto(path)
+    found = read_fits(path).exposure
+    assert found.middle is None
+    with pytest.raises(TimeError, match=words):
+        exposure_time(read_tags(path), None, None)
+    assert main(["calibrate", str(path), "--lat", "1", "--lon", "2", "--out", str(tmp_path / "x.json")]) == 2
+    assert found.lacks in capsys.readouterr().err
+
+
+def test_a_start_without_a_length_is_named_as_such(tmp_path):
+    path = tmp_path / "frame.fits"
+    fits.PrimaryHDU(PIXELS, fits.Header({"DATE-OBS": "2018-09-14T11:53:22.844"})).writeto(path)
+    assert read_fits(path).exposure.lacks == "its header has no EXPTIME"
+    found = exposure_time(read_tags(path), None, None)
+    assert found.utc == "2018-09-14T11:53:22.844Z"
+    assert "FITS header" in found.assumed[0]
+    assert "no stated length" in found.assumed[1]
+
+
+@pytest.mark.parametrize("order", [(3, 20, 30), (20, 30, 3), (1, 3, 20, 30)])
+def test_three_planes_are_colours(tmp_path, order):
+    colours = np.stack([PIXELS, PIXELS + 1, PIXELS + 2])
+    cube = colours.reshape(order) if order[-1] != 3 else np.moveaxis(colours, 0, 2)
+    fits.PrimaryHDU(cube).writeto(tmp_path / "colours.fits")
+    image = celnav.read_image(tmp_path / "colours.fits")
+    assert image.shape == (20, 30, 3)
+    assert (image[:, :, 2] == PIXELS + 2).all()
+    tags = read_tags(tmp_path / "colours.fits")
+    assert (tags.width, tags.height) == (30, 20)
+
+
+def test_one_plane_and_compressed_tiles_are_an_image(tmp_path):
+    fits.PrimaryHDU(PIXELS[None]).writeto(tmp_path / "plane.fits")
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(PIXELS)]).writeto(tmp_path / "tiles.fits.fz")
+    for name in ("plane.fits", "tiles.fits.fz"):
+        assert (celnav.read_image(tmp_path / name) == PIXELS).all()
+
+
+def test_pixels_without_a_value_are_hidden():
+    image = PIXELS.astype(np.float32)
+    image[3, 4] = np.nan
+    filled, hidden = without_blanks(image, None)
+    assert np.isfinite(filled).all()
+    assert np.argwhere(hidden).tolist() == [[3, 4]]
+    mask = np.zeros(PIXELS.shape, dtype=bool)
+    mask[0, 0] = True
+    assert np.argwhere(without_blanks(image, mask)[1]).tolist() == [[0, 0], [3, 4]]
+    assert without_blanks(PIXELS, None) == (PIXELS, None)
+
+
+def test_a_mask_of_another_size_or_of_everything_is_refused(tmp_path):
+    from PIL import Image
+
+    path = str(tmp_path / "mask.png")
+    Image.fromarray(np.full((20, 30), 255, np.uint8)).save(path)
+    with pytest.raises(ImageError, match="hides every pixel"):
+        read_mask(path)
+    Image.fromarray(np.zeros((20, 30), np.uint8)).save(path)
+    assert not read_mask(path, PIXELS.shape).any()
+    with pytest.raises(ImageError, match="30 x 20 px, the image 30 x 21"):
+        read_mask(path, (21, 30))
