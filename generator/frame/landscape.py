@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.frame.plan import FramePlan, dimming_atmosphere, field_radius_deg
 from generator.ground.lamp import KINDS, Lamp, apparent_v_mag, extinction_per_km, spectra
 from generator.ground.lighting import SkyLight, irradiance, sky_directions
@@ -86,7 +87,7 @@ class LandscapeMaps:
             f"{name}_planes": maps.planes,
             f"{name}_shines": self.shines,
             f"{name}_cells": maps.cells,
-            f"{name}_terms": tensor(padded.reshape(-1)),
+            f"{name}_terms": tensor(aligned(padded.reshape(-1))),
             f"{name}_channels": len(self.terms),
             f"{name}_rows": maps.rows,
             f"{name}_columns": maps.columns,

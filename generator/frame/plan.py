@@ -76,6 +76,19 @@ class PointLights:
     def __len__(self) -> int:
         return len(self.v_mag)
 
+    def __getitem__(self, rows: NDArray[np.intp]) -> PointLights:
+        """Those of the given rows, in their order."""
+        return PointLights(*(column[rows] for column in self._columns))
+
+    def joined(self, other: PointLights) -> PointLights:
+        """These and others, in this order."""
+        pairs = zip(self._columns, other._columns, strict=True)
+        return PointLights(*(np.concatenate(pair) for pair in pairs))
+
+    @property
+    def _columns(self) -> tuple[Floats, ...]:
+        return self.directions, self.v_mag, self.bv_mag, self.vi_mag, self.airmass
+
 
 @dataclass(frozen=True)
 class FramePlan:
@@ -111,7 +124,7 @@ class FramePlan:
     cloud_optical_depth : (n,) array
         Along the line of sight to each star at mid-exposure; 0 without cloud.
     cloud_transmission : (n,) array
-        Part of each star's light that passes the cloud into its image; 1 without cloud.
+        Part of each star's light that passes the cloud into its image, without a drawn aureole; 1 without cloud.
     scintillation : (n,) array
         Factor on each star's light; 1 where scintillation is off.
     passage : Passage or None

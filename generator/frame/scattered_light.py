@@ -157,7 +157,7 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
         random = random_stream(plan.scenario.seed, "unit.scratches", 0)
         lit = [(one.u_px, one.v_px, one.electrons) for one in sources(None)]
         for kind in spec.camera.scratch_kinds if lit else ():
-            streaks = scratch_light(kind, lit, spec.camera, random)
+            streaks = scratch_light(kind, lit, spec.camera, random, lambda u, v: lens_light(camera, u, v))
             planes = [light + type(light)(streak.ravel()) for light, streak in zip(planes, streaks, strict=True)]
     if spec.camera.haze:
         even = spec.camera.haze * relative_light(camera)
@@ -168,6 +168,16 @@ def scattered(plan: FramePlan, scene: Any, camera: Any, sky: Any, image: Any, sh
     if pattern is not None and count == 1:
         planes = [chosen(pattern, planes, width, height)]
     return type(image)(interleaved(planes), (height, width, count))
+
+
+def lens_light(camera: Any, u: Floats, v: Floats) -> Floats:
+    """Part of the light on the axis that the lens of a Sensor passes at places, px; 0 where it images nothing, (n,) array."""
+    import mitsuba as mi
+
+    across, down = mi.Float(u), mi.Float(v)
+    *_, cosine, valid = camera.lens.unproject(across, down)
+    light = np.array(camera.relative_light(across, down, cosine), dtype=np.float64)
+    return np.where(np.array(valid), np.nan_to_num(light), 0.0)
 
 
 def dust_of(plan: FramePlan) -> Singles:

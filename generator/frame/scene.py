@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import plugins
+from generator.device_arrays import aligned
 from generator.frame.dispersion import dispersion_parameters, with_dispersion
 from generator.frame.flying_objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
@@ -23,7 +24,7 @@ from generator.frame.landscape import (
     landscape_maps,
     own_light_maps,
 )
-from generator.frame.moon_disk import point_lights
+from generator.frame.moon_disk import faint_lights, point_lights
 from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere
 from generator.frame.scattered_light import Shining, dust_of, gathered, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
@@ -147,7 +148,7 @@ def scene_dict(
     spec = plan.spec
     atmosphere = dimming_atmosphere(spec.atmosphere)
     sky = whole_sky(frame_layers(plan)) if sky is None else sky
-    points = point_lights(plan)
+    points, faint = point_lights(plan), faint_lights(plan)
     depth = np.zeros((1, len(GRID_NM)))
     if atmosphere is not None:
         depth = star_depths(atmosphere, plan.horizon.dips)
@@ -157,7 +158,7 @@ def scene_dict(
         "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
         "sky": sky_dict(sky),
         "stars": stars_dict(plan, points, depth),
-        **({"unlisted": stars_dict(plan, plan.unlisted, depth)} if plan.unlisted else {}),
+        **({"unlisted": stars_dict(plan, faint, depth)} if faint else {}),
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects, plan.horizon.sine)} if len(plan.objects) else {}),
@@ -327,7 +328,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     names = [] if apart else list(sensor.channels)
     pattern = filter_tile(sensor.colour.pattern) if apart and sensor.colour is not None else None
     zenith = sum(table.zenith_v() for table in tables.values())
-    dust = None if plan.spec.camera.dust is None else mi.TensorXf(dust_of(plan))
+    dust = None if plan.spec.camera.dust is None else mi.TensorXf(aligned(dust_of(plan)))
 
     def recorded(image: Any) -> Singles:
         return mosaic(np.array(image if dust is None else image * dust), sensor)

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.foreground import lit_directions
 from generator.plugins.integrator import NightSkyIntegrator
@@ -40,7 +41,7 @@ def sky_beside(scene: Any, integrator: NightSkyIntegrator, camera: NightSkyCamer
     (n, channels) array
         0 where the lens images nothing.
     """
-    position = mi.Point2f(mi.Float((u + 0.5) / camera.width), mi.Float((v + 0.5) / camera.height))
+    position = mi.Point2f(mi.Float(aligned((u + 0.5) / camera.width)), mi.Float(aligned((v + 0.5) / camera.height)))
     ray, etendue = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), position)
     etendue = dr.select(dr.isfinite(etendue), etendue, 0)
     return _seen(scene, integrator, camera, ray, etendue, integrator.lit_samples)
@@ -76,7 +77,7 @@ def hemisphere_light(
     radius, turn = np.sqrt(1 - z * z), GOLDEN_ANGLE * np.arange(HEMISPHERE_DIRECTIONS)
     from_axis = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
     rotation = np.array([[float(np.array(part)[0]) for part in row] for row in camera.world_to_camera(FLOAT64(0.5))])
-    towards: Any = mi.Vector3f(np.ascontiguousarray((from_axis @ rotation).T))
+    towards: Any = mi.Vector3f(aligned((from_axis @ rotation).T))
     ray, _ = camera.pixel_ray(dr.opaque(FLOAT64, 0.5), mi.Point2f(0.5))
     ray.d = towards
     projection = camera.projection
@@ -124,7 +125,7 @@ def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -
     """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
     if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):
         return np.ones(emitter.count)
-    direction = mi.Vector3f(np.ascontiguousarray(emitter.directions_at_middle.T, dtype=np.float32))
+    direction = mi.Vector3f(aligned(emitter.directions_at_middle.T.astype(np.float32)))
     free = np.ones(emitter.count)
     if scene.shapes():
         free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))

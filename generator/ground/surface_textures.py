@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import mitsuba_runtime
+from generator.device_arrays import aligned_zeros
 from generator.ground.lamp import KINDS, Lamp, spectrum
 from generator.ground.lighting import lamp_illuminance, transmission
 from generator.ground.panorama import Layers, Panorama, fitted_shape, reduced
@@ -150,7 +151,7 @@ def surface(ground: Ground, part: Place | None, response: Response) -> Surface:
     shines = layers.glow is not None or bool(ground.lamps)
     planes = 1 << (REFLECTING + shines * response.channels - 1).bit_length()
     rows, columns = layers.alpha.shape
-    texels = np.zeros((rows + 2, columns + 2, planes), np.float32)
+    texels = aligned_zeros((rows + 2, columns + 2, planes), np.float32)
     inner = np.moveaxis(texels[1:-1, 1:-1], -1, 0)
     inner[0] = np.where(layers.level, -maps[0], maps[0])
     inner[1:4] = np.where(layers.level, maps[4:7], maps[1:4])
@@ -170,7 +171,13 @@ def surface(ground: Ground, part: Place | None, response: Response) -> Surface:
     cells = covered_cells(layers.alpha, layers)
     tensor = mitsuba_runtime.start().TensorXf
     return Surface(
-        tensor(texels.reshape(-1)), tensor(cells.reshape(-1).astype(np.float32)), planes, shines, rows, columns, *place
+        tensor(texels.reshape(-1)),
+        tensor(cells.reshape(-1).astype(np.float32)),
+        planes,
+        shines,
+        rows,
+        columns,
+        *place,
     )
 
 

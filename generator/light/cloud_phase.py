@@ -96,3 +96,36 @@ def aureole(angle_rad: ArrayLike, particle_um: float) -> Floats:
     sine = np.maximum(np.sin(np.minimum(away, np.pi / 2)), 1e-9)[..., None]
     pattern = (j1(np.pi * diameters / WAVELENGTH_UM * sine) / sine) ** 2 / np.pi
     return np.asarray(pattern.mean(axis=(-3, -2, -1)))
+
+
+DIFFRACTION_DEPTHS = np.linspace(0.05, 6.0, 24)
+"""Optical depths of diffraction for which aureoles of stars are tabulated."""
+WAVES, ANGLES = 512, 1024
+"""Nodes of their transform and of the angle."""
+WIDEST = 12.0
+"""Angle at which their tables end, in wavelengths over the effective diameter."""
+
+
+@functools.lru_cache(maxsize=4)
+def aureole_radii(particle_um: float, points: int) -> Floats:
+    """Angles from a star, rad, with (j + 1/2) / points of its diffracted light inside, (DIFFRACTION_DEPTHS, points) array.
+
+    Light that passes a depth d of diffraction has the transform exp(-d (1 - A)): small angles add up (Wells 1969, J. Opt.
+    Soc. Am. 59, 686). A is that of a disk's pattern, the overlap of two disks (Goodman, "Introduction to Fourier Optics",
+    6.3), mean over the sizes of :func:`aureole`. exp(-d), which is not diffracted, is taken off. What lies beyond WIDEST is
+    at its end.
+    """
+    parts = (np.arange(SIZES) + 0.5) / SIZES
+    diameters = gammaincinv(1 / SIZE_VARIANCE, parts) * (particle_um * SIZE_VARIANCE) / WAVELENGTH_UM
+    wave = (np.arange(WAVES) + 0.5) / WAVES * diameters.max()
+    over = np.minimum(wave / diameters[:, None], 1.0)
+    transform = (2 / np.pi * (np.arccos(over) - over * np.sqrt(1 - over**2))).mean(axis=0)
+    angle = np.linspace(0, WIDEST * WAVELENGTH_UM / particle_um, ANGLES)
+    bessel = 2 * np.pi * angle[:, None] * j1(2 * np.pi * angle[:, None] * wave) * (wave[1] - wave[0])
+    wanted = (np.arange(points) + 0.5) / points
+    radii = np.empty((len(DIFFRACTION_DEPTHS), points))
+    for row, depth in enumerate(DIFFRACTION_DEPTHS):
+        scattered = np.exp(-depth * (1 - transform)) - np.exp(-depth)
+        inside = np.maximum.accumulate(bessel @ scattered) / -np.expm1(-depth)
+        radii[row] = np.interp(wanted, inside, angle)
+    return radii

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import mitsuba_runtime
+from generator.device_arrays import aligned
 from generator.optics.wings import TRUNCATE
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,7 @@ class Cells:
     def of(cls, array: Floats | Singles) -> Cells:
         """From an array (rows, columns)."""
         mi = mitsuba_runtime.start()
-        return cls(mi.Float(np.ascontiguousarray(array, np.float32).ravel()), *array.shape)
+        return cls(mi.Float(aligned(np.ascontiguousarray(array, np.float32).ravel())), *array.shape)
 
     def array(self) -> Singles:
         """The values, (rows, columns) array."""

@@ -7,12 +7,15 @@ shines in both, and their light per area at 26, 34 and 47 deg from the Moon is 0
 (1 + (angle / 25 deg)^2)^-2. Dirt is the same with short and wide streaks, wider lobes and a slower fall: what is 2 to 16 px
 wide in those photographs falls by (angle)^-1.3 from 20 to 70 deg from the Moon, and a third of it shines in both. The light
 is added: less than a thousandth of the source's by scratches, less than a hundredth by dirt.
+
+What lies on a dome (`before_lens`) is lit by the source as it stands in the sky, whatever the lens keeps of its image, and is
+seen through the lens at its own place: both ends of the path are those of radiometry, with no number of their own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +26,7 @@ from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.lens.stray_light_spec import ScratchSpec
 
 Floats = NDArray[np.float64]
+LensLight = Callable[[Floats, Floats], Floats]
 LEAST_ELECTRONS = 1.0
 """Of a streak; fainter ones are not drawn, nor are sources looked at that give less on average."""
 REACH_SIGMAS = 4.0
@@ -32,10 +36,16 @@ SHARED_PX2 = 1 / 6
 """Variance along an axis of a point that is shared by the pixels beside it, mean over its places."""
 CELL_PX = 8.0
 """Of the cells in which sources are gathered: the Moon's disk and its moments are many points."""
+LEAST_LENS_LIGHT = 0.05
+"""Of a source's place: light that the lens keeps next to nothing of tells nothing of the source."""
 
 
 def scratch_light(
-    spec: ScratchSpec, points: Sequence[tuple[Floats, Floats, Floats]], camera: CameraSpec, random: np.random.Generator
+    spec: ScratchSpec,
+    points: Sequence[tuple[Floats, Floats, Floats]],
+    camera: CameraSpec,
+    random: np.random.Generator,
+    lens_light: LensLight | None = None,
 ) -> NDArray[np.float32]:
     """Electrons that scratches send to each pixel, (channels, height, width).
 
@@ -47,6 +57,9 @@ def scratch_light(
     camera : CameraSpec
     random : Generator
         Of the camera, the same for all its frames.
+    lens_light : callable, optional
+        Of places u, v, px, (n,) arrays: part of the light on the axis that the lens passes there, (n,) array. Used of what is
+        `before_lens`; without it the lens passes all light everywhere.
     """
     u, v = random.uniform(0, camera.width, spec.number) - 0.5, random.uniform(0, camera.height, spec.number) - 0.5
     direction, turn = random.uniform(0, math.pi, spec.number), random.uniform(-math.pi, math.pi, spec.number)
@@ -55,10 +68,18 @@ def scratch_light(
     middle = camera.projection
     if camera.image_circle_px is not None:
         strength = strength * (np.hypot(u - middle.cx_px, v - middle.cy_px) < camera.image_circle_px)
+    dimmed = lens_light if spec.before_lens else None
+    if dimmed is not None:
+        strength = strength * dimmed(u, v)
     channels = points[0][2].shape[1] if points else 1
     light = np.zeros((spec.number, channels))
     for point in points:
         source_u, source_v, electrons = _gathered(*point)
+        if dimmed is not None and len(source_u):
+            kept = dimmed(source_u, source_v)
+            electrons = (
+                np.where(kept > LEAST_LENS_LIGHT, 1 / np.maximum(kept, LEAST_LENS_LIGHT), 0)[:, None] * electrons
+            )
         rows = np.nonzero(electrons.max(axis=1, initial=0) * spec.strength >= LEAST_ELECTRONS)[0]
         for start in range(0, len(rows), SOURCES_AT_ONCE):
             some = rows[start : start + SOURCES_AT_ONCE]

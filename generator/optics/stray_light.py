@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generator import mitsuba_runtime
+from generator.device_arrays import aligned
 from generator.optics.cell_kernels import Cells, PixelSums
 from generator.optics.ghosts import ghost_light
 from generator.optics.light_cells import RIM, CellGrid, block_mean, cells_outside
@@ -156,7 +157,7 @@ def stray_light(
             light = light + dr.zeros(mi.Float, camera.height * camera.width)
         for ring in camera.rings:
             lit = ring_light(ring, surround.walls[:, :, channel], float(surround.hemisphere[channel]), camera)
-            light = light + mi.Float(lit.ravel())
+            light = light + mi.Float(aligned(lit.ravel()))
         planes.append(light)
     return planes
 

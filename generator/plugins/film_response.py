@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.light.airmass_nodes import LEVEL_NODES, airmass_nodes, node_place
 from generator.light.photometry import GRID_NM, GRID_START_NM
 from generator.plugins.spectra import SPECTRAL_RANGE_NM, stratified_wavelengths
@@ -181,7 +182,7 @@ def film_response(camera: Any, groups: int = WAVELENGTH_GROUPS) -> FilmResponse:
     film = camera.film()
     channels = film.create_block().channel_count() - 1
     sample = (np.arange(groups) + 0.5) / (4 * groups)
-    wavelengths = stratified_wavelengths(mi.Float(sample.astype(np.float32)))
+    wavelengths = stratified_wavelengths(mi.Float(aligned(sample.astype(np.float32))))
     weight = camera.spectral_weight(wavelengths)
     electrons = np.empty((channels, 4, groups))
     for lane in range(4):

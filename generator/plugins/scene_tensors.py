@@ -22,7 +22,7 @@ def tensor(values: ArrayLike) -> Any:
     return mitsuba_runtime.start().TensorXf(single[None] if len(single) == LOOKS_LIKE_A_COLOUR else single)
 
 
-def array(value: Any, axes: int) -> NDArray[np.float64]:
+def array(value: Any, axes: int, dtype: Any = np.float64) -> NDArray[Any]:
     """A parameter with `axes` axes as an array, without the additional leading axis."""
-    result = np.array(value, dtype=np.float64)
+    result = np.array(value, dtype=dtype)
     return result[0] if result.ndim == axes + 1 and len(result) == 1 else result

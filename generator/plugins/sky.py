@@ -30,6 +30,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned_zeros
 from generator.plugins.clouds import CloudTexture, MoonTexture
 from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import SpectralTable, stratified_wavelengths
@@ -49,7 +50,7 @@ class DiffuseSkyEmitter(mi.Emitter):
     def __init__(self, props: Any) -> None:
         super().__init__(props)
         self.m_flags = int(mi.EmitterFlags.Infinite) | int(mi.EmitterFlags.SpatiallyVarying)
-        spectra, maps = mi.TensorXf(props["spectra"]), array(props["maps"], 3).astype(np.float32)
+        spectra, maps = mi.TensorXf(props["spectra"]), array(props["maps"], 3, np.float32)
         self.spectra = SpectralTable(mi.TensorXf(spectra.array, spectra.shape[-2:]))
         if maps.ndim != 3 or len(maps) != self.spectra.rows or min(maps.shape) < 1 or maps.shape[1] < 2:
             raise ValueError(f"skybench_sky: maps must have shape ({self.spectra.rows}, ny, nx), not {maps.shape}")
@@ -90,7 +91,7 @@ class DiffuseSkyEmitter(mi.Emitter):
         One column more than there are, so that the texture wraps in azimuth without a seam; terms vary fastest, so that a
         look-up reads neighbours in memory.
         """
-        texels = np.zeros((maps.shape[1], self.columns + 1, self.stride), np.float32)
+        texels = aligned_zeros((maps.shape[1], self.columns + 1, self.stride), np.float32)
         texels[:, :-1, : self.count] = np.moveaxis(maps, 0, -1)
         texels[:, -1] = texels[:, 0]
         return mi.Float(texels.ravel())

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.landscape import LandscapeTexture
 from generator.plugins.star_paths import Paths, Placed, relative_light
@@ -94,10 +95,10 @@ def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Float
     Its row v is read out at a time that grows by s per row; as the star itself moves by dv/dt rows, it stays for
     1 / (1 - s dv/dt) of the exposure.
     """
-    index = mi.UInt32(star.astype(np.uint32))
+    index = mi.UInt32(aligned(star.astype(np.uint32)))
     step = SHARE_STEP * camera.exposure_share
     placed = []
-    for moment in (FLOAT64(time - step), FLOAT64(time + step)):
+    for moment in (FLOAT64(aligned(time - step)), FLOAT64(aligned(time + step))):
         _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
         placed.append((v, valid))
     dr.eval(placed)

@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.stars import StarEmitter
 
@@ -65,8 +66,10 @@ class Placed:
 
 def project(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, share: Floats) -> Placed:
     """Project stars (indices, (m,)) when the rows that they fall on have had shares (m,) of their exposure."""
-    index = mi.UInt32(star.astype(np.uint32))
-    u, v, cosine, valid, time = camera.project_source(lambda time: emitter.direction(index, time), FLOAT64(share))
+    index = mi.UInt32(aligned(star.astype(np.uint32)))
+    u, v, cosine, valid, time = camera.project_source(
+        lambda time: emitter.direction(index, time), FLOAT64(aligned(share))
+    )
     direction = emitter.direction(index, time)
     dr.eval(u, v, cosine, valid, time, direction)
     good = np.array(valid)
@@ -76,8 +79,8 @@ def project(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, share: Flo
 
 def relative_light(camera: NightSkyCamera, placed: Placed) -> Floats:
     """The camera's relative light at positions, (m,) array; 0 outside the lens' range."""
-    u, v = (FLOAT64(np.nan_to_num(position)) for position in (placed.u, placed.v))
-    return np.where(placed.valid, np.array(camera.relative_light(u, v, FLOAT64(placed.cosine))), 0.0)
+    u, v = (FLOAT64(aligned(np.nan_to_num(position))) for position in (placed.u, placed.v))
+    return np.where(placed.valid, np.array(camera.relative_light(u, v, FLOAT64(aligned(placed.cosine)))), 0.0)
 
 
 @dataclass(frozen=True)

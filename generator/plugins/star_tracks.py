@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.landscape import LandscapeTexture
 from generator.plugins.star_moments import behind_geometry, behind_landscape, cut_exposure, moment_light
@@ -151,7 +152,7 @@ def dispersed(camera: NightSkyCamera, emitter: StarEmitter) -> Dispersed | None:
     ends = []
     for sign in (-0.5, 0.5):
         vector = middle + sign * STEP_RAD * upward
-        east, north, up = (FLOAT64(np.ascontiguousarray(component)) for component in vector.T)
+        east, north, up = (FLOAT64(aligned(component)) for component in vector.T)
         u, v, _, valid = camera.project(east, north, up, FLOAT64(0.5))
         good = np.array(valid)
         ends.append(np.stack([np.where(good, np.array(place), np.nan) for place in (u, v)], axis=1))

@@ -29,6 +29,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from generator.device_arrays import aligned
 from generator.light.airmass_nodes import AIRMASS_SCALE, largest_airmass
 from generator.plugins.scene_tensors import array
 from generator.plugins.spectra import ColourTable, SpectralTable, stratified_wavelengths
@@ -50,7 +51,7 @@ class StarEmitter(mi.Emitter):
         self.count, self.keyframes = directions.shape[:2]
         self.components = [FLOAT64(np.ascontiguousarray(directions[:, :, axis]).ravel()) for axis in range(3)]
         v_mag = array(props["v_mag"], 1)
-        self.brightness = mi.Float(10 ** (-0.4 * v_mag))
+        self.brightness = mi.Float(aligned(10 ** (-0.4 * v_mag)))
         self.colour_row = mi.Float(props["colour_row"].array)
         self.colour_column = mi.Float(props["colour_column"].array)
         self.airmass = mi.Float(props["airmass"].array)

@@ -396,5 +396,7 @@ def _validate(tree: dict[str, Any], source: str, kind: type[Spec], files: list[I
         )
     except ValidationError as error:
         # A list whose items are refused is also reported as too short; the items' own messages say what is wrong.
-        problems = [problem for problem in error.errors() if problem["type"] != "too_short" or error.error_count() == 1]
+        found = error.errors()
+        inside = {problem["loc"][:depth] for problem in found for depth in range(len(problem["loc"]))}
+        problems = [problem for problem in found if problem["type"] != "too_short" or problem["loc"] not in inside]
         raise ScenarioError("\n".join(message(problem, source) for problem in problems)) from error

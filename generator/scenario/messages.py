@@ -34,6 +34,9 @@ def message(problem: Any, source: str) -> str:
     if kind in bounds:
         limit, sign = bounds[kind]
         expected = f"a value {sign} {context[limit]}"
+    elif kind in ("too_short", "too_long"):
+        most, limit = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
+        expected = f"{most} {context[limit]} of them"
     else:
         expected = problem["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     unit = _UNIT_SUFFIX.search(str(location[-1])) if location else None
@@ -63,4 +66,4 @@ def _suggestion(location: tuple[Any, ...]) -> str:
             unit = _UNIT_SUFFIX.search(key)
             return f"; this quantity is '{key}'" + (f", in {unit.group(1)}" if unit else ", without a unit")
     close = difflib.get_close_matches(wanted, known, n=1)
-    return (f"; did you mean '{close[0]}'?" if close else "") + f" Allowed: {', '.join(known)}"
+    return (f"; did you mean '{close[0]}'? Allowed: " if close else "; allowed: ") + ", ".join(known)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.sensor.draws import poisson, standard_normal
+from generator.sensor.draws import MOST_KEPT, normal_numbers, poisson, stream_key
 from generator.sensor.effect import Exposure, Floats
 from generator.sensor.sparse import rare_pixels
 
@@ -22,12 +24,23 @@ class PhotoResponse:
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Scale each pixel's expected electrons."""
         if self.prnu:
-            spread = standard_normal(signal.shape, exposure.unit("prnu"))
-            signal = signal * np.maximum(1 + self.prnu * spread, 0)
+            signal = signal * response(self.prnu, signal.shape, stream_key(exposure.unit("prnu")))
         if self.dead_fraction:
             signal = signal.copy()
             signal.reshape(-1)[rare_pixels(exposure.unit("dead"), signal.size, self.dead_fraction)] = 0
         return signal
+
+
+def response(prnu: float, shape: tuple[int, ...], key: int) -> Floats:
+    """Factors of pixels, the same for all frames of a sensor: kept where they are few."""
+    return (_kept_response if math.prod(shape) <= MOST_KEPT else _drawn_response)(prnu, shape, key)
+
+
+def _drawn_response(prnu: float, shape: tuple[int, ...], key: int) -> Floats:
+    return np.maximum(1 + prnu * normal_numbers(key, shape), 0)
+
+
+_kept_response = functools.lru_cache(maxsize=1)(_drawn_response)
 
 
 @dataclass(frozen=True)
@@ -150,12 +163,13 @@ def _spill(signal: Floats, full_well_e: float) -> None:
     signal -= 2 * excess
     overflows = (excess > 0).any(axis=(*range(signal.ndim - 2), -1)).tolist()
     for rows in (range(height), range(height - 1, -1, -1)):
-        carried = np.zeros_like(signal[..., 0, :])
+        carried, carries = np.zeros_like(signal[..., 0, :]), False
         for row in rows:
             # Most rows neither receive any nor have any to pass on.
-            if not (overflows[row] or carried.any()):
+            if not (overflows[row] or carries):
                 continue
             room = np.maximum(full_well_e - signal[..., row, :], 0)
             taken = np.minimum(carried, room)
             signal[..., row, :] += taken
             carried = carried - taken + excess[..., row, :]
+            carries = bool(carried.any())

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.sensor.draws import poisson, uniform_at
-from generator.sensor.effect import Exposure, Floats
+from generator.sensor.draws import poisson, stream_key, uniform_at
+from generator.sensor.effect import Exposure, Floats, NoiseStream
 from generator.sensor.sparse import rare_pixels
 
 MOMENTS = 16
@@ -75,16 +76,31 @@ class BlinkingPixels:
 
     def excess_e_s(self, shape: tuple[int, ...], exposure: Exposure) -> tuple[NDArray[np.intp], Floats]:
         """Flat places of these pixels, (n,), and the excess of each, e/s, on average over the exposure, (n,)."""
-        random = exposure.unit("blinking")
-        places = rare_pixels(random, math.prod(shape), self.fraction)
-        amplitude = self.amplitude_e_s * random.standard_exponential(len(places))
-        constant_s = self.shortest_s * (self.longest_s / self.shortest_s) ** random.random(len(places))
-        offset = random.random(len(places))
-        key = exposure.unit("blinking.renewals")
-        number = int(key.integers(0, 1 << 64, dtype=np.uint64))
-        time_s = exposure.start_s + (np.arange(MOMENTS) + 0.5) / MOMENTS * exposure.exposure_s
-        high = telegraph_level(number, time_s[:, None] / constant_s + offset).sum(axis=0)
-        return places, (amplitude * high / MOMENTS).astype(np.float32)
+        sensor = _Sensor(stream_key(exposure.unit("blinking.renewals")), exposure.unit)
+        return _blinking(self, math.prod(shape), sensor, exposure.start_s, exposure.exposure_s)
+
+
+@dataclass(frozen=True)
+class _Sensor:
+    """A sensor, known by a number: the key of its blinking pixels' renewals."""
+
+    key: int
+    unit: NoiseStream = field(compare=False)
+
+
+@functools.lru_cache(maxsize=1)
+def _blinking(
+    kind: BlinkingPixels, size: int, sensor: _Sensor, start_s: float, exposure_s: float
+) -> tuple[NDArray[np.intp], Floats]:
+    """Places and excess of blinking pixels: the image and the truth ask for the same."""
+    random = sensor.unit("blinking")
+    places = rare_pixels(random, size, kind.fraction)
+    amplitude = kind.amplitude_e_s * random.standard_exponential(len(places))
+    constant_s = kind.shortest_s * (kind.longest_s / kind.shortest_s) ** random.random(len(places))
+    offset = random.random(len(places))
+    time_s = start_s + (np.arange(MOMENTS) + 0.5) / MOMENTS * exposure_s
+    high = telegraph_level(sensor.key, time_s[:, None] / constant_s + offset).sum(axis=0)
+    return places, (amplitude * high / MOMENTS).astype(np.float32)
 
 
 def telegraph_level(key: int, time: NDArray[np.float64]) -> NDArray[np.bool_]:

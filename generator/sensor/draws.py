@@ -7,6 +7,7 @@ pixel's number, so it is the same on any number of threads. Source: Salmon et al
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from generator import mitsuba_runtime
+from generator.device_arrays import aligned
 
 Floats = NDArray[np.float32]
 
@@ -26,6 +28,8 @@ ADDRESSED = 1 << 16
 """In the third word of Philox' counter, which is 0 in streams: numbers by address are unrelated to theirs."""
 SMALLEST_MEAN_BY_NORMAL = 20.0
 """Below, Poisson numbers are found by adding up probabilities."""
+MOST_KEPT = 1 << 22
+"""Numbers of a fixed pattern that is kept from frame to frame, 17 MB."""
 
 # Coefficients, constant term first, of the terms in mean^(-k/2) of the series in `poisson_quantile`.
 _SERIES = (
@@ -42,8 +46,21 @@ def standard_normal(shape: tuple[int, ...], stream: np.random.Generator) -> Floa
 
     By Box and Muller's method (1958, Ann. Math. Statist. 29, 610) from 32-bit numbers: none is beyond 6.8.
     """
-    size = math.prod(shape)
-    return np.array(_normals(_key(stream), size)).reshape(shape)
+    return normal_numbers(stream_key(stream), shape)
+
+
+def normal_numbers(key: int, shape: tuple[int, ...]) -> Floats:
+    """The numbers of :func:`standard_normal`, by the key of their stream."""
+    return np.array(_normals(key, math.prod(shape))).reshape(shape)
+
+
+def fixed_normal(shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
+    """:func:`standard_normal` of a stream that is the same in all frames of a sensor; kept, and not to be changed."""
+    key = stream_key(stream)
+    return _kept_normal(key, shape) if math.prod(shape) <= MOST_KEPT else normal_numbers(key, shape)
+
+
+_kept_normal = functools.lru_cache(maxsize=4)(normal_numbers)
 
 
 def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator) -> Floats:
@@ -76,8 +93,8 @@ def poisson(mean: ArrayLike, shape: tuple[int, ...], stream: np.random.Generator
     lowest, highest = float(means.min()), float(means.max())
     if not lowest >= 0:
         raise ValueError("the mean of a Poisson number is negative or not a number")
-    size, key = math.prod(shape), _key(stream)
-    expected = mi.Float(np.broadcast_to(means, shape).ravel()) if means.ndim else dr.opaque(mi.Float, lowest)
+    size, key = math.prod(shape), stream_key(stream)
+    expected = mi.Float(aligned(np.broadcast_to(means, shape).ravel())) if means.ndim else dr.opaque(mi.Float, lowest)
     if highest < SMALLEST_MEAN_BY_NORMAL:
         counts = _added_up(expected, size, key)
     else:
@@ -118,7 +135,7 @@ def uniform_at(key: int, first: NDArray[np.int64], second: NDArray[np.int64], co
     blocks = []
     for block in range(-(-count // WORDS)):
         words = (first, shifted & 0xFFFFFFFF, (shifted >> 32) + ADDRESSED * (1 + block))
-        counter = [mi.UInt32(word.astype(np.uint32)) for word in words]
+        counter = [mi.UInt32(aligned(word.astype(np.uint32))) for word in words]
         drawn = device.Philox4x32(seed, *counter, ROUNDS).next_uint32x4()
         dr.eval(drawn)
         blocks += [np.array(word) for word in drawn]
@@ -155,8 +172,8 @@ def poisson_excess(mean: Any, normal: Any, sqrt: Any) -> Any:
     return total + root * normal
 
 
-def _key(stream: np.random.Generator) -> int:
-    """Philox' key for a stream."""
+def stream_key(stream: np.random.Generator) -> int:
+    """Philox' key for a fresh stream."""
     return int(stream.integers(0, 1 << 64, dtype=np.uint64))
 
 

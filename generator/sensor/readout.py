@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from generator.sensor.draws import standard_normal
+from generator.sensor.draws import fixed_normal, standard_normal
 from generator.sensor.effect import Exposure, Floats
 from generator.sensor.sparse import rare_pixels
 
@@ -19,7 +19,7 @@ class FixedOffset:
 
     def apply(self, signal: Floats, exposure: Exposure) -> Floats:
         """Add the offsets."""
-        return signal + self.sigma_e * standard_normal(signal.shape, exposure.unit("dsnu"))
+        return signal + self.sigma_e * fixed_normal(signal.shape, exposure.unit("dsnu"))
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class FixedLines:
         """Add the offsets."""
         height, width = signal.shape[-2:]
         if self.row_e:
-            signal = signal + self.row_e * standard_normal((height, 1), exposure.unit("dsnu.row"))
+            signal = signal + self.row_e * fixed_normal((height, 1), exposure.unit("dsnu.row"))
         if self.column_e:
-            signal = signal + self.column_e * standard_normal((1, width), exposure.unit("dsnu.column"))
+            signal = signal + self.column_e * fixed_normal((1, width), exposure.unit("dsnu.column"))
         return signal
 
 

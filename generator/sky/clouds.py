@@ -32,6 +32,8 @@ COARSE_STEP = 4
 """Cells between those in which the reflectance is taken."""
 CELL_WIDTH = 0.3
 """Width of the band of waves of cells over its wave number."""
+LEAST_PASSED = 1e-4
+"""Part of the power of short waves that a thick layer leaves."""
 CELL_SHARE = 0.6
 """Part of the field's variance in that band."""
 
@@ -48,11 +50,23 @@ class Texture:
         Towards which it blows.
     cell_km : float
         Distance of cells; 0: none.
+    thickness_km : float
+        Of the layer; light that comes through spreads sideways.
     """
 
     stretch: float = 1.0
     wind_azimuth_deg: float = 0.0
     cell_km: float = 0.0
+    thickness_km: float = 0.0
+
+    def passed(self, k: Floats) -> Floats:
+        """Part of the power of waves (per km) that sideways transport leaves.
+
+        Light of a point on one side of a dense layer leaves the other as a spot whose root mean square radius comes near the
+        thickness, whatever the depth (Davis & Marshak 2002, J. Atmos. Sci. 59, 2713), so that shorter waves hardly show
+        (Marshak et al. 1995, J. Geophys. Res. 100, 26247). The spot is taken as Gaussian, and as a mean of the depth.
+        """
+        return np.maximum(np.exp(-((2 * np.pi * k * self.thickness_km) ** 2) / 2), LEAST_PASSED)
 
     def power(self, kx: Floats, ky: Floats, slope: float, outer_scale_km: float) -> Floats:
         """Power by the wave numbers towards east and north, per km; (n, m) array for (1, m) and (n, 1)."""
@@ -61,6 +75,10 @@ class Texture:
         across = (kx * np.cos(turn) - ky * np.sin(turn)) / np.sqrt(self.stretch)
         k = np.hypot(along, across)
         power = (k**2 + outer_scale_km**-2) ** (slope / 2)
+        if self.thickness_km > 0:
+            return self.passed(np.hypot(kx, ky)) * dataclasses.replace(self, thickness_km=0.0).power(
+                kx, ky, slope, outer_scale_km
+            )
         if self.cell_km == 0:
             return np.asarray(power)
         peak = 1 / self.cell_km
@@ -261,7 +279,9 @@ def _mean_above(coarse: NDArray[np.float32], threshold: float, sigma: float) -> 
     Counts of the field in steps of MEAN_STEP sigma: within 1e-5 sigma of the mean over its cells.
     """
     lowest = float(coarse.min())
-    counts = np.bincount(((coarse - np.float32(lowest)) * np.float32(1 / (MEAN_STEP * sigma))).astype(np.int32).ravel())
+    above_lowest = coarse - np.float32(lowest)
+    above_lowest *= np.float32(1 / (MEAN_STEP * sigma))
+    counts = np.bincount(above_lowest.astype(np.int32).ravel())
     above = (lowest - threshold) / sigma + MEAN_STEP * (np.arange(len(counts)) + 0.5)
     density = np.exp(-0.5 * above**2) / np.sqrt(2 * np.pi)
     return sigma * float(counts @ (density + above * ndtr(above))) / coarse.size

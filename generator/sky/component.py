@@ -171,8 +171,8 @@ class SkyTable:
                 group = slice(start, start + each)
                 light = np.tensordot(mix[:, group], self.parts[group], axes=1)
                 light = light if self.across is None else light @ self.across
-                light = light if pattern is None else light * pattern
-                result = light if result is None else result + light
+                light = light if pattern is None else _in_place(np.multiply, light, pattern)
+                result = light if result is None else _in_place(np.add, result, light)
             assert result is not None
         return np.broadcast_to(result, (len(weights), *sky_grid().shape))
 
@@ -214,6 +214,12 @@ def _overhead(veil: Veil) -> float:
 def v_band() -> Floats:
     """Weights of the mean over the V band at GRID_NM, (n,) array."""
     return np.asarray(BESSELL_V.mean(GRID_NM, np.eye(len(GRID_NM))))
+
+
+def _in_place(operation: np.ufunc, values: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of two arrays, written over the first where it has the result's shape."""
+    fits = np.broadcast_shapes(values.shape, other.shape) == values.shape
+    return np.asarray(operation(values, other, out=values if fits else None))
 
 
 def black_sky() -> SkyTable:

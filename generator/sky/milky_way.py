@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from generator import mitsuba_runtime
+from generator.device_arrays import aligned
 from generator.errors import DataFileError
 from generator.identity.kept import kept
 from generator.light.atmosphere import Atmosphere
@@ -125,7 +126,7 @@ def _wrapped_map(deep: bool) -> NDArray[np.float32]:
 def s10(icrs: Floats | NDArray[np.float32], deep: bool = False) -> NDArray[np.float32]:
     """S10(V) in directions `icrs` ((..., 3) unit vectors): bilinear in :func:`s10_map` or in :func:`detailed_map`."""
     mi = mitsuba_runtime.start()
-    parts = (mi.Float(np.ascontiguousarray(part, np.float32).ravel()) for part in np.moveaxis(icrs, -1, 0))
+    parts = (mi.Float(aligned(np.ascontiguousarray(part, np.float32).ravel())) for part in np.moveaxis(icrs, -1, 0))
     return np.array(_looked_up(deep, *parts)).reshape(icrs.shape[:-1])
 
 
@@ -217,7 +218,7 @@ def _device_map(deep: bool) -> Any:
 def _grid_directions() -> tuple[Any, Any, Any]:
     """East, north and up (Floats) of the grid's directions."""
     mi = mitsuba_runtime.start()
-    east, north, up = (mi.Float(np.ascontiguousarray(part, np.float32)) for part in sky_grid().enu.reshape(-1, 3).T)
+    east, north, up = (mi.Float(aligned(part.astype(np.float32))) for part in sky_grid().enu.reshape(-1, 3).T)
     return east, north, up
 
 

@@ -139,9 +139,9 @@ def sky_state(
 @functools.lru_cache(maxsize=4)
 def _pattern(spec: CloudSpec, seed: int, night: int) -> CloudPattern:
     kind = None if spec.kind is None else CLOUD_KINDS[spec.kind]
-    texture = Texture()
+    texture = Texture(thickness_km=spec.thickness_km)
     if kind is not None:
-        texture = Texture(kind.stretch, spec.wind_azimuth_deg, kind.cell_km)
+        texture = Texture(kind.stretch, spec.wind_azimuth_deg, kind.cell_km, spec.thickness_km)
     return cloud_pattern(
         mean_depth(spec, seed, night),
         spec.coverage,
@@ -178,5 +178,6 @@ def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: Thro
     if through is None:
         return CloudField(spec.altitude_km, pattern, east_km, north_km, particle_um=particle_um, ice=ice)
     east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
-    share = point_share(particle_um, through.capture_rad)
+    # Where aureoles are drawn, images keep what is not diffracted at all.
+    share = 1.0 if spec.star_aureoles else point_share(particle_um, through.capture_rad)
     return CloudField(spec.altitude_km, pattern, east_km, north_km, (east, north), share, particle_um, ice)

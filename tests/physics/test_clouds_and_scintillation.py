@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from small_scenes import small_scenario
 
 from generator import plugins
@@ -15,7 +16,7 @@ from generator.light.vision import naked_eye_limit
 from generator.seeds import random_stream
 from generator.sky.assembly import whole_sky
 from generator.sky.cloud_light import coarse_axes, light_from_city
-from generator.sky.clouds import cloud_pattern, diffuse_transmission
+from generator.sky.clouds import COARSE_CELL_KM, Texture, cloud_pattern, diffuse_transmission
 from generator.sky.directions import sky_grid, unit_vectors
 from generator.sky.zenith import BORTLE_ZENITH_MAG
 
@@ -54,6 +55,15 @@ def test_field_has_its_mean_coverage_and_spectrum() -> None:
              ((whole.coarse, 0.125), (whole.fine, 0.0125))]  # fmt: skip
     below, above = power[0][(waves[0] > 2.8) & (waves[0] < 3.2)], power[1][(waves[1] > 3.2) & (waves[1] < 3.6)]
     assert above.mean() / below.mean() == pytest.approx((3.4 / 3.0) ** (-8 / 3), rel=0.2)
+
+
+def test_light_of_a_thick_layer_has_no_waves_shorter_than_that() -> None:
+    """The field is that without thickness, spread by spots whose root mean square radius is the thickness."""
+    thick = Texture(thickness_km=0.5)
+    kept = cloud_pattern(0.8, 1.0, -8 / 3, 5.0, np.random.default_rng(7), thick).coarse
+    sharp = cloud_pattern(0.8, 1.0, -8 / 3, 5.0, np.random.default_rng(7)).coarse
+    spread = gaussian_filter(sharp.astype(float), 0.5 / np.sqrt(2) / COARSE_CELL_KM, mode="wrap")
+    assert (kept - spread).std() < 0.01 * spread.std()
 
 
 def test_stars_are_dimmed_by_the_depth_in_their_truth_row() -> None:

@@ -8,8 +8,10 @@ import pytest
 from scipy import ndimage
 from small_scenes import small_scenario
 
+from generator import plugins
 from generator.frame.plan import plan_frame
-from generator.frame.scene import render_expected
+from generator.frame.scattered_light import lens_light
+from generator.frame.scene import camera_dict, render_expected
 from generator.optics.scratches import scratch_light
 from generator.scenario.camera_spec import CameraSpec
 from generator.scenario.file import load_scenario
@@ -107,6 +109,11 @@ def test_specks_of_dirt_are_as_rough_as_a_photograph() -> None:
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     angles = np.degrees(np.hypot(u - 493.0, v - 182.0) / camera.projection.f_px)
     radius = np.hypot(u - camera.projection.cx_px, v - camera.projection.cy_px)
+
+    def passed(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        square = (u - camera.projection.cx_px) ** 2 + (v - camera.projection.cy_px) ** 2
+        return np.polynomial.Polynomial([1.0, *camera.vignetting])(square / camera.corner_px**2)
+
     sky = 0.245 * np.interp(angles, [20, 30, 40, 52, 70], [32_000, 19_600, 14_000, 10_400, 7_900])
     rings = [
         (angles > inner) & (angles < outer) & (radius < 400)
@@ -115,8 +122,8 @@ def test_specks_of_dirt_are_as_rough_as_a_photograph() -> None:
     found = np.zeros(4)
     for seed in range(2):
         random = np.random.default_rng(seed)
-        scratched = scratch_light(streaks, source, camera, random)[0]
-        both = scratched + scratch_light(specks, source, camera, random)[0]
+        scratched = scratch_light(streaks, source, camera, random, passed)[0]
+        both = scratched + scratch_light(specks, source, camera, random, passed)[0]
         without, rough = (fine_structure(light, sky, radius < 460, random) for light in (scratched, both))
         found += [math.sqrt(np.nanvar(rough[ring]) - np.nanvar(without[ring])) / 2 for ring in rings]
     assert found / 0.245 == pytest.approx([302, 206, 149, 103], rel=0.25)
@@ -130,6 +137,34 @@ def test_the_exponent_and_the_core_of_the_fall_are_those_asked_for() -> None:
     for angle in (20.0, 60.0):
         here = (radius > angle - 2) & (radius < angle + 2)
         assert falling[here].sum() / flat[here].sum() == pytest.approx((1 + (angle / 10) ** 2) ** -0.6, rel=0.1)
+
+
+def test_specks_before_the_lens_are_dimmed_by_their_own_place() -> None:
+    """With a lens that passes a fifth at the source and half on one side: five times the light, and half of that there."""
+    keys = {"number": 20_000, "length_px": 1.0, "width_px": 4.0, "lobe_deg": 180.0, "slope": 0.0}
+    source = (np.array([900.0]), np.array([500.0]), np.array([[LIGHT]]))
+
+    def lens_light(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.where(u > 850, 0.2, np.where(u < 500, 0.5, 1.0))
+
+    behind, before = (
+        scratch_light(
+            ScratchSpec(**keys, before_lens=flag), [source], CAMERA, np.random.default_rng(1), lens_light
+        )[0]
+        for flag in (False, True)
+    )  # fmt: skip
+    np.testing.assert_allclose(before[400:600, 550:800], 5 * behind[400:600, 550:800], rtol=1e-4)
+    np.testing.assert_allclose(before[400:600, 200:450], 2.5 * behind[400:600, 200:450], rtol=1e-4)
+
+
+def test_the_lens_light_is_its_fall_off_the_axis() -> None:
+    """That of a polynomial on the axis and off it, and none outside the image circle."""
+    values = {"pupil": "constant", "vignetting": [-0.4], "cx_px": 40.0, "cy_px": 50.0, "image_circle_px": 45.0}
+    plan = plan_frame(small_scenario(**{f"camera__{key}": value for key, value in values.items()}), 0)
+    u, v = np.array([40.0, 70.0, 10.0, 40.0]), np.array([50.0, 50.0, 50.0, 97.0])
+    off = (30.0 / plan.spec.camera.corner_px) ** 2
+    found = lens_light(plugins.start().load_dict(camera_dict(plan)), u, v)
+    np.testing.assert_allclose(found, [1.0, 1 - 0.4 * off, 1 - 0.4 * off, 0.0], atol=1e-6)
 
 
 def test_a_list_of_one_kind_is_that_kind() -> None:

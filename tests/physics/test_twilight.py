@@ -183,10 +183,15 @@ def test_walks_hold_the_light_scattered_twice() -> None:
 # Makes a part of the shipped walks again.
 @pytest.mark.journey
 def test_shipped_walks_are_what_the_bake_makes() -> None:
-    """One piece of the random walks again: bit for bit what the map was made from."""
+    """One piece of the random walks again. Processors round reciprocals and roots differently in the last digit, so that here
+    and there a walk takes another way: half of the means agree to 1e-5 (those of other walks to 0.1), and all within three
+    errors of a difference."""
     index = (0, 1, 3, 8)
-    mean, _ = run_worker("twilight", *index)
-    np.testing.assert_array_equal(mean, twilight_map("walked")[index].astype(np.float32))
+    mean, error = run_worker("twilight", *index)
+    shipped = twilight_map("walked")[index]
+    off = np.abs(mean / shipped - 1)
+    assert np.median(off) < 1e-5
+    assert np.all(off < 3 * np.hypot(error, twilight_map("walked_error")[index]))
 
 
 @pytest.mark.journey

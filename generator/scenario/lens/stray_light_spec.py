@@ -87,6 +87,8 @@ class ScratchSpec(Strict):
     """Angle from a source at which they begin to shine less."""
     slope: Annotated[float, Field(ge=0, le=6)] = Field(default=4.0, exclude_if=lambda slope: slope == 4.0)
     """Exponent of the light beyond: (1 + (angle / core_deg)^2)^(-slope / 2)."""
+    before_lens: bool = Field(default=False, exclude_if=lambda before: not before)
+    """On a dome: the lens' fall off the axis dims them by their own place, not by that of the source."""
 
 
 class BarrelRingSpec(Strict):

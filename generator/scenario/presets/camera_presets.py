@@ -128,10 +128,10 @@ PRESETS: dict[str, CameraPreset] = {
         "All-sky camera: Starlight Xpress Superstar (Sony ICX205, monochrome) with a 1.57 mm f/2 fisheye under a dome",
         "Measured on frames of an observatory's camera (Mommert 2020, AJ 159, 178; BSD-3-Clause, github "
         "mommermi/cloudynight): the lens by 632 stars of one frame (0.12 px rms an axis), throughput by stars of V 2.5 to 5, "
-        "its fall off the axis and the point spread by stars of two frames, gain by the noise of clouds (4.1 DN^2 for a "
-        "DN of light), read noise and hot pixels by the dark corners, PRNU and DSNU by what single pixels have "
-        "in common on 21 pairs of nights, wings around stars to 38 px; ghosts, rings and "
-        "number and strength of scratches by two frames under a bright Moon. "
+        "the point spread by stars of two frames, its fall off the axis by sky and stars of five frames without cloud "
+        "together, gain by the noise of clouds (4.1 DN^2 for a DN of light), read noise and hot pixels by the dark "
+        "corners, PRNU and DSNU by what single pixels have in common on 21 pairs of nights, wings around stars to 38 px; "
+        "ghosts, rings and number and strength of scratches by two frames under a bright Moon. "
         "Quantum efficiency in the shape of interline CCDs of that time, 55 % at most, not from a data sheet of the ICX205.",
         camera={
             "model": "kannala_brandt",

@@ -39,6 +39,10 @@ class CloudSpec(Strict):
     particle_um: Annotated[float, Field(ge=0, le=1000)] | None = None
     """Effective diameter of droplets or crystals, micrometre: what large ones diffract stays in a star's image (0: nothing).
     Unless given 60 from 6 km of altitude on, 20 below."""
+    thickness_km: Annotated[float, Field(ge=0, le=5)] = 0.0
+    """Thickness over which light spreads sideways on its way through the layer, km: its texture has no shorter waves."""
+    star_aureoles: bool = False
+    """Whether what the particles diffract is drawn around stars; else what falls outside of their images is left out."""
 
     @model_validator(mode="before")
     @classmethod
