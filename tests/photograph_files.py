@@ -14,7 +14,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import celnav
-from benchmark.importing.known_sky import Place, known_sky
+from benchmark.importing.known_sky import known_sky
+from benchmark.place import Place
 
 PLACE = Place(52.0, 4.36, 10.0)
 UTC_START, EXPOSURE_S = "2020-01-15T20:00:00", 10.0

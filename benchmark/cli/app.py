@@ -10,7 +10,8 @@ from typing import Annotated
 
 import typer
 
-from benchmark.cli import bench, datasets, demo, rendering, scenes, speed, studies, twins
+from benchmark.cli import bench, demo, rendering, scenes, speed, studies, twins
+from benchmark.cli.datasets import exporting, generating, planning, showing, verifying
 from benchmark.cli.errors import InterruptibleGroup
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.photographs import fetching, importing
@@ -48,7 +49,8 @@ def _options(
 demo.add_to(app)
 rendering.add_to(app)
 scenes.add_to(app)
-datasets.add_to(app)
+for command in (planning, generating, verifying, exporting, showing):
+    command.add_to(app)
 app.add_typer(bench.app, name="bench")
 app.add_typer(studies.app, name="study")
 app.add_typer(importing.app, name="import")

@@ -205,10 +205,13 @@ def confirm(
     """Render all frames of tasks again; packed results of the same frames, to the byte, become results of today's frames.
 
     For changes of the generator that have no part in a task. A frame that differs is named, and its results stay as they are.
+    Results of a task that has gained conditions since take in the packed ones of these conditions alone.
     """
-    from benchmark.frames.opening import open_frames
+    from benchmark.frames.opening import named_task, open_frames
     from benchmark.frames.task_frames import FrameChoice
     from benchmark.run.confirm import confirm as confirm_results
+    from benchmark.run.confirm import packed_listing
+    from benchmark.tasks.appended import earlier_definitions
 
     found = []
     try:
@@ -216,16 +219,22 @@ def confirm(
             for task in tasks:
                 line = bar.add_task(task, total=None)
                 choice = FrameChoice(split=split.value, data=data, workers=workers)
+                named = named_task(task)
+                if named is not None:
+                    packed_listing(out, Path(named.label) / split.value)  # before an hour of rendering
                 frames = open_frames(task, choice, partial(bar.advance, line))
-                found.append(confirm_results(out, frames))
+                found.append(confirm_results(out, frames, earlier_definitions(named) if named else None))
     except BenchmarkError as error:
         fail(error)
     if as_json:
         print_json({"confirmed": found})
         return
     for each in found:
-        what = f"now of today's: {', '.join(each.solvers)}" if each.solvers else "all rows are of today's already"
+        unchanged = "no row has changed" if each.lacking else "all rows are of today's already"
+        what = f"now of today's: {', '.join(each.solvers)}" if each.solvers else unchanged
         typer.echo(f"{each.listing}: {each.n_frames} frames are the same bytes; {what}")
+        if each.lacking:
+            typer.echo(f"{each.listing}: no results of the new conditions: {', '.join(each.lacking)}", err=True)
 
 
 def stale(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import working
-from benchmark.errors import BenchmarkError
+from benchmark.errors import BenchmarkError, PhotographError
 from generator.errors import GeneratorError
 
 
@@ -46,16 +47,23 @@ def twin(
         Path | None,
         typer.Option("--mask", help="Picture of the photographs' size (PNG, BMP): what is black is not sky."),
     ] = None,
+    passing: Annotated[
+        Path | None,
+        typer.Option(
+            "--passing", help="What flew through: trails of a scenario's foreground by the photographs' names (YAML)."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two.
 
     Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is the scene's.
     """
-    from benchmark.twin.photograph import Place, read_photograph
+    from benchmark.place import Place
+    from benchmark.twin.photograph import read_photograph
     from benchmark.twin.render_twin import make_twin
     from benchmark.twin.report import TABLES, numbers_of_twin, tables_of, write_picture, write_report
-    from benchmark.twin.scene import read_scene
+    from benchmark.twin.scene import read_passing, read_scene
     from benchmark.twin.video_twin import make_video_twin
     from benchmark.twin.view import not_sky_of
     from generator.scenario.shipped import find_scenario
@@ -65,16 +73,19 @@ def twin(
         site = camera_scene.spec.site
         place = Place(site.latitude_deg, site.longitude_deg, site.height_m)
         hidden = None if mask is None else not_sky_of(mask, camera_scene.camera)
+        trails = {} if passing is None else read_passing(passing)
         if ground is not None:
+            _check_writable(ground.parent)
             _write_ground(photographs, scene, ground)
             typer.echo(str(ground))
             return
+        _check_writable(out)
         rows = []
         for path in photographs:
             with working(f"{path.name}: twin"):
                 photograph = read_photograph(path, place)
                 make = make_twin if photograph.stack is None else make_video_twin
-                made = make(camera_scene, photograph, out, not_sky=hidden)
+                made = make(camera_scene, photograph, out, not_sky=hidden, passing=trails.get(photograph.name, ()))
             if not math.isfinite(made.alignment.rms_px):
                 typer.echo(f"{path.name}: too few stars for an attitude; the twin has the scene's", err=True)
             write_picture(made, out)
@@ -87,6 +98,16 @@ def twin(
         return
     typer.echo(tables_of(rows), nl=False)
     typer.echo(str(out / TABLES))
+
+
+def _check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be written, before minutes of rendering."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise PhotographError(f"{folder}: cannot be written ({error.strerror}); choose another folder") from error
 
 
 def _write_ground(photographs: list[Path], scene: Path, target: Path) -> None:

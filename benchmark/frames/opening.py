@@ -58,7 +58,9 @@ def open_frames(
         return make_task_frames(task, target, choice, progress)
     if is_real_task(target):
         return make_real_frames(load_real_task(target), target, choice, progress)
-    if choice.condition is not None or choice.per_condition is not None:
+    if (choice.condition is not None or choice.per_condition is not None) and (
+        "://" in target or Path(target).is_dir()
+    ):
         raise TaskError(f"{target}: is not a task, so nothing grades its frames; leave out --condition and --frames")
     if "://" in target or (Path(target) / MANIFEST).is_file():
         return open_sharded(target, choice.data, progress)

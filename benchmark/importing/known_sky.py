@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
+from benchmark.place import Place
 from generator.errors import TimeRangeError
-from generator.light.atmosphere import airmass, usual_pressure_hpa, usual_temperature_c
+from generator.light.atmosphere import airmass
 from generator.places.astrometry import (
-    Air,
     ApparentPlaces,
     Site,
     intermediate_places,
@@ -28,27 +28,6 @@ Floats = NDArray[np.float64]
 
 FAINTEST_MAG = 7.0
 """Of the stars that are listed."""
-USUAL_HUMIDITY = 0.5
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a camera stands: WGS84, longitude east positive, height above the ellipsoid."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        limits = {"latitude_deg": 90.0, "longitude_deg": 360.0, "height_m": 30_000.0}
-        for name, limit in limits.items():
-            if not abs(getattr(self, name)) <= limit:
-                raise PhotographError(f"site: {name} {getattr(self, name)!r} is not within {-limit:g} to {limit:g}")
-
-    @property
-    def air(self) -> Air:
-        """The usual air of the height."""
-        return Air(float(usual_pressure_hpa(self.height_m)), float(usual_temperature_c(self.height_m)), USUAL_HUMIDITY)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ LARGEST_TABLE_BYTES = 10_000_000
 LARGEST_DN = 65535
 LONGEST_EXPOSURE_S = 86_400.0
 _CHUNK = 1 << 20
+_SMALLEST_SCALE = 1 / 16
 _TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, exposure_s"
 
 
@@ -183,26 +185,31 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
     """An image's values as DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
 
     Colours are added, which no rounding spoils. Numbers between 0 and 1 become 0 to 65535; negative ones, which calibrated
-    images have, are lifted.
+    images have, are lifted. What is above 16 bits is halved until it fits, at most four times.
 
     Raises
     ------
     PhotographError
-        Not finite, or beyond 16 bits.
+        Not finite, or beyond 20 bits.
     """
     if max(values.shape) > LARGEST_SIDE_PX:
         raise PhotographError(
             f"{path}: {values.shape[1]} x {values.shape[0]} px; a frame has at most {LARGEST_SIDE_PX} a side"
         )
-    grey = values.astype(np.uint32).sum(axis=2) if values.ndim == 3 else values
+    grey = values
+    if values.ndim == 3:
+        grey = values.astype(np.uint32 if values.dtype in (np.uint8, np.uint16) else np.float64).sum(axis=2)
     low, high = float(grey.min()), float(grey.max())
     if not (math.isfinite(low) and math.isfinite(high)):
         raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
     scale = float(LARGEST_DN) if np.issubdtype(grey.dtype, np.floating) and low >= 0.0 and high <= 1.0 else 1.0
-    offset = float(math.ceil(max(-low, 0.0)))
+    while scale > _SMALLEST_SCALE and scale * high + math.ceil(max(-scale * low, 0.0)) > LARGEST_DN:
+        scale /= 2
+    offset = float(math.ceil(max(-scale * low, 0.0)))
     if offset + scale * high > LARGEST_DN:
         raise PhotographError(
-            f"{path}: values from {low:g} to {high:g}; at most {LARGEST_DN} fit a frame: divide them, and save anew"
+            f"{path}: values from {low:g} to {high:g}; at most {LARGEST_DN / _SMALLEST_SCALE:g} are read: divide them, and "
+            "save anew"
         )
     dn = np.rint(offset + scale * grey.astype(np.float64)).astype(np.uint16)
     return dn, max(8, int(dn.max()).bit_length()), scale, offset
@@ -211,14 +218,19 @@ def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], 
 def _header_time(path: Path, found: FitsImage, clock: Clock) -> tuple[str, float]:
     if path.name in clock.table:
         return clock.table[path.name]
-    if found.middle is None:
-        raise PhotographError(
-            f"{path}: its header has no DATE-OBS with an exposure time (EXPTIME), and no DATE-AVG; add them, or {_TIMES}"
-        )
-    exposure_s = found.exposure_s if found.exposure_s is not None else clock.exposure_s
+    told = found.exposure
+    if told.begun is None and told.middle is None:
+        raise PhotographError(f"{path}: {told.lacks}; mend the header, or {_TIMES}")
+    exposure_s = told.length_s if told.length_s is not None else clock.exposure_s
     if exposure_s is None:
         raise PhotographError(f"{path}: its header has no EXPTIME; give --exposure-s, or {_TIMES}")
-    return found.middle.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), exposure_s
+    if not 0 <= exposure_s <= LONGEST_EXPOSURE_S:
+        raise PhotographError(f"{path}: an exposure of {exposure_s:g} s; {_TIMES}")
+    middle = told.middle
+    if middle is None and told.begun is not None:
+        middle = told.begun + timedelta(seconds=exposure_s / 2)
+    assert middle is not None
+    return middle.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), exposure_s
 
 
 def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]:
@@ -227,9 +239,8 @@ def _tagged_time(path: Path, clock: Clock) -> tuple[str, float, tuple[str, ...]]
     try:
         tags = read_tags(path)
     except celnav.CelnavError as error:
-        raise PhotographError(
-            f"{str(error).removeprefix('image ')}; of a raw file without readable tags {_TIMES}"
-        ) from error
+        raw = f"; its tags cannot be read: {_TIMES}" if path.suffix.lower() in RAW_SUFFIXES else ""
+        raise PhotographError(f"{str(error).removeprefix('image ')}{raw}") from error
     if tags.taken is None and tags.gps_utc is None:
         raise PhotographError(f"{path}: has no tag DateTimeOriginal, so its time is not known; {_TIMES}")
     exposure_s = tags.exposure_s if tags.exposure_s is not None else clock.exposure_s

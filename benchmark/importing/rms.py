@@ -15,8 +15,8 @@ from typing import Any
 
 import celnav
 from benchmark.errors import PhotographError
-from benchmark.importing.known_sky import Place
 from benchmark.importing.told import ToldCamera
+from benchmark.place import Place
 from celnav.command.calibration_frames import read_rms_centroids
 from generator.errors import GeneratorError
 from generator.reading.json_text import strict_json
@@ -87,7 +87,8 @@ def calibrate_night(folder: Path, place: Place) -> ToldCamera:
         chosen = frames[:: max(1, math.ceil(len(frames) / MOST_CALIBRATED))]
         found = celnav.calibrate(chosen, place.latitude_deg, place.longitude_deg, height_m=place.height_m)
     except celnav.CelnavError as error:
-        raise PhotographError(f"{path}: {error}; give --camera") from error
+        words = str(error).removeprefix(f"{path}").removeprefix(":").strip()
+        raise PhotographError(f"{path}: {words}; give --camera") from error
     return ToldCamera.calibrated(found)
 
 
@@ -98,9 +99,11 @@ def _place_of_config(path: Path) -> Place | None:
     parser = configparser.ConfigParser(inline_comment_prefixes=(";",), interpolation=None, strict=False)
     try:
         if path.stat().st_size > LARGEST_CONFIG_BYTES:
-            raise PhotographError(f"{path}: larger than {LARGEST_CONFIG_BYTES} bytes")
+            raise PhotographError(f"larger than {LARGEST_CONFIG_BYTES} bytes")
         parser.read_string(path.read_text(encoding="utf-8"))
         return Place(*(float(parser["System"][key]) for key in ("latitude", "longitude", "elevation")))
+    except PhotographError as error:
+        raise PhotographError(f"{path}: {error}; mend it or give --site") from error
     except (OSError, UnicodeDecodeError, configparser.Error, KeyError, ValueError) as error:
         words = " ".join(str(error).split())
         raise PhotographError(
@@ -116,7 +119,15 @@ def _place_of_platepars(path: Path) -> Place | None:
         if path.stat().st_size > LARGEST_PLATEPARS_BYTES:
             raise PhotographError(f"{path}: larger than {LARGEST_PLATEPARS_BYTES // 10**6} MB")
         content: Any = strict_json(path.read_bytes(), str(path), LARGEST_PLATEPARS_BYTES)
+    except (OSError, GeneratorError, json.JSONDecodeError) as error:
+        words = str(error).removeprefix(f"{path}: ")
+        raise PhotographError(f"{path}: {words}; mend it or give --site") from error
+    try:
         first = content[min(content)]
         return Place(*(float(first[key]) for key in ("lat", "lon", "elev")))
-    except (OSError, GeneratorError, json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise PhotographError(f"{path}: lat, lon and elev cannot be read ({error}); mend it or give --site") from error
+    except PhotographError as error:
+        raise PhotographError(f"{path}: {error}; mend it or give --site") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise PhotographError(
+            f"{path}: its first platepar must have the numbers lat, lon and elev; mend it or give --site"
+        ) from error

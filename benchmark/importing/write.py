@@ -15,10 +15,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmark.errors import PhotographError
-from benchmark.importing.known_sky import FAINTEST_MAG, KnownSky, Place, known_sky
+from benchmark.importing.known_sky import FAINTEST_MAG, KnownSky, known_sky
 from benchmark.importing.photographs import Clock, Photograph, file_sha256, read_photograph
 from benchmark.importing.star_truth import Pointing, find_pointing, star_rows
 from benchmark.importing.told import ToldCamera, camera_object
+from benchmark.place import Place
 from generator import __version__
 from generator.dataset.images import encode
 from generator.errors import GeneratorError

@@ -12,7 +12,8 @@ import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
-from benchmark.importing.known_sky import Place
+from benchmark.place import Place
+from benchmark.wrong_key import wrong_key
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -142,9 +143,7 @@ def load_real_task(name: str) -> RealTask:
     try:
         definition = RealTaskDefinition.model_validate(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise TaskError(f"{path}: {where}: {first['msg']}") from error
+        raise TaskError(f"{path}: {wrong_key(error)}") from error
     if revision and revision != str(definition.revision):
         raise TaskError(
             f"{name}: this version has revision {definition.revision} of it; use {bare}@{definition.revision}"

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from benchmark.errors import RoundError
 from benchmark.rounds.rules import Rules, parse_rules
 from benchmark.rounds.secret import RoundKey
+from benchmark.wrong_key import wrong_key
 from generator.errors import GeneratorError
 from generator.files import write_bytes
 from generator.reading.json_text import strict_json
@@ -122,8 +123,7 @@ def read_commitment(folder: Path) -> tuple[Commitment, Rules]:
     try:
         terms = _READER.validate_python(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise RoundError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        raise RoundError(f"{path}: {wrong_key(error)}") from error
     if not isinstance(digest, str):
         raise RoundError(f"{path}: commitment_sha256 is missing")
     place = folder / RULES

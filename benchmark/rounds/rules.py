@@ -17,6 +17,7 @@ import yaml
 from pydantic import Field, ValidationError
 
 from benchmark.errors import RoundError
+from benchmark.wrong_key import wrong_key
 from generator.errors import ScenarioError
 from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.file import Scenario, parse_scenario
@@ -129,9 +130,7 @@ def parse_rules(text: str, source: str) -> Rules:
     except yaml.YAMLError as error:
         raise RoundError(f"{source}: not valid YAML ({' '.join(str(error).split())})") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise RoundError(f"{source}: {where}: {first['msg']}") from error
+        raise RoundError(f"{source}: {wrong_key(error)}") from error
     rules = Rules(file, text)
     names = [kind.name for kind in file.kinds]
     if len(set(names)) != len(names):

@@ -2,12 +2,15 @@
 
 A revision is a digest of code, so that it changes with code that has no part in a task's frames. The frames themselves
 decide: where image and truth of each have the SHA-256 that the results state, the results are of today's frames, and say so.
+
+So do those of a task that has gained conditions since, with the results of the new conditions alone, which complete them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from benchmark.errors import ResultsError
 from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameFacts, FrameSet
 from benchmark.frames.identity import FrameIdentity, identity_of
+from benchmark.run.completed import completed, remove_used, results_alone
 from benchmark.run.identities import identities_in
 from benchmark.run.packed import PackedRow, read_packed
 from benchmark.run.packing import write_packed
@@ -31,14 +35,31 @@ class Confirmed:
     n_frames : int
     solvers : tuple of str
         Whose results were of another revision's frames, and now are of today's.
+    lacking : tuple of str
+        Whose results lack conditions that the task has gained; they stay as they were.
     """
 
     listing: Path
     n_frames: int
     solvers: tuple[str, ...]
+    lacking: tuple[str, ...] = ()
 
 
-def confirm(root: Path, today: FrameSet) -> Confirmed:
+def packed_listing(root: Path, place: Path) -> Path:
+    """The listing of packed results of some frames: of a task ``bortle@1/dev``.
+
+    Raises
+    ------
+    ResultsError
+        There is none.
+    """
+    listing = root / place.with_name(f"{place.name}.json")
+    if not listing.is_file():
+        raise ResultsError(f"{listing}: there are no packed results; pack them with skybench bench pack-results")
+    return listing
+
+
+def confirm(root: Path, today: FrameSet, earlier: Mapping[str, int] | None = None) -> Confirmed:
     """Hold packed results against all frames of a task, and let those that are of the same frames say so.
 
     Parameters
@@ -47,6 +68,9 @@ def confirm(root: Path, today: FrameSet) -> Confirmed:
         Of the results.
     today : FrameSet
         All frames of the results' task and split, as today's generator renders them.
+    earlier : mapping of str to int, optional
+        Hashes of the task's definition before it gained conditions, and their number then
+        (`benchmark.tasks.appended.earlier_definitions`).
 
     Raises
     ------
@@ -54,15 +78,34 @@ def confirm(root: Path, today: FrameSet) -> Confirmed:
         There are no packed results; they are of other frames, state no hashes, or are of another definition of the task.
         Nothing is changed then.
     """
-    listing = root / today.facts.place.with_name(f"{today.facts.place.name}.json")
-    if not listing.is_file():
-        raise ResultsError(f"{listing}: there are no packed results; pack them with skybench bench pack-results")
+    listing = packed_listing(root, today.facts.place)
     rows = read_packed(listing)
-    older = [row for row in rows if row.provenance["frames"]["scenario_sha256"] != today.facts.scenario_sha256]
+    older: list[PackedRow] = []
+    lacking: list[str] = []
+    kept: list[PackedRow] = []
+    used: defaultdict[Path, list[PackedRow]] = defaultdict(list)
+    for row in rows:
+        facts = row.provenance["frames"]
+        if facts["scenario_sha256"] == today.facts.scenario_sha256:
+            kept.append(row)
+            continue
+        whole = row
+        if (count := (earlier or {}).get(facts["definition_sha256"])) is not None and today.facts.grading is not None:
+            alone = results_alone(root, row, today.facts, today.facts.grading.values[count:])
+            if alone is None:
+                lacking.append(row.solver)
+                kept.append(row)
+                continue
+            whole = completed(row, list(alone.values()), today.facts)
+            for place, one in alone.items():
+                used[place].append(one)
+        older.append(whole)
+        kept.append(_confirmed(listing, whole, today.facts))
     if older:
         _check(listing, older, today.frames)
-        write_packed(listing, [_confirmed(listing, row, today.facts) if row in older else row for row in rows])
-    return Confirmed(listing, len(today.frames), tuple(row.solver for row in older))
+        write_packed(listing, kept)
+        remove_used(used)
+    return Confirmed(listing, len(today.frames), tuple(row.solver for row in older), tuple(lacking))
 
 
 def _check(listing: Path, rows: Sequence[PackedRow], frames: Sequence[Frame]) -> None:

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from benchmark import provenance
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameFacts
+from benchmark.wrong_key import wrong_key
 
 DetectionsMode = Literal["own", "shared"]
 KEY_DIGITS = 12
@@ -157,6 +158,4 @@ def read_provenance(tree: object) -> RunProvenance:
     try:
         return _READER.validate_python(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise ResultsError(f"provenance.{where}: {first['msg']}") from error
+        raise ResultsError(f"provenance.{wrong_key(error)}") from error

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
 from benchmark.solvers.revision import PackageTree, adapter_behaviour, fusion_behaviour, installed_packages, revision_of
+from benchmark.wrong_key import wrong_key
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -201,6 +202,8 @@ def read_solver_folder(folder: Path) -> SolverFolder:
     if spec.fuses is None:
         return SolverFolder(folder.resolve(), spec)
     place = folder / spec.fuses
+    if not (place / SPEC_NAME).is_file():
+        raise SolverError(f"{folder / SPEC_NAME}: fuses: no {SPEC_NAME} in {spec.fuses}; give another solver's folder")
     fused = _read_spec(place)
     if fused.fuses is not None:
         raise SolverError(f"{folder / SPEC_NAME}: fuses: {spec.fuses} fuses another; give the folder of that one")
@@ -217,9 +220,7 @@ def _read_spec(folder: Path) -> SolverSpec:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise SolverError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise SolverError(f"{path}: {where}: {first['msg']}") from error
+        raise SolverError(f"{path}: {wrong_key(error)}") from error
 
 
 def _files_of(folder: Path) -> list[Path]:

@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from benchmark.errors import TaskError
 from benchmark.instruments import Precision
 from benchmark.stats.intervals import wilson
+from benchmark.wrong_key import wrong_key
 from generator.errors import ScenarioError
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.strict import Strict, listed
@@ -28,7 +29,9 @@ TASK_SUFFIX = ".task.yaml"
 SplitName = Literal["dev", "test"]
 SPLITS: tuple[SplitName, ...] = ("dev", "test")
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
-Numbers = Annotated[tuple[float, ...], Field(min_length=3, max_length=40), BeforeValidator(listed)]
+FEWEST_VALUES = 3
+"""Of a task's condition."""
+Numbers = Annotated[tuple[float, ...], Field(min_length=FEWEST_VALUES, max_length=40), BeforeValidator(listed)]
 Sigma = Annotated[float, Field(ge=0, le=360)]
 Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
 RETIRED = {
@@ -160,6 +163,8 @@ class Task:
     Attributes
     ----------
     definition : TaskDefinition
+    definition_text : str
+        YAML of its definition.
     scenario_text : str
         YAML without seed and number of frames.
     sha256 : str
@@ -167,6 +172,7 @@ class Task:
     """
 
     definition: TaskDefinition
+    definition_text: str
     scenario_text: str
     sha256: str
 
@@ -255,9 +261,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
     try:
         definition = TaskDefinition.model_validate(_read_yaml(path, yaml.SafeLoader))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise TaskError(f"{path}: {where}: {first['msg']}") from error
+        raise TaskError(f"{path}: {wrong_key(error)}") from error
     if definition.name != bare:
         raise TaskError(f"{path}: name is {definition.name!r}, the file's name says {bare!r}")
     if revision and revision != str(definition.revision):
@@ -270,10 +274,16 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
     for key in ("seed", "frames"):
         if key in trees[1]:
             raise TaskError(f"{beside}: {key}: comes from the task; leave it out")
-    meaning = json.dumps(trees, sort_keys=True, separators=(",", ":"))
-    task = Task(definition, beside.read_text(encoding="utf-8"), hashlib.sha256(meaning.encode()).hexdigest())
+    texts = [file.read_text(encoding="utf-8") for file in (path, beside)]
+    task = Task(definition, texts[0], texts[1], meaning_sha256(*trees))
     _check_scenario(task, beside)
     return task
+
+
+def meaning_sha256(definition: dict[str, Any], scenario: dict[str, Any]) -> str:
+    """SHA-256 of the meaning of a task's two files, given as trees of texts."""
+    meaning = json.dumps([definition, scenario], sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(meaning.encode()).hexdigest()
 
 
 def _check_scenario(task: Task, path: Path) -> None:

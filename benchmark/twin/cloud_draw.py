@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,6 @@ from generator.sky.state import UnderClouds, drifted_clouds
 
 Floats = NDArray[np.float64]
 
-DRAWS = 64
-"""Patterns that are tried: six bits, a number of the weather as its depth and its cover are."""
 COVERS = np.array([0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998])
 DEPTHS = np.geomspace(0.15, 14.0, 14)
 """Mean depths and covers that each pattern is tried with."""
@@ -50,7 +48,7 @@ class Drawn:
 
 
 def choose_draw(
-    enu: Floats, snr: Floats, clear_snr: Floats, field_of: Callable[[int], CloudField], draws: int = DRAWS
+    enu: Floats, snr: Floats, clear_snr: Floats, field_of: Callable[[int], CloudField], draws: Iterable[int]
 ) -> Drawn:
     """Find the pattern, the depth and the cover that dim each star as the photograph does.
 
@@ -66,15 +64,15 @@ def choose_draw(
         Light of each star in the photograph over its noise there; what it would be without cloud.
     field_of : function
         Of a draw: its cloud, overcast.
-    draws : int
-        That are tried, from 0.
+    draws : of int
+        That are tried.
     """
     order = in_order(snr)
     seen = max(int((order > SNR_IN_ORDER).sum()), 1)
     noise = np.random.default_rng(0).standard_normal(len(snr)).astype(np.float32)
     photographed, clear = snr.astype(np.float32), clear_snr.astype(np.float32)
-    best = Drawn(0, 1.0, 0.9, float("inf"))
-    for draw in range(draws):
+    best = Drawn(-1, 1.0, 0.9, float("inf"))
+    for draw in draws:
         field = field_of(draw)
         heights, slant = (part.astype(np.float32) for part in heights_of(field, enu))
         for cover in COVERS:

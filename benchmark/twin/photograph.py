@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import io
 import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.errors import PhotographError
+from benchmark.place import Place
 from benchmark.twin.stacked_video import StackedVideo, read_stack, start_of
+from celnav.detecting.fits_file import read_fits, unpacked_bytes
+from celnav.errors import ImageError
+from celnav.sky.fits_times import ExposureInHeader
+from generator.places.times import Instant
+from generator.scenario.model import HIGHEST_SITE_M, LOWEST_SITE_M
 
-LARGEST_BYTES = 450_000_000
-"""Of a file, unpacked: a hundred million pixels of 32 bits."""
-LARGEST_PX = 100_000_000
-KEYS = {
-    "exposure_s": ("EXPTIME", "EXPOSURE"),
-    "latitude_deg": ("OBSLAT", "SITELAT", "LATITUDE"),
-    "longitude_deg": ("OBSLONG", "SITELONG", "LONGITUD"),
-    "height_m": ("OBSALT", "SITEELEV", "ALTITUDE"),
+LONGEST_S = 3600.0
+"""Exposure of a scenario's frame."""
+PLACE_WORDS = {
+    "latitude_deg": (("OBSLAT", "SITELAT", "LATITUDE", "LAT-OBS", "OBS-LAT", "GEOLAT", "OBSGEO-B"), -90.0, 90.0),
+    "longitude_deg": (("OBSLONG", "SITELONG", "LONGITUD", "LONG-OBS", "OBS-LONG", "GEOLON", "OBSGEO-L"), -180.0, 360.0),
+    "height_m": (
+        ("OBSALT", "SITEELEV", "ALTITUDE", "ALT-OBS", "OBS-ELEV", "GEOALT", "HEIGHT", "OBSGEO-H"),
+        LOWEST_SITE_M,
+        HIGHEST_SITE_M,
+    ),
 }
-"""Words of the header that state a quantity: those of the cameras' programs that are in use."""
-_UTC = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}:\d{2}(\.\d+)?")
+"""Words of the header that state the place, those of the cameras' programs that are in use; and its bounds."""
+_SEXAGESIMAL = re.compile(r"([+-]?)(\d+(?:\.\d+)?)(?:[ :]+(\d+(?:\.\d+)?))?(?:[ :]+(\d+(?:\.\d+)?))?")
 _NAME = re.compile(r"[^a-z0-9_-]+")
 
 
@@ -61,15 +65,6 @@ class Photograph:
     stack: StackedVideo | None = None
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a camera stands: WGS84, longitude east positive."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-
-
 def read_photograph(path: Path, place: Place | None = None) -> Photograph:
     """Read a FITS file with one image, or a meteor camera's stack (FF), also packed by gzip or bzip2.
 
@@ -78,65 +73,73 @@ def read_photograph(path: Path, place: Place | None = None) -> Photograph:
     Raises
     ------
     PhotographError
-        It cannot be read, is larger than `LARGEST_BYTES`, or its header lacks the time, the exposure or the place.
+        It cannot be read, is too large, or its header lacks the time, the exposure or the place; names the word.
     """
-    from astropy.io import fits
+    try:
+        return _stack(path, place) if start_of(path.name) is not None else _image(path)
+    except ImageError as error:
+        raise PhotographError(str(error).removeprefix("image ")) from error
 
-    try:
-        with _opened(path) as stream:
-            data = _bounded(stream, path)
-    except (OSError, EOFError, ValueError) as error:
-        raise PhotographError(f"{path}: cannot be read as FITS ({str(error).splitlines()[0]})") from None
+
+def _stack(path: Path, place: Place | None) -> Photograph:
     start = start_of(path.name)
-    if start is not None:
-        if place is None:
-            raise PhotographError(f"{path}: a stack of video says no place; give that of its camera")
-        stack = read_stack(data, str(path))
-        where = place.latitude_deg, place.longitude_deg, place.height_m
-        return Photograph(_name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
-    try:
-        with warnings.catch_warnings(), fits.open(io.BytesIO(data), memmap=False) as hdus:
-            warnings.simplefilter("error")
-            header = hdus[0].header
-            sides = [header.get(f"NAXIS{axis}", 0) for axis in (1, 2)]
-            if header.get("NAXIS") != 2 or not all(sides) or sides[0] * sides[1] > LARGEST_PX:
-                raise PhotographError(f"{path}: expected one image of two axes and at most {LARGEST_PX} pixels")
-            pixels = np.asarray(hdus[0].data, dtype=np.float32)
-    except (OSError, EOFError, ValueError, TypeError, KeyError, Warning, fits.VerifyError) as error:
-        raise PhotographError(f"{path}: cannot be read as FITS ({str(error).splitlines()[0]})") from None
+    if place is None or start is None:
+        raise PhotographError(f"{path}: a stack of video says no place; give that of its camera")
+    stack = read_stack(unpacked_bytes(path), str(path))
+    where = place.latitude_deg, place.longitude_deg, place.height_m
+    return Photograph(_name_of(path), stack.mean, start, stack.exposure_s, *where, stack)
+
+
+def _image(path: Path) -> Photograph:
+    read = read_fits(path)
+    if read.pixels.ndim != 2:
+        raise PhotographError(f"{path}: has three colours, and a scene's camera has one; give one of its planes")
+    pixels = read.pixels.astype(np.float32)
     if not np.isfinite(pixels).all():
-        raise PhotographError(f"{path}: has pixels that are no numbers")
-    began = str(header.get("DATE-OBS", ""))
-    if not _UTC.fullmatch(began):
-        raise PhotographError(f"{path}: DATE-OBS is {began!r}, expected the start in UTC such as 2018-09-14T11:53:22")
-    exposure_s, latitude_deg, longitude_deg, height_m = (_number(header, words, path) for words in KEYS.values())
-    return Photograph(_name_of(path), pixels, f"{began}Z", exposure_s, latitude_deg, longitude_deg, height_m)
+        raise PhotographError(f"{path}: has pixels that are no numbers; replace them by the sky around them")
+    start, length_s = _start(read.exposure, path)
+    latitude_deg, longitude_deg, height_m = (_stated(read.header, *words, path) for words in PLACE_WORDS.values())
+    return Photograph(_name_of(path), pixels, start, length_s, latitude_deg, longitude_deg, height_m)
+
+
+def _start(told: ExposureInHeader, path: Path) -> tuple[str, float]:
+    """Start of the exposure, ISO 8601 with Z, and its length, s."""
+    if told.middle is None:
+        raise PhotographError(f"{path}: {told.lacks}; mend the header")
+    if told.length_s is None:
+        raise PhotographError(f"{path}: its header has no EXPTIME; add it")
+    if not 0 < told.length_s <= LONGEST_S:
+        raise PhotographError(f"{path}: its EXPTIME is {told.length_s:g}; a scene has 0 to {LONGEST_S:g} s")
+    begun = told.middle - timedelta(seconds=told.length_s / 2)
+    start = f"{begun.strftime('%Y-%m-%dT%H:%M:%S.%f').rstrip('0').rstrip('.')}Z"
+    try:
+        Instant.parse(start)
+    except ValueError as error:
+        raise PhotographError(f"{path}: its start of the exposure, {error}; mend the header") from error
+    return start, told.length_s
 
 
 def _name_of(path: Path) -> str:
     return _NAME.sub("-", path.name.split(".")[0].lower()).strip("-") or "photograph"
 
 
-def _opened(path: Path) -> BinaryIO | bz2.BZ2File | gzip.GzipFile:
-    """A file's bytes, unpacked by its ending."""
-    if path.suffix == ".bz2":
-        return bz2.BZ2File(path)
-    if path.suffix == ".gz":
-        return gzip.GzipFile(path)
-    return path.open("rb")
-
-
-def _bounded(stream: BinaryIO | bz2.BZ2File | gzip.GzipFile, path: Path) -> bytes:
-    data = stream.read(LARGEST_BYTES + 1)
-    if len(data) > LARGEST_BYTES:
-        raise PhotographError(f"{path}: is larger than {LARGEST_BYTES} bytes when unpacked")
-    return data
-
-
-def _number(header: Mapping[str, object], words: tuple[str, ...], path: Path) -> float:
-    """Return the first of some words that the header states as a number."""
+def _stated(header: Mapping[str, object], words: tuple[str, ...], lowest: float, highest: float, path: Path) -> float:
+    """Return what the first of some words states, which may be a text such as -30 14 26.7."""
     for word in words:
-        value = header.get(word)
-        if isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value):
-            return float(value)
-    raise PhotographError(f"{path}: its header has none of the numbers {', '.join(words)}; add one")
+        if (value := header.get(word)) is None or value == "":
+            continue
+        number = _number(value)
+        if number is None or not lowest <= number <= highest:
+            raise PhotographError(
+                f"{path}: its {word} is {value!r}, expected a number from {lowest:g} to {highest:g}; mend it"
+            )
+        return number
+    raise PhotographError(f"{path}: its header has none of the words {', '.join(words)}; add one")
+
+
+def _number(value: object) -> float | None:
+    """Return a number, also where it is written as degrees, minutes and seconds; None of anything else."""
+    if isinstance(value, str) and (match := _SEXAGESIMAL.fullmatch(value.strip())):
+        degrees, minutes, seconds = (float(part or 0.0) for part in match.groups()[1:])
+        return (-1 if match[1] == "-" else 1) * (degrees + minutes / 60 + seconds / 3600)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,14 +19,18 @@ from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import fit_focus, focused_psf
 from benchmark.twin.ground import widened
 from benchmark.twin.photograph import Photograph
-from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
+from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.twin import Twin
 from benchmark.twin.view import View, dark_plane, on_mask, view_of
 from benchmark.twin.weather import (
     CLOUDED,
     CLOUDLESS,
+    CLOUDS,
+    DECK,
+    DRAWS,
     LEAST_PX,
+    VEIL,
     Fit,
     Seen,
     Weather,
@@ -33,7 +38,7 @@ from benchmark.twin.weather import (
     fit_weather,
     sky_cells,
 )
-from generator.frame.plan import FramePlan, plan_frame, through_clouds
+from generator.frame.plan import FramePlan, plan_frame
 from generator.frame.record import star_table
 from generator.frame.render import render_frame
 from generator.frame.scene import ExpectedFrame, render_expected
@@ -57,6 +62,9 @@ FIT_MAG, SEEN_SNR = 5.0, 3.0
 CLOUD_MAG, CLOUD_ABOVE_DEG, CLOUD_APERTURE_PX = 7.5, 20.0, 1.5
 """Faintest star that tells of cloud, the altitude above which they are counted, and the radius within which their light is
 taken: in one of 3.5 px six of ten lights above an SNR of 4 are there beside the stars as well."""
+BESIDE_PX, SEEN_OVER_CHANCE = 7.0, 2.0
+"""Distance at which lights beside stars are counted, and the number at stars over theirs from which stars are seen: it is 6.0
+and 4.5 where gaps have some (001, 003), 1.1 where cloud hides all (012)."""
 LEAST_LIGHT_DN = 3.0
 """Of the brightest cell of a sky that can be fitted."""
 LOWEST_DEG, FOCUS_ABOVE_DEG = 8.0, 20.0
@@ -69,10 +77,11 @@ def make_twin(
     folder: Path,
     say: Callable[[str], None] = lambda _: None,
     not_sky: Mask | None = None,
+    passing: Sequence[dict[str, Any]] = (),
 ) -> Twin:
     """Make the twin of a photograph and compare the two; its scenario and the files that it names go into `folder`.
 
-    Pixels of `not_sky` (height, width) are left out.
+    Pixels of `not_sky` (height, width) are left out. `passing` are trails that the twin has too; nothing is fitted to them.
     """
     camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
     black_dn = float(scene.spec.sensor.black_level_dn)
@@ -114,16 +123,23 @@ def make_twin(
     dimmed = star_light(photograph.pixels, np.where(many[:, None], uv, np.nan), aperture_px=CLOUD_APERTURE_PX)
     many &= dimmed.peak < highest
     unit = dimmed.noise * np.sqrt(np.pi) * CLOUD_APERTURE_PX
-    dimmed_snr = dimmed.flux / unit
+    # Without a star that is seen, what shines at their places is the texture of cloud.
+    seen = stars_are_seen(photograph.pixels, uv[many])
+    dimmed_snr = dimmed.flux / unit if seen else np.where(np.isfinite(dimmed.flux), 0.0, np.nan)
     scatter = np.random.default_rng(0).standard_normal(len(uv))
 
     def overcast(draw: int) -> CloudField:
-        return cloud_of(scenario_of(alignment.R_cam, Weather(cloud_tau=1.0, cloud_cover=1.0, cloud_draw=draw)))
+        cloud = cloud_of(scenario_of(alignment.R_cam, Weather(cloud_tau=1.0, cloud_cover=1.0, cloud_draw=draw)))
+        return dataclasses.replace(cloud, point_share=aperture_share(scene, cloud))
 
-    def fit(names: tuple[str, ...]) -> Fit:
+    @functools.cache
+    def in_full(weather: Weather) -> NDArray[np.float32]:
+        expected = render_expected(plan_frame(scenario_of(alignment.R_cam, weather), 0), False, False)
+        return black_dn + np.asarray(expected.electrons, dtype=np.float32) / np.float32(sensor.gain_e_per_dn)
+
+    def fit(names: tuple[str, ...], draws: Iterable[int] = ()) -> Fit:
         start = first_guess(names).cloudless
-        expected = render_expected(plan_frame(scenario_of(alignment.R_cam, start), 0), False, False)
-        dn = black_dn + np.asarray(expected.electrons, dtype=np.float32) / np.float32(sensor.gain_e_per_dn)
+        dn = in_full(start)
         cells = sky_cells(dn - dark_plane(dn, camera, circle_px, black_dn), view, sky)
         stars = star_light(dn, np.where(np.isfinite(real.stars)[:, None], uv, np.nan)).flux
         reference = skies.seen(start)
@@ -138,7 +154,7 @@ def make_twin(
             bright = undimmed.flux / unit
             told = many & np.isfinite(bright * reference.stars * dimmed_snr)
             enu = directions(rows["azimuth_deg"][told], rows["altitude_deg"][told])
-            drawn = choose_draw(enu, dimmed_snr[told], bright[told], overcast)
+            drawn = choose_draw(enu, dimmed_snr[told], bright[told], overcast, draws)
             before = Weather(cloud_tau=drawn.mean_depth, cloud_cover=drawn.cover, cloud_draw=drawn.draw)
 
             def shown_in_cloud(weather: Weather) -> Seen:
@@ -153,7 +169,10 @@ def make_twin(
     names = numbers_of(scene)
     fitted = fit(tuple(name for name in names if name in CLOUDLESS))
     if fitted.clouded:
-        fitted = min(fitted, fit(tuple(name for name in names if name in CLOUDED)), key=lambda each: each.misfit)
+        kind = CLOUDS.index(VEIL if seen else DECK)
+        draws = range(kind * DRAWS, (kind + 1) * DRAWS)
+        clouded = fit(tuple(name for name in names if name in CLOUDED), draws)
+        fitted = min(fitted, clouded, key=lambda each: each.misfit)
     weather = fitted.weather
     if weather.cloud_tau is None:
         say("fitting the focus")
@@ -173,6 +192,7 @@ def make_twin(
     tree = twin_tree(scene, photograph, alignment.R_cam, weather)
     if weather.focus_factor is not None:
         tree["camera"] = tree["camera"] | focused_psf(scene.spec.camera, weather.focus_factor)
+    tree = with_passing(tree, passing)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
     stars = stars_to_compare(frame.stars)
@@ -238,6 +258,8 @@ class _Skies:
         tree = twin_tree(self._scene, self._photograph, self._R_cam, weather)
         tree |= {"foreground": {}, "camera": self._camera, "sky": tree["sky"] | {"components": list(components)}}
         tree |= {"stars": listed_stars(tree.get("stars") or {})}
+        if "clouds" in tree["sky"]:
+            tree["sky"]["clouds"] = tree["sky"]["clouds"] | {"star_aureoles": False}
         plan = plan_frame(twin_scenario(self._scene, tree), 0)
         return plan, render_expected(plan, False, False)
 
@@ -255,11 +277,27 @@ class _Skies:
         electrons = np.array([by_id.get(int(star), np.nan) for star in self._ids])
         clouds = plan.sky.clouds
         if clouds is not None:
-            # Stars on larger pixels would keep more of what cloud diffracts.
-            share = point_share(clouds.particle_um, through_clouds(self._scene.spec).capture_rad)
+            # Light within the apertures: with a part of what cloud diffracts.
+            share = aperture_share(self._scene, clouds)
             passed = dataclasses.replace(clouds, point_share=share).point_transmission(self._enu)
             electrons = electrons * passed / np.maximum(clouds.point_transmission(self._enu), 1e-300)
         return [np.asarray(each.sky_electrons, dtype=np.float32) for each in (glowing, others)], electrons
+
+
+def stars_are_seen(pixels: NDArray[np.floating], uv: Floats) -> bool:
+    """Whether lights above an SNR of 5 are more at the places of stars (n, 2) than beside them."""
+
+    def lights(places: Floats) -> int:
+        light = star_light(pixels, places, aperture_px=CLOUD_APERTURE_PX)
+        return int((light.flux > SNR_IN_ORDER * light.noise * np.sqrt(np.pi) * CLOUD_APERTURE_PX).sum())
+
+    beside = sum(lights(uv + BESIDE_PX * np.array(way)) for way in ((1, 0), (0, 1), (-1, 0), (0, -1))) / 4
+    return lights(uv) > SEEN_OVER_CHANCE * max(beside, 1.0)
+
+
+def aperture_share(scene: Scene, cloud: CloudField) -> float:
+    """Part of a cloud's depth that takes light out of the apertures in which stars tell of it."""
+    return point_share(cloud.particle_um, CLOUD_APERTURE_PX / scene.spec.camera.projection.f_px)
 
 
 def check_light(name: str, cells: Floats) -> None:

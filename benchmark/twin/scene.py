@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import pydantic
 import yaml
 from numpy.typing import NDArray
 
@@ -15,6 +17,7 @@ from benchmark.twin.photograph import Photograph
 from celnav.camera import Camera
 from generator.files import write_bytes
 from generator.scenario.file import Scenario, load_scenario, parse_scenario
+from generator.scenario.foreground_spec import TrailSpec
 from generator.scenario.model import FrameSpec, pointing_of
 
 ANGLE_DIGITS = 6
@@ -22,6 +25,10 @@ ANGLE_DIGITS = 6
 
 FLYING = ("trails", "trains", "shells")
 """Keys of a scene's foreground that belong to one moment: no twin has them."""
+
+
+_PASSING = pydantic.TypeAdapter(dict[str, list[TrailSpec]])
+"""What a file says of what flew through photographs, by their names."""
 
 
 class Conditions(Protocol):
@@ -99,6 +106,31 @@ def read_scene(path: Path) -> Scene:
         raise PhotographError(f"{path}: has {scenario.frame_count} frames; a camera's scene has one")
     tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     return Scene(path, scenario, tree, scenario.frame(0))
+
+
+def read_passing(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """Read what flew through photographs: trails of a scenario's foreground, by the photographs' names.
+
+    Raises
+    ------
+    PhotographError
+        The file cannot be read or says something else.
+    """
+    try:
+        given = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return {
+            name: [trail.model_dump(exclude_unset=True) for trail in trails]
+            for name, trails in _PASSING.validate_python(given).items()
+        }
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, pydantic.ValidationError) as error:
+        raise PhotographError(
+            f"{path}: expected trails of a scenario's foreground by names of photographs ({str(error).splitlines()[0]})"
+        ) from None
+
+
+def with_passing(tree: dict[str, Any], trails: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """A twin's scenario with what flew through its photograph."""
+    return tree | {"foreground": tree["foreground"] | {"trails": list(trails)}} if trails else tree
 
 
 def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], weather: Conditions) -> dict[str, Any]:

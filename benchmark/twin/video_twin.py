@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import measure
 from benchmark.twin.photograph import Photograph
 from benchmark.twin.render_twin import FIT_MAG, ground_of, stars_of, stars_to_compare
-from benchmark.twin.scene import Scene, twin_scenario, twin_tree, write_twin
+from benchmark.twin.scene import Scene, twin_scenario, twin_tree, with_passing, write_twin
 from benchmark.twin.stacked_video import StackedVideo, read_stack
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.twin import StackRange, Twin, VideoWeather
@@ -49,8 +50,12 @@ def make_video_twin(
     folder: Path,
     say: Callable[[str], None] = lambda _: None,
     not_sky: NDArray[np.bool_] | None = None,
+    passing: Sequence[dict[str, Any]] = (),
 ) -> Twin:
-    """Make the twin of a stack of video and compare the two; its scenario goes into `folder`."""
+    """Make the twin of a stack of video and compare the two; its scenario goes into `folder`.
+
+    `passing` are trails that the twin has too; nothing is fitted to them.
+    """
     video, sensor, camera = scene.spec.sensor.video, scene.spec.sensor, scene.camera
     if video is None or photograph.stack is None:
         raise PhotographError(
@@ -113,7 +118,7 @@ def make_video_twin(
         )
 
     say("rendering")
-    tree = twin_tree(scene, photograph, alignment.R_cam, weather)
+    tree = with_passing(twin_tree(scene, photograph, alignment.R_cam, weather), passing)
     path = write_twin(scene, tree, folder)
     frame = render_frame(twin_scenario(scene, tree), 0, channels=False)
     made_stack = read_stack(frame.attached[STACK_SUFFIX], path.name)

@@ -48,10 +48,21 @@ START = {
 CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
 CLOUDED = ("airglow_factor", "cloud_tau", "cloud_cover")
 """Numbers of a sky with cloud, to which the draw of its pattern comes; air and cities are the scene's."""
-CLOUD = {"altitude_km": 9.0, "outer_scale_km": 50.0, "spectral_slope": -11 / 3, "wind_m_s": 25.0}
+VEIL = {
+    "altitude_km": 9.0,
+    "outer_scale_km": 50.0,
+    "spectral_slope": -11 / 3,
+    "wind_m_s": 25.0,
+    "star_aureoles": True,
+}
 """A veil of high cloud. Its slope is that of columns through turbulence in three dimensions, whose power falls as
 k^(-11/3) (Obukhov 1949, Corrsin 1951; Tatarski 1961, "Wave Propagation in a Turbulent Medium"), below the thickness of
 cirrus, 2.4 km (Sassen & Campbell 2001, J. Atmos. Sci. 58, 481)."""
+DECK = {"kind": "altocumulus", "thickness_km": 0.25, "star_aureoles": True}
+"""A deck of droplets that hides every star; its texture ends at its thickness."""
+CLOUDS = VEIL, DECK
+DRAWS = 64
+"""Patterns of each that are tried: six bits, a number of the weather as its depth and its cover are."""
 MOST_HAZE = 0.4
 """Aerosol depth above which a sky with cloud is tried: dust storms and smoke aside, more is cloud."""
 CLOUDY_MISFIT = 0.15
@@ -69,9 +80,9 @@ class Weather:
     aerosol_tau_550 : float or None
         Optical depth of aerosol.
     cloud_tau, cloud_cover : float or None
-        Of a layer of cirrus: mean optical depth over the whole sky, and the part of the sky that it covers.
+        Of a layer of cloud: mean optical depth over the whole sky, and the part of the sky that it covers.
     cloud_draw : int or None
-        Which of its patterns (:mod:`benchmark.twin.cloud_draw`).
+        Which of the patterns of `CLOUDS`, from 0 (:mod:`benchmark.twin.cloud_draw`).
     city_factor : float or None
         Light of the scene's cities over what the scene says.
     focus_factor : float or None
@@ -99,11 +110,10 @@ class Weather:
         if self.aerosol_tau_550 is not None:
             air["aerosol_tau_550"] = round(self.aerosol_tau_550, 4)
         if self.cloud_tau is not None:
-            sky["clouds"] = CLOUD | {"mean_optical_depth": round(self.cloud_tau, 4)}
+            kind, draw = divmod(self.cloud_draw or 0, DRAWS)
+            sky["clouds"] = CLOUDS[kind] | {"mean_optical_depth": round(self.cloud_tau, 4), "draw": draw}
             if self.cloud_cover is not None:
                 sky["clouds"]["coverage"] = round(self.cloud_cover, 4)
-            if self.cloud_draw is not None:
-                sky["clouds"]["draw"] = self.cloud_draw
         if self.city_factor is not None and sky.get("cities"):
             sky["cities"] = [
                 city | {"upward_mlm": round(city.get("upward_mlm", 100.0) * self.city_factor, 4)}

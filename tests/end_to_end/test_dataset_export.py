@@ -20,7 +20,7 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 from small_scenes import small_scenario
 
-from benchmark.cli.datasets import FORMS
+from benchmark.cli.datasets.exporting import FORMS
 from generator.dataset.reader import Dataset, Frame
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError

@@ -27,7 +27,7 @@ from photograph_files import standin, write_camera, write_ff, write_fits
 from small_rounds import RULES
 from typer.testing import CliRunner
 
-from benchmark.cli.datasets import FORMS
+from benchmark.cli.datasets.exporting import FORMS
 from benchmark.real_tasks import fetch
 from celnav.cli import main as celnav_main
 from generator.frame.render import render_frame, write_frame

@@ -42,12 +42,12 @@ def submit_truth(truth: FrameSet, path: Path) -> Path:
 def test_a_task(tmp_path):
     """One rendered frame, told with the errors of every level of the attitude task."""
     common = ("--frames", 1, "--data", tmp_path / "data")
-    assert "7 frames in" in run("pack-test", "attitude", "--out", tmp_path / "set", *common)
+    assert "11 frames in" in run("pack-test", "attitude", "--out", tmp_path / "set", *common)
     truth = open_frames("attitude", FrameChoice("test", 1, data=tmp_path / "data"))
     answers = submit_truth(truth, tmp_path / "answers.csv")
     run("check", answers, "--set", tmp_path / "set")
     output = run("score", answers, "--truth", "attitude@2", "--name", "mine", "--out", tmp_path / "out", *common)
-    assert "7 frames, 7 fixes, 100 % within 10 km" in output
+    assert "11 frames, 11 fixes, 100 % within 10 km" in output
     (path,) = (tmp_path / "out" / "attitude@2" / "test" / "own").glob("mine-*/frames.parquet")
     frames = read_frames(path)
     assert measure(frames)["success_1km"].value == 1.0

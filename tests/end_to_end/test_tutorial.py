@@ -66,7 +66,7 @@ def test_the_tutorial_leads_to_a_row_on_the_leaderboard(tool, tmp_path, monkeypa
     assert "one-star" in (folder / "results" / "tutorial" / "leaderboard.svg").read_text(encoding="utf-8")
     result = next((folder / "results" / "tutorial" / "attitude@2" / "dev" / "own").glob("one-star-*"))
     frames = pd.read_parquet(result / "frames.parquet")
-    assert len(frames) == 21
+    assert len(frames) == 33
     exact = frames[frames["condition"] == 0.0]
     assert (exact["error_km"] < 10.0).all()
     unknown = frames[frames["condition"] == frames["condition"].max()]

@@ -101,8 +101,12 @@ def test_what_cannot_be_used_is_refused_in_one_line(folder: Path, tmp_path: Path
     small = write_fits(tmp_path / "small.fits", np.zeros((20, 30), np.uint16), "2020-01-25T21:10:00Z")
     cases = [
         ([str(small), "--scene", str(folder / "clearing.yaml")], "has 30 x 20 pixels"),
-        ([str(tmp_path / "none.fits"), "--scene", str(folder / "clearing.yaml")], "cannot be read as FITS"),
+        ([str(tmp_path / "none.fits"), "--scene", str(folder / "clearing.yaml")], "cannot be read"),
         ([str(small), "--scene", "bortle"], "frames; a camera's scene has one"),
+        (
+            [str(small), "--scene", str(folder / "clearing.yaml"), "--passing", str(small)],
+            "expected trails of a scenario's foreground",
+        ),
     ]
     for arguments, words in cases:
         run = CliRunner().invoke(app, ["twin", *arguments, "--out", str(tmp_path / "out")])

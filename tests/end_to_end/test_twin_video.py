@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from benchmark.cli.app import app
 from benchmark.errors import PhotographError
-from benchmark.twin.photograph import Place, read_photograph
+from benchmark.place import Place
+from benchmark.twin.photograph import read_photograph
 from benchmark.twin.stacked_video import read_stack, start_of
 from benchmark.twin.video_twin import black_level
 from benchmark.twin.view import not_sky_of

@@ -52,6 +52,14 @@ REFUSED = {
     "falling wavelengths": (
         "bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: [[600, 0.1], [500, 0.2]]}", ["wavelengths must increase"],
     ),
+    "key of nothing known": ("bortle: 5", "bortle: 5\nsensor: {zzz: 1}", ["sensor.zzz: unknown key; allowed: "]),
+    "short list": (
+        "bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: []}", ["sensor.quantum_efficiency", "at least 2 of them"],
+    ),
+    "two short lists": (
+        "bortle: 5", "bortle: 5\nsensor: {quantum_efficiency: [], sunburn: {hours_utc: []}}",
+        ["quantum_efficiency: found", "sunburn.hours_utc: found", "sunburn.trap_e: missing"],
+    ),
 }  # fmt: skip
 
 

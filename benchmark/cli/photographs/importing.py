@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -81,10 +82,10 @@ def photos(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset of photographs taken at one place."""
-    from benchmark.importing.known_sky import Place
     from benchmark.importing.photographs import Clock, photographs_in, read_times
     from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
+    from benchmark.place import Place
 
     try:
         clock = Clock(time_zone, stamp.value, exposure_s, {} if times is None else read_times(times))
@@ -124,10 +125,10 @@ def rms(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset of a meteor camera's night."""
-    from benchmark.importing.known_sky import Place
     from benchmark.importing.rms import calibrate_night, read_night
     from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
+    from benchmark.place import Place
 
     try:
         night = read_night(folder, None if site is None else Place(*site))
@@ -154,7 +155,7 @@ def _make(given: Import, out: Path, overwrite: bool, as_json: bool) -> None:
     for made in done:
         typer.echo(_words(made))
     typer.echo(f"{len(given.photographs)} photographs in {out}" + ("" if done else " (made before, whole)"))
-    typer.echo(f"next: skybench bench run {out} --solver skybench")
+    typer.echo(f"next: skybench bench run {shlex.quote(str(out))} --solver skybench")
 
 
 def _words(made: Imported) -> str:

@@ -33,16 +33,10 @@ from benchmark.report.site.revisions import (
     revision_words,
     solver_mark,
 )
-from benchmark.report.site.site_view import (
-    board_provenance,
-    board_verdict,
-    detectable_words,
-    make_styles,
-    make_view,
-    solver_page,
-)
+from benchmark.report.site.site_view import make_styles, make_view, solver_page
 from benchmark.report.site.task_groups import group_of
 from benchmark.report.site.tree import read_tree
+from benchmark.report.site.words import board_provenance, board_verdict, detectable_words
 from benchmark.report.templates import environment, read_sheet
 from benchmark.run.results import writing
 from benchmark.stats.confidence import RiskCoverage

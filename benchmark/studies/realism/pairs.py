@@ -16,9 +16,9 @@ import numpy as np
 
 import celnav
 from benchmark.errors import PhotographError
-from benchmark.importing.known_sky import Place
 from benchmark.importing.told import ToldCamera
 from benchmark.importing.write import Import, import_photographs
+from benchmark.place import Place
 from benchmark.studies.realism.likeness import Likeness, likenesses
 from benchmark.twin.photograph import Photograph, read_photograph
 from benchmark.twin.render_twin import make_twin

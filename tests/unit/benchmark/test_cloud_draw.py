@@ -5,11 +5,11 @@ import pytest
 from small_scenes import small_scenario
 
 from benchmark.twin.cloud_draw import SNR_IN_ORDER, choose_draw, cloud_of, heights_of, in_order
-from benchmark.twin.weather import CLOUD
+from benchmark.twin.weather import VEIL
 
 
 def field_of(draw: int, depth: float = 1.0, cover: float = 1.0):
-    given = CLOUD | {"mean_optical_depth": depth, "coverage": cover, "draw": draw}
+    given = VEIL | {"mean_optical_depth": depth, "coverage": cover, "draw": draw}
     return cloud_of(small_scenario(sky__clouds=given))
 
 
@@ -28,7 +28,7 @@ def test_the_pattern_that_dims_the_stars_is_found() -> None:
     clear = np.exp(rng.uniform(np.log(2), np.log(100), len(enu)))
     snr = clear * field_of(draw, 1.2, 0.8).point_transmission(enu) * rng.lognormal(0, 0.1, len(enu))
     photographed = snr + rng.standard_normal(len(enu))
-    found = choose_draw(enu, photographed, clear, field_of, draws=4)
+    found = choose_draw(enu, photographed, clear, field_of, range(4))
     assert found.draw == draw
     assert found.mean_depth == pytest.approx(1.2, rel=0.5)
     made = clear * field_of(draw, found.mean_depth, found.cover).point_transmission(enu)
@@ -40,7 +40,7 @@ def test_in_order_stars_that_are_not_seen_are_alike() -> None:
 
 
 def test_draws_are_other_patterns_and_the_first_is_the_scenario_s_own() -> None:
-    given = CLOUD | {"mean_optical_depth": 1.0, "coverage": 1.0}
+    given = VEIL | {"mean_optical_depth": 1.0, "coverage": 1.0}
     own = cloud_of(small_scenario(sky__clouds=given)).pattern
     assert (field_of(0).pattern.coarse == own.coarse).all()
     assert abs(np.corrcoef(field_of(1).pattern.fine.ravel(), own.fine.ravel())[0, 1]) < 0.02
@@ -69,4 +69,4 @@ def test_columns_through_turbulence_have_the_veil_s_slope() -> None:
     flat = np.hypot(waves[:, None], waves)
     part = (flat >= 3) & (flat <= 15)
     slope = np.polyfit(np.log(flat[part]), np.log(power[part]), 1)[0]
-    assert slope == pytest.approx(CLOUD["spectral_slope"], abs=0.15)
+    assert slope == pytest.approx(VEIL["spectral_slope"], abs=0.15)

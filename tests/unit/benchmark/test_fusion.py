@@ -164,7 +164,7 @@ class OtherFilter:
     [
         (FUSED + "adapter: celnav\n", "either adapter or command or fuses"),
         (FUSED + "time_limit_s: 60\n", "time_limit_s cannot be beside fuses"),
-        (FUSED.replace("../mine", "../none"), r"none/solver\.yaml: cannot be read"),
+        (FUSED.replace("../mine", "../none"), r"mine-fused/solver\.yaml: fuses: no solver\.yaml in \.\./none"),
         (FUSED.replace("../mine", "."), "fuses another"),
     ],
 )

@@ -34,7 +34,7 @@ import celnav
 from benchmark.errors import PhotographError
 from benchmark.frames.dataset import open_dataset
 from benchmark.importing import raw_file
-from benchmark.importing.known_sky import Place, known_sky
+from benchmark.importing.known_sky import known_sky
 from benchmark.importing.photographs import Clock, as_dn, photographs_in, read_photograph, read_times
 from benchmark.importing.photometry import measure_light
 from benchmark.importing.rms import calibrate_night, read_night
@@ -44,6 +44,7 @@ from benchmark.importing.write import Import, import_photographs
 from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.geodesy import geodesic_km
 from benchmark.judge.star_id import score_matches
+from benchmark.place import Place
 from celnav.sky.utc import parse_utc
 from generator.errors import GeneratorError
 from generator.frame.record import STAR_SCHEMA
@@ -205,10 +206,27 @@ def test_values_become_dn(values: np.ndarray, dn: list[int], scale: float, offse
 
 
 @pytest.mark.parametrize(
+    ("values", "dn", "told"),
+    [
+        (np.full((1, 2, 3), 60000, np.uint16), 45000, (16, 0.25, 0.0)),
+        (np.full((1, 2, 3), 0.25, np.float32), 49151, (16, 65535.0, 0.0)),
+        (np.full((1, 2, 3), -2, np.int16), 0, (8, 1.0, 6.0)),
+        (np.array([[100.0, 131000.0]]), [50, 65500], (16, 0.5, 0.0)),
+        (np.array([[-10.0, 131000.0]]), [0, 65505], (16, 0.5, 5.0)),
+    ],
+)
+def test_colours_and_more_than_16_bits_are_fitted_into_a_frame(values: np.ndarray, dn: object, told: tuple) -> None:
+    pixels, *stated = as_dn(values, Path("a.fits"))
+    assert pixels.dtype == np.uint16
+    assert (pixels == dn).all()
+    assert tuple(stated) == told
+
+
+@pytest.mark.parametrize(
     ("values", "words"),
     [
         (np.array([[0.0, np.nan]]), "no numbers"),
-        (np.array([[0.0, 70000.0]]), "at most 65535"),
+        (np.array([[0.0, 2e6]]), "at most 1.04856e\\+06"),
         (np.zeros((1, 16385), np.uint8), "16384"),
     ],
 )
@@ -339,3 +357,26 @@ def test_a_night_without_place_or_camera_has_a_remedy(tmp_path: Path) -> None:
         read_night(tmp_path)
     with pytest.raises(PhotographError, match="--camera"):
         calibrate_night(tmp_path, PLACE)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (".config", "[System]\nlatitude: 91\nlongitude: 0\nelevation: 0\n", "latitude_deg 91.0 is not within"),
+        ("platepars_all_recalibrated.json", "{}", "its first platepar must have the numbers lat, lon and elev"),
+        ("platepars_all_recalibrated.json", '{"a": 1}', "its first platepar"),
+        ("platepars_all_recalibrated.json", '{"a": {"lat": 1, "lon": 999, "elev": 0}}', "longitude_deg 999.0"),
+        ("platepars_all_recalibrated.json", "[" * 1000, "nested"),
+    ],
+)
+def test_a_station_whose_place_is_wrong_is_named_by_its_file(
+    tmp_path: Path, name: str, content: str, words: str
+) -> None:
+    write_ff(tmp_path, NIGHT, np.zeros((4, 4), np.uint8))
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    with pytest.raises(PhotographError, match="give --site") as raised:
+        read_night(tmp_path)
+    text = str(raised.value)
+    assert text.startswith(f"{tmp_path / name}: ")
+    assert text.count(str(tmp_path)) == 1
+    assert words in text

@@ -29,8 +29,8 @@ from benchmark.report.site.failures import KINDS, failures_of, listed, pictured_
 from benchmark.report.site.frame_source import FrameSource
 from benchmark.report.site.pages import render_site, write_site
 from benchmark.report.site.pictures import Pictures
-from benchmark.report.site.site_view import detectable_words, site_verdict
 from benchmark.report.site.tree import read_tree
+from benchmark.report.site.words import detectable_words, site_verdict
 from benchmark.stats.comparison import Rank
 from benchmark.stats.intervals import Estimate
 from generator.identity.pixels import pixels_sha256

@@ -1,6 +1,8 @@
 """What is measured on a photograph and its twin, on images whose answer is known."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +14,11 @@ from benchmark.twin.alignment import align, directions
 from benchmark.twin.comparison import Stars, measure
 from benchmark.twin.focus import FACTORS, fit_focus, focused_psf
 from benchmark.twin.ground import PICTURE_PX, UNSEEN, ground_mask, ground_reflectance, landscape_picture
-from benchmark.twin.render_twin import LEAST_LIGHT_DN, check_light
+from benchmark.twin.render_twin import LEAST_LIGHT_DN, check_light, stars_are_seen
+from benchmark.twin.scene import read_passing, with_passing
 from benchmark.twin.star_light import isolated, star_light
 from benchmark.twin.view import dark_plane, view_of
-from benchmark.twin.weather import CLOUD, Fit, Seen, Weather, fit_weather, sky_cells
+from benchmark.twin.weather import DECK, DRAWS, VEIL, Fit, Seen, Weather, fit_weather, sky_cells
 from celnav.camera import Camera
 from generator.scenario.camera_spec import CameraSpec
 
@@ -219,9 +222,23 @@ def test_a_cloud_is_found_wherever_its_gaps_lie() -> None:
     assert found.weather.cloudless == Weather(airglow_factor=found.weather.airglow_factor)
 
 
-def test_a_cloud_of_a_weather_is_a_veil_with_its_cover() -> None:
-    clouds = Weather(cloud_tau=1.2, cloud_cover=0.7, cloud_draw=5).over({})["sky"]["clouds"]
-    assert clouds == CLOUD | {"mean_optical_depth": 1.2, "coverage": 0.7, "draw": 5}
+def test_texture_of_cloud_is_not_taken_for_stars() -> None:
+    """Blobs at random places, and 300 places of which none, and then a tenth, has a star of an SNR of 20."""
+    rng = np.random.default_rng(21)
+    pixels = 1000 + rng.standard_normal((400, 400))
+    for u, v in rng.integers(20, 380, (3000, 2)):
+        pixels[v - 1 : v + 2, u - 1 : u + 2] += 3
+    places = rng.integers(30, 370, (300, 2)).astype(float)
+    assert not stars_are_seen(pixels, places)
+    for u, v in places[:120].astype(int):
+        pixels[v, u] += 100
+    assert stars_are_seen(pixels, places)
+
+
+def test_a_cloud_of_a_weather_is_a_veil_or_a_deck_with_its_cover() -> None:
+    for kind, draw in ((VEIL, 5), (DECK, DRAWS + 5)):
+        clouds = Weather(cloud_tau=1.2, cloud_cover=0.7, cloud_draw=draw).over({})["sky"]["clouds"]
+        assert clouds == kind | {"mean_optical_depth": 1.2, "coverage": 0.7, "draw": 5}
 
 
 @pytest.mark.parametrize(("factor", "light"), [(0.7, 2e4), (1.15, 2e4), (1.0, 1200.0)])
@@ -257,6 +274,19 @@ def test_a_weather_changes_its_keys_of_the_scenario_and_no_others() -> None:
     assert found["atmosphere"] == {"ozone_du": 280, "aerosol_tau_550": 0.2}
     assert tree["sky"]["cities"][0]["upward_mlm"] == 5.0
     assert Weather().over(tree) == tree
+
+
+def test_what_flew_through_a_photograph_is_in_its_twin_alone(tmp_path: Path) -> None:
+    trail = {"kind": "aircraft", "start": {"azimuth_deg": 10, "altitude_deg": 20}, "v_mag": -1}
+    trail["end"] = {"azimuth_deg": 60, "altitude_deg": 50}
+    (tmp_path / "passing.yaml").write_text(json.dumps({"006": [trail]}), encoding="utf-8")
+    passing = read_passing(tmp_path / "passing.yaml")
+    tree = {"name": "twin-006", "foreground": {"landscape": "here"}}
+    assert with_passing(tree, passing["006"]) == tree | {"foreground": {"landscape": "here", "trails": [trail]}}
+    assert with_passing(tree, passing.get("008", ())) == tree
+    (tmp_path / "passing.yaml").write_text(json.dumps({"006": [trail | {"kind": "bird"}]}), encoding="utf-8")
+    with pytest.raises(PhotographError, match="expected trails of a scenario's foreground"):
+        read_passing(tmp_path / "passing.yaml")
 
 
 def test_cells_are_medians_of_their_sky() -> None:

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from typer.testing import CliRunner
 
+from benchmark.cli.app import app
 from benchmark.errors import PhotographError
-from benchmark.twin import photograph
 from benchmark.twin.photograph import read_photograph
+from celnav.detecting import fits_file
 
 SHIPPED = Path(__file__).parents[2] / "data" / "allsky"
 HEADER = {
@@ -48,12 +50,43 @@ def test_pixels_place_and_time_are_read(tmp_path: Path, name: str) -> None:
     [
         ({"DATE-OBS": "yesterday"}, "DATE-OBS"),
         ({"EXPTIME": "long"}, "EXPTIME"),
+        ({"EXPTIME": -3.0}, "EXPTIME is -3.0"),
+        ({"EXPTIME": 7200.0}, "EXPTIME is 7200"),
+        ({"DATE-OBS": "0000-01-01T00:00:00"}, "DATE-OBS is '0000"),
+        ({"DATE-OBS": "1905-01-01T00:00:00"}, "leap seconds"),
+        ({"TIMESYS": "TT"}, "TIMESYS"),
         ({"OBSLAT": None}, "OBSLAT"),
+        ({"OBSLAT": 91.0}, "OBSLAT is 91.0, expected a number from -90 to 90"),
+        ({"OBSLONG": "west"}, "OBSLONG is 'west'"),
+        ({"OBSALT": 1e9}, "OBSALT"),
     ],
 )
 def test_a_header_without_time_or_place_is_refused(tmp_path: Path, changed: dict[str, object], words: str) -> None:
-    with pytest.raises(PhotographError, match=words):
+    with pytest.raises(PhotographError, match=rf"a\.fits: .*{words}"):
         read_photograph(write(tmp_path / "a.fits", HEADER | changed))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("SITELAT", "SITELONG", "SITEELEV"), ("LAT-OBS", "LONG-OBS", "ALT-OBS"), ("OBSGEO-B", "OBSGEO-L", "OBSGEO-H")],
+)
+def test_other_words_state_the_place_also_in_minutes_and_seconds(tmp_path: Path, words: tuple[str, str, str]) -> None:
+    header = {name: value for name, value in HEADER.items() if not name.startswith("OBS")}
+    read = read_photograph(
+        write(tmp_path / "a.fits", header | dict(zip(words, ("-30 30 18", "-70:42:00", 2400), strict=True)))
+    )
+    assert read.latitude_deg == pytest.approx(-30.505)
+    assert read.longitude_deg == pytest.approx(-70.7)
+    assert read.height_m == 2400.0
+
+
+def test_a_compressed_image_in_an_extension_is_read(tmp_path: Path) -> None:
+    pixels = np.arange(10_000, dtype=np.uint16).reshape(100, 100)
+    tiles = fits.CompImageHDU(pixels, fits.Header(HEADER))
+    fits.HDUList([fits.PrimaryHDU(), tiles]).writeto(tmp_path / "a.fits.fz")
+    read = read_photograph(tmp_path / "a.fits.fz")
+    assert (read.pixels == pixels).all()
+    assert read.utc_start == "2020-01-02T03:04:05.5Z"
 
 
 def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
@@ -63,18 +96,25 @@ def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
     nan = write(tmp_path / "nan.fits", HEADER, np.full((3, 4), np.nan, np.float32))
     with pytest.raises(PhotographError, match="no numbers"):
         read_photograph(nan)
-    for name, data in (("text.fits", b"not FITS"), ("text.fits.bz2", b"not bz2"), ("text.fits.gz", b"not gzip")):
+    colours = write(tmp_path / "colours.fits", HEADER, np.zeros((3, 5, 4), np.uint16))
+    with pytest.raises(PhotographError, match="three colours"):
+        read_photograph(colours)
+    for name, data in (
+        ("text.fits", b"not FITS"),
+        ("text.fits.bz2", b"BZh not bz2"),
+        ("text.fits.gz", b"\x1f\x8bnot gzip"),
+    ):
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(PhotographError, match="cannot be read"):
+        with pytest.raises(PhotographError, match=rf"{name} is (not a FITS file|damaged)"):
             read_photograph(tmp_path / name)
-    with pytest.raises(PhotographError, match="cannot be read"):
+    with pytest.raises(PhotographError, match=r"missing\.fits cannot be read"):
         read_photograph(tmp_path / "missing.fits")
 
 
 def test_a_file_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     packed = write(tmp_path / "large.fits.bz2", HEADER)
-    monkeypatch.setattr(photograph, "LARGEST_BYTES", 5000)
-    with pytest.raises(PhotographError, match="larger than 5000 bytes"):
+    monkeypatch.setattr(fits_file, "MAX_BYTES", 5000)
+    with pytest.raises(PhotographError, match=r"large\.fits\.bz2 is larger than"):
         read_photograph(packed)
 
 
@@ -84,3 +124,12 @@ def test_the_shipped_photographs_are_read() -> None:
         assert read.pixels.shape == (1040, 1392)
         assert read.exposure_s == 60.0
         assert read.height_m == 2361.0
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_rendering(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    photograph = str(SHIPPED / "008.fits.bz2")
+    for option in (["--out", str(tmp_path / "file" / "out")], ["--ground", str(tmp_path / "file" / "ground.png")]):
+        told = CliRunner().invoke(app, ["twin", photograph, "--scene", "observatory_allsky", *option])
+        assert told.exit_code == 2
+        assert "cannot be written (" in told.output

@@ -1,0 +1,61 @@
+"""`skybench export`: a dataset in another form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmark.cli.errors import fail
+from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.progress import progress_bars
+from generator.errors import GeneratorError
+
+FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
+"""Forms of export, known to the completion of the shell without loading any of them."""
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(epilog="Example: skybench export out/set --to coco --out out/coco")(export)
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset folder.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            help="files, coco, yolo, fits, huggingface, or withheld (without its truth).",
+            autocompletion=lambda: list(FORMS),
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
+    least_snr: Annotated[
+        float, typer.Option("--least-snr", min=0, help="Annotate sources of this SNR or more (coco, yolo).")
+    ] = 5.0,
+    as_json: AsJson = False,
+) -> None:
+    """Write a dataset in another form: for detectors, for astronomers, or without its truth."""
+    from generator.dataset.manifest import read_manifest
+    from generator.export.export import export as write
+    from generator.export.form import ExportOptions
+
+    try:
+        manifest = read_manifest(folder)
+        with progress_bars() as progress:
+            task = progress.add_task("writing", total=manifest.stop - manifest.first)
+            write(folder, to, out, ExportOptions(least_snr), lambda frame_id: progress.advance(task))
+        if to == "huggingface":
+            from benchmark.tasks.hub import task_of, write_eval
+
+            found = task_of(manifest)
+            if found is not None:
+                write_eval(out, found, manifest.split)
+    except GeneratorError as error:
+        fail(error)
+    if as_json:
+        print_json({"form": to, "out": out})
+        return
+    typer.echo(f"{to} in {out}")

@@ -1,0 +1,38 @@
+"""`skybench verify`: whether files are what their manifest says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.progress import working
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(epilog="Exit status: 0 whole, 1 damaged.")(verify)
+
+
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Dataset, or folder of rendered frames.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check every file of a dataset, or of a folder of rendered frames, against its manifest."""
+    from generator.dataset.layout import MANIFEST
+    from generator.dataset.verify import NOT_COVERED, problems
+    from generator.frame import verify as frames
+
+    of_frames = not (folder / MANIFEST).is_file() and frames.is_frames_folder(folder)
+    with working("reading") as status:
+        found = (frames.problems if of_frames else problems)(folder, lambda path: status.update(f"reading {path}"))
+    if as_json:
+        print_json({"folder": folder, "whole": not found, "problems": found})
+        raise typer.Exit(1 if found else 0)
+    for problem in found:
+        typer.echo(problem)
+    if not found:
+        typer.echo(f"{folder}: whole" + ("" if of_frames else f" (not covered: {NOT_COVERED}/)"))
+    raise typer.Exit(1 if found else 0)

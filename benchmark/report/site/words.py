@@ -1,0 +1,151 @@
+"""Sentences of the pages: who is best, what can be told apart, and where the results come from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from benchmark.frames.frame_set import FrameFacts
+from benchmark.report.formatting import percent
+from benchmark.report.site.boards import Board, Entry
+from benchmark.report.site.revisions import revision_words
+from benchmark.run.identities import identities_in
+from benchmark.solvers.isolation import NOT_ISOLATED
+from generator.identity.revision import GENERATOR_REVISION
+
+NOT_RECORDED = "not recorded"
+
+
+def site_verdict(boards: Sequence[Board]) -> str:
+    """What the leaderboard comes to, in a sentence or two."""
+    leads: Counter[str] = Counter()
+    shared = 0
+    for board in boards:
+        if len(board.entries) < 2:
+            continue
+        best = [entry for entry in board.entries if entry.rank.low == 1]
+        if len(best) == 1:
+            leads[best[0].label] += 1
+        else:
+            shared += 1
+    compared = sum(leads.values()) + shared
+    if not compared:
+        return "One solver to each comparison: nothing to rank yet."
+    parts = [f"{name} leads {count}" for name, count in leads.most_common()]
+    if shared:
+        parts.append(f"in {shared} the first place is not decided")
+    noun = "comparisons" if compared != 1 else "comparison"
+    return f"Of {compared} {noun} (a task in one mode of detections): {'; '.join(parts)}."
+
+
+def board_verdict(board: Board) -> str:
+    """Who is best on a board, and whether that is certain."""
+    best = board.entries[0]
+    head = f"{best.label} succeeds most often: {percent(best.success.value)} of the frames."
+    if len(board.entries) == 1:
+        return head
+    rivals = [entry.label for entry in board.entries[1:] if entry.rank.low == 1]
+    tail = f" It cannot be told from {', '.join(rivals)}." if rivals else " No other can be the best."
+    found = board.discrimination
+    if found is None:
+        return head + tail
+    graded = (
+        f" {found.n_informative} of {found.n_conditions} conditions tell solvers apart (some success between 5 % and"
+        f" 95 %); at the hardest the best reaches {percent(found.best_at_hardest)}."
+    )
+    return head + tail + graded
+
+
+def detectable_words(board: Board) -> str:
+    """The minimum detectable difference, in words."""
+    if len(board.entries) < 2:
+        return "One solver alone: no difference to detect."
+    if board.detectable != board.detectable:
+        return (
+            "Minimum detectable difference: none; the solvers differ on too few frames for any difference to be found "
+            "with a probability of 80 % (5 % level, all pairs)."
+        )
+    return (
+        f"Minimum detectable difference: {100.0 * board.detectable:.1f} points of success between a typical pair of "
+        f"solvers are found with a probability of 80 % (5 % level, adjusted for all pairs). Smaller ones may exist."
+    )
+
+
+def run_words(entry: Entry) -> str:
+    """Where one result comes from."""
+    run = entry.stored.provenance
+    machine = (
+        f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
+    )
+    versions = ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
+    found = f" ({entry.stored.established})" if entry.stored.established else ""
+    return (
+        f"{revision_words(entry)}{found}; key {entry.stored.key}, version {run.solver.version}, "
+        f"detector {run.solver.detector}, run {run.date_utc} with {run.jobs} process{'es' if run.jobs != 1 else ''} "
+        f"on {machine}; isolated: {_isolation_words(run.solver.isolation)}; {versions}"
+    )
+
+
+def _isolation_words(isolation: str | None) -> str:
+    if isolation is None:
+        return "not recorded"
+    return "no" if isolation == NOT_ISOLATED else f"yes ({isolation})"
+
+
+def _generator_words(frames: FrameFacts) -> str:
+    """Revision of the generator, and the later one that rendered the same frames."""
+    first = frames.rendered_with.get(GENERATOR_REVISION, "")
+    again = (frames.rendered_again_with or {}).get(GENERATOR_REVISION)
+    return f"{first}; {again} renders the same frames, to the byte" if again else first
+
+
+def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
+    """Where a board comes from."""
+    frames = board.entries[0].stored.provenance.frames
+    versions = {name: version for name, version in frames.rendered_with.items() if name != GENERATOR_REVISION}
+    rendered = ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
+    head: tuple[tuple[str, str], ...] = (
+        ("frames", f"{frames.target} ({board.task.key}, {board.split})"),
+        ("scenario", f"{frames.scenario_name}, SHA-256 {frames.scenario_sha256}"),
+        ("truth", f"SHA-256 {frames.truth_sha256}" if frames.truth_sha256 else ""),
+        ("hashes of frames", _hashes_words(board)),
+        ("generator's revision", _generator_words(frames)),
+        ("rendered with", rendered),
+    )
+    if frames.frozen is not None:
+        settled = ", ".join(f"{name} {revision}" for name, revision in sorted(frames.frozen.items()))
+        head += (("solvers settled before the frames were drawn", settled or "none"),)
+    stated = tuple((name, words) for name, words in head if words)
+    lacking = ", ".join(name for name, words in head if not words)
+    if lacking:
+        stated += ((NOT_RECORDED, lacking),)
+    return stated + tuple((entry.label, run_words(entry)) for entry in board.entries)
+
+
+def _hashes_words(board: Board) -> str:
+    """One hash of all images and truths, in the order of the frames' ids; empty where a result states none."""
+    digest = hashlib.sha256()
+    found = identities_in(board.entries[0].stored.frames)
+    for name in sorted(found):
+        if found[name].image_sha256 is None or found[name].truth_sha256 is None:
+            return ""
+        digest.update(f"{name}:{found[name].image_sha256}:{found[name].truth_sha256};".encode())
+    return f"of image and truth of each of {len(found)} frames, together SHA-256 {digest.hexdigest()}"
+
+
+def site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
+    """Where all results of the pages come from."""
+    runs = [entry.stored.provenance for board in boards for entry in board.entries]
+    dates = sorted(run.date_utc for run in runs)
+    return (
+        ("runs", f"{len(runs)}, from {dates[0]} to {dates[-1]}"),
+        ("skybench", joined(run.versions.get("skybench", "unknown") for run in runs)),
+        ("machines", joined(run.machine.get("cpu", "unknown") for run in runs)),
+        ("in detail", "at the foot of each task's and each solver's page"),
+    )
+
+
+def joined(values: Iterable[str]) -> str:
+    """Each of the values once, in order."""
+    return ", ".join(sorted(set(values)))

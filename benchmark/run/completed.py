@@ -1,0 +1,98 @@
+"""Results of a task that has gained conditions: completed by results of the new conditions alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from benchmark.frames.frame_set import FrameFacts
+from benchmark.run.packed import PackedRow, read_packed
+from benchmark.run.packing import write_packed
+from benchmark.run.provenance import RunProvenance, read_provenance
+
+
+def results_alone(
+    root: Path, row: PackedRow, today: FrameFacts, values: Sequence[float]
+) -> dict[Path, PackedRow] | None:
+    """Packed results of single conditions by the solver of a row, by the listing of each; None where one is missing.
+
+    Parameters
+    ----------
+    root : Path
+        Of the results.
+    row : PackedRow
+        Of the task's first conditions.
+    today : FrameFacts
+        Of all frames of today's task.
+    values : sequence of float
+        Conditions that the row lacks.
+    """
+    alone: dict[Path, PackedRow] = {}
+    for value in values:
+        place = root / dataclasses.replace(today, condition=value).place
+        listing = place.with_name(f"{place.name}.json")
+        found = [one for one in read_packed(listing) if _is_of_the_same(row, one, today)] if listing.is_file() else []
+        if not found:
+            return None
+        alone[listing] = found[0]
+    return alone
+
+
+def _is_of_the_same(row: PackedRow, alone: PackedRow, today: FrameFacts) -> bool:
+    """Whether a result is of the solver of another, and of today's task."""
+    mine, its = read_provenance(row.provenance), read_provenance(alone.provenance)
+    settled = mine.solver.revision is not None and mine.solver.revision == its.solver.revision
+    return (
+        settled
+        and (row.solver, row.detections) == (alone.solver, alone.detections)
+        and _circumstances(mine) == _circumstances(its)
+        and its.frames.definition_sha256 == today.definition_sha256
+    )
+
+
+def _circumstances(source: RunProvenance) -> tuple[object, ...]:
+    """What else bears on answers: limits, detector, libraries, frames at each condition."""
+    solver = source.solver
+    limits = solver.time_limit_s, solver.memory_limit_mib, solver.isolation
+    return (*limits, solver.detector, tuple(sorted(source.versions.items())), source.frames.per_condition)
+
+
+def completed(row: PackedRow, alone: Sequence[PackedRow], today: FrameFacts) -> PackedRow:
+    """A row of a task's first conditions with the results of the others appended; its key is still the row's own."""
+    mine = read_provenance(row.provenance)
+    others = [read_provenance(one.provenance) for one in alone]
+    facts = dataclasses.replace(
+        mine.frames,
+        definition_sha256=today.definition_sha256,
+        grading=today.grading,
+        truth_sha256=today.truth_sha256,
+    )
+    source = dataclasses.replace(
+        mine,
+        frames=facts,
+        date_utc=max(mine.date_utc, *(one.date_utc for one in others)),
+        jobs=max(mine.jobs, *(one.jobs for one in others)),
+        machine=_together([mine.machine, *(one.machine for one in others)]),
+    )
+    frames = pd.concat([row.frames, *(one.frames for one in alone)], ignore_index=True)
+    return dataclasses.replace(row, provenance=dataclasses.asdict(source), frames=frames)
+
+
+def _together(machines: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """What runs on several machines say of these."""
+    return {key: "; ".join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
+
+
+def remove_used(used: Mapping[Path, Sequence[PackedRow]]) -> None:
+    """Take rows out of their tables, by the listing; a table that is left without any is removed."""
+    for listing, gone in used.items():
+        keys = {(row.detections, row.key) for row in gone}
+        left = [row for row in read_packed(listing) if (row.detections, row.key) not in keys]
+        if left:
+            write_packed(listing, left)
+        else:
+            listing.unlink()
+            listing.with_suffix(".parquet").unlink()

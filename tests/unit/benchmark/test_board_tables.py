@@ -1,0 +1,42 @@
+"""The tables of docs/tasks.md are of the committed boards."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("board_tables", ROOT / "tools" / "build_board_tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.tables_of(ROOT / "results" / "leaderboard")
+    module.__dict__["tables_of"] = lambda boards: made  # read once
+    return module
+
+
+def test_the_page_has_the_tables_of_the_committed_boards(tables: ModuleType) -> None:
+    tables.main(["--check"])
+
+
+def test_a_changed_cell_is_found_and_mended(tables: ModuleType, tmp_path: Path) -> None:
+    page = tmp_path / "tasks.md"
+    kept = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8")
+    page.write_text(kept.replace("| skybench | 40 ", "| skybench | 39 "), encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"run python tools/build_board_tables\.py"):
+        tables.main(["--check", "--page", str(page)])
+    tables.main(["--page", str(page)])
+    assert page.read_text(encoding="utf-8") == kept
+
+
+def test_a_page_without_marks_is_named(tables: ModuleType) -> None:
+    with pytest.raises(SystemExit, match="success by solver"):
+        tables.with_tables("no table here", {"success by solver": "| a |"})
