@@ -30,7 +30,7 @@ def main() -> None:
     print("| frame | detections | detection, ms | image to fix, ms | loops | outcome |\n|-|-|-|-|-|-|")
     for path in arguments.frames:
         frame = read_fits(path)
-        if frame.middle is None:
+        if frame.exposure.middle is None:
             parser.error(f"{path} does not say when it was taken")
         detecting, together = [], []
         for _ in range(arguments.repeat):
@@ -38,7 +38,12 @@ def main() -> None:
             found = celnav.detect(frame.pixels)
             detecting.append(time.thread_time() - begun)
             fix = celnav.solve(
-                found, camera, frame.middle, attitude, pressure_hpa=air.pressure_hpa, temperature_c=air.temperature_c
+                found,
+                camera,
+                frame.exposure.middle,
+                attitude,
+                pressure_hpa=air.pressure_hpa,
+                temperature_c=air.temperature_c,
             )
             together.append(time.thread_time() - begun)
         name, best = Path(path).name.split(".")[0], min(together)

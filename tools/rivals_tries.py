@@ -1,23 +1,30 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries, ruststartracker eight, the first with the library's defaults. Prints a Markdown table: frames
-within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra `peers` and
-ruststartracker.
+Each peer has five tries, ruststartracker and seiza eight, the first with the library's defaults. Prints a Markdown table:
+frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra
+`peers`, ruststartracker and the environments of cedar-solve and seiza, whose programs are tried as copies with other
+settings.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmark.frames.dataset import load_image
+from benchmark.frames.dataset import Frame, load_image
 from benchmark.frames.opening import open_frames
 from benchmark.frames.task_frames import DEFAULT_DATA, FrameChoice
-from benchmark.judge.answers import judge_answer
+from benchmark.judge.answers import Response, judge_answer
 from benchmark.protocol import SolverUnderTest
+from benchmark.run.contestants import contestant_of
 from benchmark.run.sessions import ask
+from benchmark.solvers.registry import solver_folder
 from benchmark.solvers.ruststartracker.adapter import RustStarTracker
 from benchmark.solvers.tetra3rs.adapter import Tetra3rs
 from benchmark.solvers.zenith_fixer.adapter import ZenithFixer
@@ -66,11 +73,71 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
     },
 }
 
+_GUIDE = {"bg_sub_mode": "local_median", "sigma_mode": "local_median_abs", "filtsize": 15}
+"""What cedar-solve's own documentation calls the best extraction, if slow."""
+_TO_7_6 = {"FAINTEST_MAG": 7.6, "DETECTION": {}}
+PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    "cedar-solve": {
+        "defaults": {},
+        "local medians of 15 px, its guide's best": {"EXTRACTION": _GUIDE},
+        "local medians of 15 px, 4 sigma": {"EXTRACTION": _GUIDE | {"sigma": 4}},
+        "global median deviation, 4 sigma": {"EXTRACTION": {"sigma_mode": "global_median_abs", "sigma": 4}},
+        "global median deviation, 4 sigma, blobs of 3 px": {
+            "EXTRACTION": {"sigma_mode": "global_median_abs", "sigma": 4, "binary_open": False, "min_area": 3}
+        },
+    },
+    "seiza": {
+        "defaults, stars to 7.6": _TO_7_6,
+        "200 detections, stars to 7.6": _TO_7_6 | {"DETECTION": {"max_stars": 200}},
+        "centroids refined, stars to 7.6": _TO_7_6 | {"REFINED": True},
+        "3 sigma, blobs of 2 px, stars to 7.6": _TO_7_6 | {"DETECTION": {"sigma": 3.0, "min_area": 2}},
+        "background in tiles of 32 px, stars to 7.6": _TO_7_6 | {"DETECTION": {"tile_size": 32}},
+        "blobs to 10 times as long as wide, stars to 7.6": _TO_7_6 | {"DETECTION": {"max_elongation": 10.0}},
+        "defaults, stars to 6.5": {"DETECTION": {}},
+        "blobs to 10 times as long as wide, stars to 6.5": {},
+    },
+}
+"""Constants of the programs that each try changes."""
+CATALOGUE = Path("celnav/data/ybsc")
+"""What the program reads, beside the folder of its solver in a checkout."""
+Asks = Callable[[Frame], Response]
+
+
+def change(path: Path, line: str, by: str) -> None:
+    """Put other words in the place of the one line of a file that is so."""
+    text, changed = re.subn(line, by, path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    if changed != 1:
+        raise SystemExit(f"{path.name}: {changed} lines are {line!r}; mend tools/rivals_tries.py")
+    path.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def asking(name: str, words: str) -> Iterator[Asks]:
+    """How a frame is put to a solver with one of its settings, at the told focal length alone."""
+    if name in TRIES:
+        solver = TRIES[name][words]
+        yield lambda frame: ask(solver, frame, load_image(frame))
+        return
+    folder = solver_folder(name).folder
+    with tempfile.TemporaryDirectory() as root:
+        copy = Path(root) / "benchmark" / "solvers" / name
+        shutil.copytree(folder, copy)
+        shutil.copytree(folder.parents[2] / CATALOGUE, Path(root) / CATALOGUE)
+        for constant, value in PROGRAMS[name][words].items():
+            change(copy / "program.py", rf"^({constant}\b.*?) = .*$", rf"\g<1> = {value!r}")
+        change(copy / "solver.yaml", r"^focal_retries: true$", "focal_retries: false")
+        session = contestant_of(copy).make_session(1)
+        try:
+            yield lambda frame: session.answer(frame, None)
+        finally:
+            session.close()
+
 
 def main() -> None:
+    tries = {name: list(settings) for name, settings in (*TRIES.items(), *PROGRAMS.items())}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=12, help="of each condition")
-    parser.add_argument("--solver", choices=sorted(TRIES), action="append")
+    parser.add_argument("--solver", choices=sorted(tries), action="append")
     parser.add_argument("--data", type=Path, default=DEFAULT_DATA)
     asked = parser.parse_args()
     heads = [f"{task} {condition:g}" for task, condition in CONDITIONS]
@@ -79,15 +146,16 @@ def main() -> None:
         open_frames(task, FrameChoice("dev", RENDERED, condition, asked.data, 1)).frames[: asked.frames]
         for task, condition in CONDITIONS
     ]
-    for name in asked.solver or TRIES:
-        for words, solver in TRIES[name].items():
+    for name in asked.solver or tries:
+        for words in tries[name]:
             cells, right, wrong = [], 0, 0
-            for frames in sets:
-                scores = [judge_answer(frame, ask(solver, frame, load_image(frame)), None).score for frame in frames]
-                hits = sum(score.error_km < SUCCESS_KM for score in scores)
-                cells.append(str(hits))
-                right += hits
-                wrong += sum(score.status == FIX for score in scores) - hits
+            with asking(name, words) as asks:
+                for frames in sets:
+                    scores = [judge_answer(frame, asks(frame), None).score for frame in frames]
+                    hits = sum(score.error_km < SUCCESS_KM for score in scores)
+                    cells.append(str(hits))
+                    right += hits
+                    wrong += sum(score.status == FIX for score in scores) - hits
             total = sum(map(len, sets))
             print(f"| {name} | {words} | {' | '.join(cells)} | {right} of {total}, {wrong} wrong |", flush=True)
 

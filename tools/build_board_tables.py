@@ -1,0 +1,139 @@
+"""Write the tables of docs/tasks.md from the boards: python tools/build_board_tables.py [--boards DIR] [--check].
+
+Whole systems alone, each with a detector of its own. The first table has success and wrong fixes of the solvers on each task
+that all of them have run, the second successes at each condition and the bracket of the break point. `--check` writes nothing
+and fails where the page has other tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.report.site.tree import StoredResult, read_tree
+from benchmark.stats.break_point import break_point, tested_around
+from benchmark.stats.frame_metrics import column, fixed, succeeded
+
+PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+SOLVERS = ("skybench", "learned", "tetra3rs", "cedar-solve", "zenith-fixer", "ruststartracker")
+BY_CONDITION = ("skybench", "tetra3rs", "tetra3rs-fused")
+BY_SOLVER_TABLE, BY_CONDITION_TABLE = "success by solver", "success by condition"
+Boards = Mapping[str, Mapping[str, StoredResult]]
+
+
+def whole_systems(boards: Path) -> Boards:
+    """Rows by task and solver."""
+    groups = read_tree(boards)
+    return {
+        group[0].task.key: {row.solver: row for row in group if row.detections == "own"}
+        for group in sorted(groups, key=lambda group: group[0].task.key)
+        if any(row.detections == "own" for row in group)
+    }
+
+
+def by_solver(boards: Boards) -> str:
+    """Success in per cent, wrong fixes in brackets."""
+    lines = [f"| task | {' | '.join(SOLVERS)} |", f"|{'---|' * (1 + len(SOLVERS))}"]
+    for task, rows in boards.items():
+        if set(SOLVERS) <= set(rows):
+            cells = []
+            for solver in SOLVERS:
+                right, wrong = _outcome(rows[solver])
+                cells.append(f"{100 * right.mean():.0f} ({wrong})")
+            lines.append(f"| `{task}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def by_condition(boards: Boards) -> str:
+    """Successes at each condition from easy to hard, and where the share of successes falls below one half."""
+    lines = [
+        "| task | frames a condition | solver | successes, from easy to hard | falls below one half between | wrong |",
+        "|---|---|---|---|---|---|",
+    ]
+    for task, rows in boards.items():
+        shown = [solver for solver in BY_CONDITION if solver in rows]
+        for solver in shown:
+            row = rows[solver]
+            levels, hits, size = _levels(row)
+            head = f"`{task}` | {size}" if solver == shown[0] else " | "
+            _, wrong = _outcome(row)
+            lines.append(f"| {head} | {solver} | {' '.join(map(str, hits))} | {_bracket(row, levels)} | {wrong} |")
+    return "\n".join(lines)
+
+
+def _outcome(row: StoredResult) -> tuple[np.ndarray, int]:
+    """Which frames succeeded by the task's own limit, and how many fixes did not."""
+    right = succeeded(row.frames, row.task.limit_km)
+    return right, int((fixed(row.frames) & ~right).sum())
+
+
+def _levels(row: StoredResult) -> tuple[list[float], list[int], str]:
+    """Conditions from easy to hard, successes at each, and frames at each."""
+    values = column(row.frames, row.task.by)
+    right = succeeded(row.frames, row.task.limit_km)
+    levels = sorted({float(value) for value in values}, reverse=row.task.harder < 0)
+    counts = {int((values == level).sum()) for level in levels}
+    size = str(min(counts)) if len(counts) == 1 else f"{min(counts)} to {max(counts)}"
+    return levels, [int(right[values == level].sum()) for level in levels], size
+
+
+def _bracket(row: StoredResult, levels: list[float]) -> str:
+    """The tested values around the break point, in words."""
+    found = break_point(row.frames, row.task.harder, limit_km=row.task.limit_km).value
+    unit = f" {row.task.unit}" if row.task.unit else ""
+    if np.isfinite(found):
+        around = tested_around(found, levels)
+        if around is None:
+            return f"at {_number(found)}{unit}"
+        easier, harder = around if row.task.harder > 0 else around[::-1]
+        return f"{_number(easier)} and {_number(harder)}{unit}"
+    hardest = np.inf if row.task.harder > 0 else -np.inf
+    return "not within" if found == hardest else f"at {_number(levels[0])}{unit} already"
+
+
+def _number(value: float) -> str:
+    """A condition, with thin groups of thousands."""
+    return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1e4 else f"{value:g}"
+
+
+def with_tables(page: str, tables: Mapping[str, str]) -> str:
+    """The page with each table between its marks."""
+    for name, table in tables.items():
+        begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
+        pattern = re.compile(f"{re.escape(begin)}\n.*?\n{re.escape(end)}", re.DOTALL)
+        found = pattern.findall(page)
+        if len(found) != 1:
+            raise SystemExit(f"{PAGE.name}: there must be one {begin}, and {end} after it")
+        page = page.replace(found[0], f"{begin}\n\n{table}\n\n{end}")
+    return page
+
+
+def tables_of(boards: Path) -> dict[str, str]:
+    """Both tables by their names."""
+    rows = whole_systems(boards)
+    return {BY_SOLVER_TABLE: by_solver(rows), BY_CONDITION_TABLE: by_condition(rows)}
+
+
+def main(arguments: Iterable[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--boards", type=Path, default=PAGE.parents[1] / "results" / "leaderboard")
+    parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument("--check", action="store_true")
+    asked = parser.parse_args(None if arguments is None else list(arguments))
+    before = asked.page.read_text(encoding="utf-8")
+    after = with_tables(before, tables_of(asked.boards))
+    if asked.check:
+        if before != after:
+            raise SystemExit(
+                f"{asked.page}: its tables are not of {asked.boards}; run python tools/build_board_tables.py"
+            )
+    else:
+        asked.page.write_text(after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
