@@ -38,26 +38,15 @@ def packed(function: Callable[..., None], *arguments: Any) -> bytes:
     return pickle.dumps((function, arguments))
 
 
-def _processor_has(*instructions: str) -> bool:
-    """Whether the processor has instructions, by their names in Linux's list; False where there is none."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as listed:
-            flags = next((line for line in listed if line.startswith("flags")), "")
-    except OSError:
-        return False
-    return set(instructions) <= set(flags.split())
-
-
 def begin(call: bytes) -> None:
     """Start a worker process of one thread: load what a call of :func:`packed` needs, and make it.
 
     The process does not look for garbage meanwhile: modules are none, and looking through them again and again takes a tenth
-    of the start. Linear algebra has no threads of its own, which wait in busy loops for work that never comes. It adds in the
-    order of processors with AVX2 on those with AVX-512 too, so that the last digits of stars' places are alike on both.
+    of the start. Linear algebra has no threads of its own, which wait in busy loops for work that never comes. Its kernels stay
+    those that the processor gets by default: frames that a worker makes and frames that the calling process makes are alike to
+    the byte.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if _processor_has("avx2", "fma"):
-        os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
     gc.disable()
     try:
         # Of this program itself, by the pipe through which `multiprocessing` starts the process.
