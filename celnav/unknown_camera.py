@@ -14,10 +14,12 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from celnav.calibrating.beside_axis import STARTS, grow_beside, is_patterned
 from celnav.calibrating.blind_start import PASSES, Pass, find_start, is_mirrored, is_narrow
+from celnav.calibrating.bundle import Bundle
 from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, Site, Sky
 from celnav.calibrating.growth import grow
-from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, NothingNamedError, refine
+from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, JointFit, NothingNamedError, refine
 from celnav.camera import Camera
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CalibrationError
@@ -35,7 +37,7 @@ interpolated from a colour mosaic, or smoothed, has hot pixels as wide as sharp 
 width is measured."""
 # Of the frame's longer side: in a narrow field the principal point is one with the orientation, and is left in the middle.
 _NARROW_CENTRE = 0.002
-# Beyond it the lens does not follow the stars, as in a window cut far from the axis of a fisheye.
+# Beyond it the lens does not follow the stars.
 _MOST_SCATTER_PX = 1.0
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
 
@@ -47,7 +49,9 @@ class FoundCamera:
     Attributes
     ----------
     camera : Camera
-        A fisheye lens of Kannala and Brandt with four terms, which follows any lens as far out as stars are named.
+        A fisheye lens of Kannala and Brandt with four terms, which follows any lens as far out as stars are named; decentred
+        where a plain one leaves a pattern that is larger than the scatter, and with its axis beside a picture that was cut
+        from one side of a larger one.
     R_icrs_to_camera : ndarray, shape (3, 3)
         Orientation.
     detections : Detections
@@ -124,7 +128,28 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
     narrow = is_narrow(start.camera)
     if narrow:
         sky = whole_sky(frame.utc, DEEP_MAG)
-    begun = grow(frame, sky, start)
+    fit = _fitted(frame, sky, grow(frame, sky, start), narrow)
+    most_log10 = MOST_LOG10_CHANCE
+    if fit is not None and is_patterned(fit):
+        fit = _decentred(frame, sky, fit)
+    if not narrow and (fit is None or is_patterned(fit)):
+        beside = _fitted(frame, sky, grow_beside(frame, sky, start), narrow)
+        if fit is None or (beside is not None and not is_patterned(beside)):
+            fit, most_log10 = beside, most_log10 - math.log10(1 + STARTS)
+    if fit is None or fit.matches[0].log10_chance > most_log10:
+        return None
+    scatter = math.sqrt(float((fit.residual_px**2).mean()))
+    if scatter > max(_MOST_SCATTER_PX, 3 * _usual_sigma(frame.detections)) or is_patterned(fit):
+        raise NothingNamedError(
+            f"{len(fit.seen)} stars are identified near the middle, but no lens follows them outwards "
+            f"({scatter:.1f} px): is the picture cut from one side of a larger one, or put together of several?"
+        )
+    camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
+    return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)
+
+
+def _fitted(frame: CalibrationFrame, sky: Sky, begun: Bundle, narrow: bool) -> JointFit | None:
+    """Match and adjust what has grown; None where that names too few stars, or no more than chance."""
     if narrow:
         begun = replace(begun, centre_sigma_px=_NARROW_CENTRE * max(frame.size))
     field = Field([frame], [sky], [np.ones(len(frame.uv), dtype=bool)])
@@ -132,16 +157,17 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
         fit = refine(field, begun, np.zeros(1, dtype=np.intp), held_back=True)
     except CalibrationError:
         return None
-    if fit.matches[0].log10_chance > MOST_LOG10_CHANCE:
-        return None
-    scatter = math.sqrt(float((fit.residual_px**2).mean()))
-    if scatter > max(_MOST_SCATTER_PX, 3 * _usual_sigma(frame.detections)):
-        raise NothingNamedError(
-            f"{len(fit.seen)} stars are identified near the middle, but no lens about the middle follows them outwards "
-            f"({scatter:.1f} px): is the picture cut from one side of a larger one?"
-        )
-    camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
-    return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)
+    return None if fit.matches[0].log10_chance > MOST_LOG10_CHANCE else fit
+
+
+def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
+    """Let the lens be decentred, which a plain one of many stars may be seen to need; the better of the two."""
+    plain = fit.bundle
+    form, values = replace(plain.form, decentring=True), np.append(plain.values, [0.0, 0.0])
+    bundle = replace(plain, form=form, values=values, cov=None, turn_cov=None, turn_by_lens=None)
+    narrow = math.isfinite(plain.centre_sigma_px)
+    other = _fitted(frame, sky, bundle, narrow)
+    return fit if other is None or is_patterned(other) else other
 
 
 def _usual_sigma(detections: Detections) -> float:
