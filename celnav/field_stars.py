@@ -128,6 +128,16 @@ class Start:
         return cls(fit.rotation, fit.camera_values, fit.sigma_px, pairing_radius(fit.sigma_px))
 
 
+def paired_at(
+    camera: Camera, prepared: Prepared, dirs: F8, adjusted: Adjusted
+) -> tuple[Start, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Where the next adjustment begins after one, and the pairs of detections and stars there."""
+    start = Start.from_fit(adjusted)
+    predicted = nowhere_far_off(predict(camera, dirs @ start.rotation.T, start.values))
+    detection, star, _ = candidate_pairs(prepared.uv, predicted, start.radius_px)
+    return start, (detection, star)
+
+
 def seen_planets(
     problem: Problem, prepared: Prepared, adjusted: Adjusted, inertial: F8, taken: NDArray[np.integer]
 ) -> tuple[NDArray[np.int64], F8]:

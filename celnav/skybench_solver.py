@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from celnav.adjustment import Adjusted, CameraPriors, adjust, predict, without_focal
 from celnav.checking import bounded, check_fields
 from celnav.errors import ConfigError
-from celnav.field_stars import Start, aberrated, describe, pairing_radius, visible_stars
+from celnav.field_stars import Start, aberrated, describe, paired_at, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
 from celnav.history import History
 from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
@@ -219,7 +219,8 @@ class SkybenchSolver:
             # Residuals that neighbours share are a wrong lens or moving air, and say nothing of the scatter of single stars.
             if shared is None and (sigmas := measured_sigmas(seen, adjusted)) is not None:
                 weighed = given.weighed(sigmas)
-                anew = replace(start, rotation=adjusted.rotation)
+                # Orientation and camera belong together: with the camera as it was told the stars would be elsewhere.
+                anew, pairs = paired_at(camera, weighed, dirs, adjusted)
                 again, moved, read = self._adjust(problem, weighed, dirs, pairs, anew, priors)
                 if again is not None:
                     adjusted, prepared, readout = again, moved, read
@@ -282,9 +283,8 @@ class SkybenchSolver:
             moved = replace(moved, uv=prepared.uv - readout.value * shift)
             left = adjusted.residual_px - ((readout.value - before) * shift).take(adjusted.detection, axis=0)
             moved = moved.rebalanced(left, adjusted.detection, adjusted.weight)
-            predicted = nowhere_far_off(predict(camera, dirs @ adjusted.rotation.T, adjusted.camera_values))
-            detection, star, _ = candidate_pairs(moved.uv, predicted, pairing_radius(adjusted.sigma_px))
-            again = self._adjust_given(problem, moved, dirs, (detection, star), Start.from_fit(adjusted), priors)
+            start, pairs = paired_at(camera, moved, dirs, adjusted)
+            again = self._adjust_given(problem, moved, dirs, pairs, start, priors)
             if again is None or len(again.cov) != len(answer):
                 return again, moved, readout
             adjusted = again

@@ -14,7 +14,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.calibrating.beside_axis import STARTS, grow_beside, is_patterned
+from celnav.calibrating.beside_axis import STARTS, SUSPECT, grow_beside, is_patterned
 from celnav.calibrating.blind_start import PASSES, Pass, find_start, is_mirrored, is_narrow
 from celnav.calibrating.bundle import Bundle
 from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, Site, Sky
@@ -39,6 +39,8 @@ width is measured."""
 _NARROW_CENTRE = 0.002
 # Beyond it the lens does not follow the stars.
 _MOST_SCATTER_PX = 1.0
+# Of the standard deviations that detection gave.
+_SUSPECT_SIGMAS = 3.0
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
 
 
@@ -130,16 +132,17 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
         sky = whole_sky(frame.utc, DEEP_MAG)
     fit = _fitted(frame, sky, grow(frame, sky, start), narrow)
     most_log10 = MOST_LOG10_CHANCE
-    if fit is not None and is_patterned(fit):
+    if fit is not None and _is_suspect(frame, fit):
         fit = _decentred(frame, sky, fit)
-    if not narrow and (fit is None or is_patterned(fit)):
+    if not narrow and (fit is None or _is_suspect(frame, fit)):
         beside = _fitted(frame, sky, grow_beside(frame, sky, start), narrow)
-        if fit is None or (beside is not None and not is_patterned(beside)):
-            fit, most_log10 = beside, most_log10 - math.log10(1 + STARTS)
-    if fit is None or fit.matches[0].log10_chance > most_log10:
+        tries_log10 = math.log10(1 + STARTS)
+        if fit is None or (beside is not None and _log10_chance(beside) + tries_log10 < _log10_chance(fit)):
+            fit, most_log10 = beside, most_log10 - tries_log10
+    if fit is None or _log10_chance(fit) > most_log10:
         return None
-    scatter = math.sqrt(float((fit.residual_px**2).mean()))
-    if scatter > max(_MOST_SCATTER_PX, 3 * _usual_sigma(frame.detections)) or is_patterned(fit):
+    scatter = _scatter(fit)
+    if scatter > max(_MOST_SCATTER_PX, _SUSPECT_SIGMAS * _usual_sigma(frame.detections)) or is_patterned(fit):
         raise NothingNamedError(
             f"{len(fit.seen)} stars are identified near the middle, but no lens follows them outwards "
             f"({scatter:.1f} px): is the picture cut from one side of a larger one, or put together of several?"
@@ -157,7 +160,7 @@ def _fitted(frame: CalibrationFrame, sky: Sky, begun: Bundle, narrow: bool) -> J
         fit = refine(field, begun, np.zeros(1, dtype=np.intp), held_back=True)
     except CalibrationError:
         return None
-    return None if fit.matches[0].log10_chance > MOST_LOG10_CHANCE else fit
+    return None if _log10_chance(fit) > MOST_LOG10_CHANCE else fit
 
 
 def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
@@ -168,6 +171,21 @@ def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
     narrow = math.isfinite(plain.centre_sigma_px)
     other = _fitted(frame, sky, bundle, narrow)
     return fit if other is None or is_patterned(other) else other
+
+
+def _is_suspect(frame: CalibrationFrame, fit: JointFit) -> bool:
+    """Tell whether another lens may fit better: a pattern is left, or stars scatter as wrong names do, not as detected."""
+    return is_patterned(fit, SUSPECT) or _scatter(fit) > _SUSPECT_SIGMAS * _usual_sigma(frame.detections)
+
+
+def _scatter(fit: JointFit) -> float:
+    """Root mean square of the residuals along an axis, pixels."""
+    return math.sqrt(float((fit.residual_px**2).mean()))
+
+
+def _log10_chance(fit: JointFit) -> float:
+    """Logarithm of the probability that chance names as many stars."""
+    return fit.matches[0].log10_chance
 
 
 def _usual_sigma(detections: Detections) -> float:

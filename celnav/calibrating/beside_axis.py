@@ -25,6 +25,8 @@ from celnav.identification.verification import rotation_of
 F8 = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
+# Of the scatter of single stars: a larger pattern is reason to look for another lens. Few stars hide one twice as large.
+SUSPECT = 0.5
 # Radians from the middle of the picture to the axis, and directions: a start 0.2 rad off still grows.
 _AWAY_RAD, _DIRECTIONS = (0.3, 0.6), 8
 STARTS = len(_AWAY_RAD) * _DIRECTIONS
@@ -34,17 +36,17 @@ _FEWEST_FREE = 2
 _RADIUS_PX = 1.5
 
 
-def is_patterned(fit: JointFit) -> bool:
-    """Tell whether the residuals are a pattern larger than the scatter of single stars; too few stars tell nothing.
+def is_patterned(fit: JointFit, times: float = 1.0) -> bool:
+    """Tell whether the residuals are a pattern larger than `times` the scatter of single stars; too few stars tell nothing.
 
-    An F test of polynomials of fourth degree over the frame. Where the pattern is at most as large as the scatter, F has
-    at most the noncentral distribution whose noncentrality is the number of residuals, and exceeds the bound with a
-    probability of `FALSE_ALARM` at most.
+    An F test of polynomials of fourth degree over the frame. Where the pattern is at most so large, F has at most the
+    noncentral distribution whose noncentrality is the number of residuals times `times` squared, and exceeds the bound with
+    a probability of `FALSE_ALARM` at most.
     """
-    return patterned(fit.seen.uv, fit.residual_px / fit.seen.sigma_px[:, None])
+    return patterned(fit.seen.uv, fit.residual_px / fit.seen.sigma_px[:, None], times)
 
 
-def patterned(uv: F8, residual: F8) -> bool:
+def patterned(uv: F8, residual: F8, times: float = 1.0) -> bool:
     """The test of `is_patterned`, of residuals over their standard deviations up to a common factor, shape (n, 2)."""
     from scipy.special import ncfdtr
 
@@ -57,7 +59,7 @@ def patterned(uv: F8, residual: F8) -> bool:
     shared = terms @ np.linalg.lstsq(terms, residual, rcond=None)[0]
     left = float(np.sum((residual - shared) ** 2))
     ratio = float(np.sum(shared**2)) / used / max(left / free, 1e-300)
-    return bool(ncfdtr(used, free, 2.0 * len(uv), ratio) > 1 - FALSE_ALARM)
+    return bool(ncfdtr(used, free, 2.0 * len(uv) * times**2, ratio) > 1 - FALSE_ALARM)
 
 
 def starts_beside(start: Start) -> Iterator[Start]:
