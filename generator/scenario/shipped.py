@@ -12,7 +12,8 @@ from generator.files import write_bytes
 SUFFIX = ".yaml"
 SCHEMA_NAME = "schema.json"
 _FOLDER_NAME = "scenes"
-_IN_PACKAGE = Path(__file__).parents[1] / "data" / _FOLDER_NAME
+# Beside the generator's data, not in it: its revision covers all data, and is the same with and without the repository.
+_IN_PACKAGE = Path(__file__).parents[1] / _FOLDER_NAME
 _IN_REPOSITORY = Path(__file__).parents[2] / _FOLDER_NAME
 
 

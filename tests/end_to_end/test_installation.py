@@ -74,7 +74,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_the_scenes(wheel) -> Non
         ["git", "ls-files", *PACKAGES, "scenes"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.splitlines()
     wanted = {
-        name.replace("scenes/", "generator/data/scenes/", 1) if name.startswith("scenes/") else name for name in listed
+        name.replace("scenes/", "generator/scenes/", 1) if name.startswith("scenes/") else name for name in listed
     }
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
@@ -89,6 +89,15 @@ def test_it_is_the_wheel_that_runs(installed, empty) -> None:
     assert all(Path(path).is_relative_to(installed.parent) for path in found)
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert run(installed, empty, "skybench", "--version").split() == ["skybench", version]
+
+
+def test_its_revisions_are_those_of_the_repository(installed, empty) -> None:
+    code = "from generator.identity.revision import generator_revision; print(generator_revision())"
+    here = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert run(installed, empty, "python", "-c", code) == here
+    revisions = (sys.executable, "-c", "from benchmark.cli import main; main()", "bench", "revisions", "--json")
+    listed = subprocess.run(revisions, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert json.loads(run(installed, empty, "skybench", "bench", "revisions", "--json")) == json.loads(listed)
 
 
 def test_commands_find_their_scenes_and_data_in_an_empty_folder(installed, empty) -> None:
