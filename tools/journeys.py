@@ -27,6 +27,8 @@ _BORDERS = ("┏", "┡")
 _PROGRESS = re.compile(r"[━╸╺]{3,}|\d+/\d+.*-?\d*-?:\S\S:\S\S")
 # What differs from run to run and from machine to machine: times, rates, and sizes of memory.
 _VARYING = re.compile(r"\b\d+(?:\.\d+)?(?= ?(?:s|ms|min|h|frames/s|MB|GB|MiB|GiB|cores?)\b)")
+# What frames are known by, which their last digits are part of: another kind of processor may give others.
+_IDENTITY = re.compile(r"@[0-9a-f]{12}\b")
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,10 @@ class Typed:
 
     @property
     def without_times(self) -> str:
-        """What it printed, with a sign for each number of a time or a size, and each run of blanks or rules as one."""
+        """What it printed without identities, a sign for each number of a time or a size, runs of blanks or rules as one."""
         lines = [
             re.sub(r"\d+(\.\d+)?", "N", line) if "time" in line else line
-            for line in _VARYING.sub("N", self.printed).splitlines()
+            for line in _VARYING.sub("N", _IDENTITY.sub("@", self.printed)).splitlines()
         ]
         return "\n".join(" ".join(re.sub("([─━])+", r"\1", line).split()) for line in lines)
 
