@@ -39,6 +39,8 @@ width is measured."""
 _NARROW_CENTRE = 0.002
 # Beyond it the lens does not follow the stars.
 _MOST_SCATTER_PX = 1.0
+# Where residuals are a pattern and this large, names may be chance's, which scatter by 0.75 px within a radius of 1.5.
+_PATTERN_SCATTER_PX = 0.4
 # Of the standard deviations that detection gave.
 _SUSPECT_SIGMAS = 3.0
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
@@ -142,7 +144,8 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
     if fit is None or _log10_chance(fit) > most_log10:
         return None
     scatter = _scatter(fit)
-    if scatter > max(_MOST_SCATTER_PX, _SUSPECT_SIGMAS * _usual_sigma(frame.detections)) or is_patterned(fit):
+    usual = _SUSPECT_SIGMAS * _usual_sigma(frame.detections)
+    if scatter > max(_MOST_SCATTER_PX, usual) or (scatter > max(_PATTERN_SCATTER_PX, usual) and is_patterned(fit)):
         raise NothingNamedError(
             f"{len(fit.seen)} stars are identified near the middle, but no lens follows them outwards "
             f"({scatter:.1f} px): is the picture cut from one side of a larger one, or put together of several?"
