@@ -21,6 +21,7 @@ SHAPES = ("circle", "square", "triangle", "diamond")
 SMALL_PX = (226, 128)
 # Letters of a condition that a small panel holds under its axis.
 _AXIS_LETTERS = 40
+_TITLE_LETTERS = 42
 _SQUARE_PX = (150, 128)
 _FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
 # Marks of a figure that holds all solvers, against those of a small panel.
@@ -252,8 +253,9 @@ def risk_coverages(
 def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
     """Axis of a task's condition, harder to the right; its words are cut to what a small panel holds."""
     levels = sorted({level.condition for curve in curves for level in curve})
-    words = _short(task.condition, _AXIS_LETTERS)
-    scale = level_scale(levels, f"{words}, {task.unit}" if task.unit else words)
+    unit = f", {task.unit}" if task.unit else ""
+    words = _short(task.condition, min(_AXIS_LETTERS, _TITLE_LETTERS - len(unit)))
+    scale = level_scale(levels, words + unit)
     if task.harder > 0:
         return scale
     return Scale(lambda value: 1.0 - scale.place(value), scale.ticks, scale.title)

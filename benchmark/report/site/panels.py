@@ -25,7 +25,7 @@ MARKERS = {"circle": ("o", 7.0), "square": ("s", 6.4), "triangle": ("^", 8.0), "
 """Matplotlib's marker and its size in px, so that all shapes look equally large."""
 DOTTED, DASHED = (0.0, (2.0, 3.0)), (0.0, (6.0, 3.0))
 _TITLE_PX, _UNIT_PX = 16, 14
-_LETTER_PX = 6.4
+_LETTER_PX = 6.8
 
 
 def colour_of(series: int) -> str:
