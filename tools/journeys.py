@@ -40,12 +40,15 @@ class Typed:
 
     @property
     def without_times(self) -> str:
-        """What it printed without identities, a sign for each number of a time or a size, runs of blanks or rules as one."""
+        """What it printed without identities, a sign for each number of a time or a size, runs of blanks or rules as one.
+
+        Ends of lines count as blanks: a table is as wide as its times, and the words over it break accordingly.
+        """
         lines = [
             re.sub(r"\d+(\.\d+)?", "N", line) if "time" in line else line
             for line in _VARYING.sub("N", _IDENTITY.sub("@", self.printed)).splitlines()
         ]
-        return "\n".join(" ".join(re.sub("([─━])+", r"\1", line).split()) for line in lines)
+        return " ".join(word for line in lines for word in re.sub("([─━])+", r"\1", line).split())
 
 
 def parts_of(page: str) -> Iterator[re.Match[str] | list[Typed]]:
