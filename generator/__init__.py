@@ -6,4 +6,8 @@ star in the field. The stages: catalogue, apparent places, atmosphere, Mitsuba s
 
 from importlib.metadata import version
 
+from generator.instruction_set import settle
+
+settle()
+
 __version__ = version("skybench")

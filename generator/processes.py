@@ -42,8 +42,8 @@ def begin(call: bytes) -> None:
     """Start a worker process of one thread: load what a call of :func:`packed` needs, and make it.
 
     The process does not look for garbage meanwhile: modules are none, and looking through them again and again takes a tenth
-    of the start. Linear algebra has no threads of its own, which wait in busy loops for work that never comes. Its kernels
-    stay those that the processor gets by default, as in the calling process: frames of both are alike to the byte.
+    of the start. Linear algebra has no threads of its own, which wait in busy loops for work that never comes. Its
+    instructions are those of the calling process (`generator.instruction_set`): frames of both are alike to the byte.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()

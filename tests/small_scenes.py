@@ -44,6 +44,11 @@ V_BAND_QE = [
 
 def small_scenario(**overrides: Any) -> Scenario:
     """The base scenario with values replaced; keys are paths with ``__`` for the dots, None removes a key."""
+    return parse_scenario(small_scenario_text(**overrides), "test.yaml")
+
+
+def small_scenario_text(**overrides: Any) -> str:
+    """The same as the text of a scenario file."""
     tree = copy.deepcopy(BASE)
     for path, value in overrides.items():
         *parents, last = path.split("__")
@@ -54,4 +59,4 @@ def small_scenario(**overrides: Any) -> Scenario:
             node.pop(last, None)
         else:
             node[last] = value
-    return parse_scenario(yaml.safe_dump(tree, sort_keys=False), "test.yaml")
+    return yaml.safe_dump(tree, sort_keys=False)

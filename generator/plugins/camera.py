@@ -319,7 +319,7 @@ class NightSkyCamera(mi.Sensor):
         x, y, z, valid = self.lens.unproject(u, v)
         direction = mi.Vector3f(*(rows[0][k] * x + rows[1][k] * y + rows[2][k] * z for k in range(3)))
         etendue = self.collected * self.relative_light(u, v, z) * self.lens.solid_angle(x, y, z)
-        ray = mi.Ray3f(mi.Point3f(0), dr.normalize(direction), time, mi.Spectrum(0))
+        ray = mi.Ray3f(mi.Point3f(0), direction / dr.norm(direction), time, mi.Spectrum(0))
         return ray, dr.select(valid, etendue, 0)
 
     def sample_ray_differential(

@@ -61,7 +61,7 @@ class Pinhole:
     def unproject(self, u: Any, v: Any) -> tuple[Any, Any, Any, Any]:
         """Camera-frame unit vector of a pixel position."""
         x, y = (u - self.cx_px) / self.f_px, (v - self.cy_px) / self.fy_px
-        norm = dr.rsqrt(x * x + y * y + 1)
+        norm = 1 / dr.sqrt(x * x + y * y + 1)
         return x * norm, y * norm, norm, norm > MINIMUM_COSINE
 
     def solid_angle(self, x: Any, y: Any, z: Any) -> Any:
@@ -143,7 +143,7 @@ class BrownConrady:
         bent_a, bent_b, aa, ab, ba, bb = self._distort(a, b)
         reached = dr.maximum(dr.abs(bent_a - wanted_a), dr.abs(bent_b - wanted_b)) < 1e-4 * (1 + wanted)
         valid = reached & (a * a + b * b <= self.limit * self.limit) & (aa * bb - ab * ba > 0)
-        norm = dr.rsqrt(a * a + b * b + 1)
+        norm = 1 / dr.sqrt(a * a + b * b + 1)
         return a * norm, b * norm, norm, valid
 
     def solid_angle(self, x: Any, y: Any, z: Any) -> Any:

@@ -81,7 +81,7 @@ class StarEmitter(mi.Emitter):
             dr.lerp(dr.gather(FLOAT64, component, index), dr.gather(FLOAT64, component, index + 1), weight)
             for component in self.components
         )
-        norm = dr.rsqrt(east * east + north * north + up * up)
+        norm = 1 / dr.sqrt(east * east + north * north + up * up)
         return east * norm, north * norm, up * norm
 
     def irradiance(self, star: Any, wavelengths: Any) -> Any:
