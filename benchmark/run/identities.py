@@ -58,7 +58,8 @@ def check_identity(frame_id: str, here: FrameIdentity, recorded: Recorded) -> No
         part = "image" if stated.image_sha256 != here.image_sha256 else "truth"
         raise ResultsError(
             f"{frame_id}: its {part} is not the one that {place} is of (another SHA-256); "
-            "restore the frame, or give another --out for results on these frames"
+            "restore the frame, or give another --out for results on these frames; skybench doctor says whether this "
+            "machine computes as most do"
         )
 
 
