@@ -94,7 +94,8 @@ def parser() -> argparse.ArgumentParser:
         "--sigma",
         metavar="NAME=VALUE,...",
         help="standard deviations: time= (s), focal= (relative), centre= (principal point, px), pressure= (hPa), "
-        "temperature= (K). They enter the uncertainty; solver skybench finds focal length and principal point within them",
+        "temperature= (K), distortion= (k1). They enter the uncertainty; solver skybench finds focal length, principal "
+        "point and distortion within them",
     )
     group = command.add_argument_group("output")
     group.add_argument("--json", action="store_true", help="print JSON")

@@ -13,6 +13,7 @@ from celnav.sky.utc import parse_utc
 GRAVITY_SIGMA_DEG = 0.6
 _GRAVITY = re.compile(r"\s*exif\s*(?:,\s*tilt_sigma\s*=\s*(?P<sigma>[^,]+))?")
 _KEYS = ("azimuth", "altitude", "roll", "tilt_sigma", "heading_sigma")
+_NAMED_WITH_MORE = re.compile(r"\s*zenith(-north-up)?\s*,")
 _ANGLES = re.compile(r"\s*(" + "|".join(_KEYS) + r")\s*=")
 
 
@@ -57,6 +58,11 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
         return Attitude.up(
             up, GRAVITY_SIGMA_DEG if gravity["sigma"] is None else _degrees(text, "tilt_sigma", gravity["sigma"])
         )
+    if _NAMED_WITH_MORE.match(text) is not None:
+        raise AttitudeError(
+            f"--attitude {text}: a name takes no sigmas; write angles, such as altitude=90,tilt_sigma=1 for zenith and "
+            "azimuth=180,altitude=90,tilt_sigma=1,heading_sigma=1 for zenith-north-up"
+        )
     if _ANGLES.match(text) is None:
         if utc is None:
             return Attitude.from_json(text)
@@ -72,6 +78,11 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
         if "heading_sigma" in angles:
             raise AttitudeError(f"--attitude {text}: heading_sigma needs an azimuth")
         return Attitude.up(pointing.R_cam[:, 2], tilt)
+    if tilt > 0 and "heading_sigma" not in angles:
+        raise AttitudeError(
+            f"--attitude {text}: a tilt_sigma beside an azimuth needs a heading_sigma too, or the heading would count as "
+            "exact; where it is not known leave the azimuth out"
+        )
     return Attitude.with_sigma(pointing.R_cam, tilt_deg=tilt, heading_deg=angles.get("heading_sigma", 0.0))
 
 

@@ -73,7 +73,8 @@ def read_camera_file(path: str | Path, size: tuple[int, int] | None = None) -> C
             inner = record["camera"]
             if not isinstance(inner, Mapping):
                 raise CameraError("camera must be an object with model, width, height and f_px")
-            return CameraFile(_own(inner, size), "camera of a frame record")
+            of = "calibration" if "calibration" in record else "frame record"
+            return CameraFile(_own(inner, size), f"camera of a {of}")
         if any(key in record for key in ("model", "f_px", "hfov_deg")):
             return CameraFile(_own(record, size), "camera", _size_assumed(record, "width"))
         if any(key in record for key in _MATRIX_NAMES):

@@ -56,6 +56,8 @@ def exposure_time(tags: PhotoTags, utc: str | None, time_zone: str | None, stamp
     if utc is not None:
         if time_zone is not None:
             raise TimeError("give --utc or --time-zone, not both: --utc needs no zone")
+        if stamp != "start":
+            raise TimeError("give --utc or --exif-time-is, not both: --utc is the middle of the exposure")
         parse_utc(utc)
         return ExposureTime(utc)
     if tags.taken is None:

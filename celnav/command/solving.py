@@ -89,7 +89,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     with clock.stage("reading"):
         image = read_image(arguments.image)
         tags = read_tags(arguments.image)
-        near = _near(arguments.near)
+        near = _near(arguments.near, arguments.solver)
         sigmas = read_sigmas(arguments.sigma)
         told = None if _nothing_told(arguments, tags) else _lens(arguments, tags)
         moment = exposure_time(tags, arguments.utc, arguments.time_zone, arguments.exif_time_is)
@@ -146,10 +146,12 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     return found
 
 
-def _near(text: str | None) -> LastKnown | None:
+def _near(text: str | None, solver: str) -> LastKnown | None:
     """Read the option ``--near``."""
     if text is None:
         return None
+    if solver != "skybench":
+        raise ConfigError(f"--near: solver {solver} has no use for a last known position; skybench has")
     try:
         lat_deg, lon_deg, radius_km = (float(part) for part in text.split(","))
     except ValueError:

@@ -29,9 +29,10 @@ class Places:
 
     @property
     def options(self) -> list[str]:
-        """For the command line."""
+        """For the command line. Frames outside the working folder are left out: their place is nobody else's."""
         chosen = ["--out", str(self.out)]
-        return chosen if self.data == DEFAULT_DATA else [*chosen, "--data", str(self.data)]
+        theirs = self.data == DEFAULT_DATA or not self.data.resolve().is_relative_to(Path.cwd())
+        return chosen if theirs else [*chosen, "--data", stated_path(self.data)]
 
 
 def report_command(places: Places, figure: Path | None = None) -> str:
@@ -57,6 +58,8 @@ def commands_of(runs: Sequence[tuple[Board, Sequence[Entry]]], places: Places) -
 def _run_commands(board: Board, entries: Sequence[Entry], places: Places) -> list[str]:
     sources = {entry.stored.provenance.solver.target: entry.stored.provenance for entry in entries}
     lines = []
+    if any(entry.stored.provenance.frames.frozen is not None for entry in entries):
+        return ["# frames of a round, which its opened secret draws again: skybench bench round verify, docs/rounds.md"]
     targets = sorted(target for target in sources if target is not None)
     if targets:
         frames = sources[targets[0]].frames

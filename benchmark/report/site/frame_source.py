@@ -84,12 +84,12 @@ class FrameSource:
         if place is None or not rendered:
             return {}
         tables = []
-        for path in sorted(place.stars.glob("*.parquet")):
+        for path in place.star_tables():
             wanted = [("frame_id", "in", sorted(set(rendered.values()))), ("snr", ">=", TRACE_SNR)]
             try:
                 tables.append(pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas())
             except (pa.ArrowException, OSError) as error:
-                raise ResultsError(f"{path}: damaged ({error}); delete it and {RUN_AGAIN}") from error
+                raise ResultsError(f"{path}: damaged ({str(error).splitlines()[0]}); delete it and {RUN_AGAIN}") from error
         if not tables:
             return {}
         places: dict[str, list[tuple[float, float]]] = {}
@@ -116,10 +116,14 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class _Place:
-    """Folders of images and of tables of stars."""
+    """Folders of images and of tables of stars; of rendered frames one folder, whose other tables hold no stars."""
 
     images: Path
     stars: Path
+
+    def star_tables(self) -> list[Path]:
+        """Files of the stars' truth."""
+        return sorted(self.stars.glob("stars.parquet" if self.stars == self.images else "*.parquet"))
 
 
 def _is_the_one(pixels: NDArray[np.uint16], result: StoredResult, frame_id: str) -> bool:
