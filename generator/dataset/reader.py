@@ -35,6 +35,7 @@ from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.target import open_target
 from generator.errors import GeneratorError
 from generator.files import path_within, write_bytes
+from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
 from generator.imu.table import IMU_SCHEMA
@@ -183,7 +184,14 @@ class Dataset:
             It cannot be reached, or is no finished dataset.
         """
         if "://" not in str(place):
-            return cls(Path(place), read_manifest(Path(place)))
+            folder = Path(place)
+            if not folder.is_dir():
+                raise GeneratorError(f"{folder}: no such folder")
+            if (folder / FRAMES_MANIFEST).is_file():
+                raise GeneratorError(
+                    f"{folder}: holds frames of `skybench render`; a dataset is what `skybench generate` writes"
+                )
+            return cls(folder, read_manifest(folder))
         content = open_target(str(place)).read(MANIFEST)
         if content is None:
             raise GeneratorError(f"{place}/{MANIFEST}: missing; the run is unfinished: run `skybench generate` again")

@@ -170,6 +170,11 @@ def test_what_an_image_does_not_say_is_asked_for(files, capsys, monkeypatch, wor
     assert text in capsys.readouterr().err
 
 
+def test_a_last_known_position_is_not_dropped_by_solvers_without_a_use_for_it(files, capsys):
+    assert main([*arguments(files), "--solver", "thesis-baseline", "--near", "10,4.36,50"]) == 2
+    assert "thesis-baseline has no use for a last known position" in capsys.readouterr().err
+
+
 def test_stars_without_a_vertical_are_no_position(files, capsys):
     assert main(["solve", str(files / "deep.png"), "--camera", str(files / "camera.json"), "--utc", SITE[0]]) == 1
     text = capsys.readouterr().out

@@ -29,6 +29,7 @@ from generator.export.export import EXPORTS, export
 from generator.export.fits_image import fits_file
 from generator.export.form import ExportOptions
 from generator.export.withheld import withheld_name
+from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.record import frame_record, record_bytes
 from generator.frame.render import png_bytes, render_frame
 
@@ -255,6 +256,11 @@ def test_refusals(dataset, tmp_path) -> None:
     with pytest.raises(GeneratorError, match="not empty"):
         export(dataset, "files", tmp_path / "full")
     with pytest.raises(GeneratorError, match=r"manifest\.json: missing"):
+        export(tmp_path, "files", tmp_path / "out")
+    with pytest.raises(GeneratorError, match="nowhere: no such folder"):
+        export(tmp_path / "nowhere", "files", tmp_path / "out")
+    (tmp_path / FRAMES_MANIFEST).write_text("{}")
+    with pytest.raises(GeneratorError, match="holds frames of `skybench render`"):
         export(tmp_path, "files", tmp_path / "out")
 
 

@@ -29,10 +29,9 @@ class Places:
 
     @property
     def options(self) -> list[str]:
-        """For the command line. Frames outside the working folder are left out: their place is nobody else's."""
+        """For the command line."""
         chosen = ["--out", str(self.out)]
-        theirs = self.data == DEFAULT_DATA or not self.data.resolve().is_relative_to(Path.cwd())
-        return chosen if theirs else [*chosen, "--data", stated_path(self.data)]
+        return chosen if self.data == DEFAULT_DATA else [*chosen, "--data", str(self.data)]
 
 
 def report_command(places: Places, figure: Path | None = None) -> str:

@@ -89,7 +89,9 @@ class FrameSource:
             try:
                 tables.append(pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas())
             except (pa.ArrowException, OSError) as error:
-                raise ResultsError(f"{path}: damaged ({str(error).splitlines()[0]}); delete it and {RUN_AGAIN}") from error
+                raise ResultsError(
+                    f"{path}: damaged ({str(error).splitlines()[0]}); delete it and {RUN_AGAIN}"
+                ) from error
         if not tables:
             return {}
         places: dict[str, list[tuple[float, float]]] = {}

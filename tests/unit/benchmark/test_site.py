@@ -327,6 +327,20 @@ def test_pictures_come_from_the_rendered_frames_where_they_are_at_hand(root, tmp
     assert FrameSource(tmp_path).picture(result, "../../secret", 640) is None
 
 
+def test_tables_beside_the_stars_of_a_rendered_folder_are_not_read_as_stars(root, tmp_path):
+    """`skybench render` puts flying objects, the Moon and an inertial unit's readings beside them."""
+    result = read_tree(root)[0][0]
+    facts = result.provenance.frames
+    of_folder = dataclasses.replace(facts, target=str(tmp_path), grading=None, definition_sha256=None)
+    rendered = dataclasses.replace(result, provenance=dataclasses.replace(result.provenance, frames=of_folder))
+    record = {"scenario": {"sha256": facts.scenario_sha256}}
+    (tmp_path / "frame-00003.json").write_text(json.dumps(record))
+    stars = {"frame_id": ["frame-00003"], "u_px": [2.0], "v_px": [5.0], "electrons_e": [20.0], "snr": [9.0]}
+    pq.write_table(pa.table(stars), tmp_path / "stars.parquet")
+    pq.write_table(pa.table({"frame_id": ["frame-00003"], "snr": [9.0]}), tmp_path / "objects.parquet")
+    assert FrameSource(None).true_stars(rendered, ["frame-00003"]) == {"frame-00003": [(2.0, 5.0)]}
+
+
 @pytest.mark.journey
 def test_four_boards_of_twelve_solvers_stay_below_a_quarter_of_five_megabytes(boards, tmp_path):
     """A quarter of the leaderboard's sixteen boards."""

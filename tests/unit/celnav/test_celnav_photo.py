@@ -95,6 +95,11 @@ def test_middle_of_the_exposure(changes, utc, zone, stamp, middle) -> None:
     assert bool(found.assumed) == (utc is None)
 
 
+def test_what_a_tagged_time_marks_says_nothing_of_a_told_one() -> None:
+    with pytest.raises(TimeError, match="--exif-time-is, not both"):
+        exposure_time(TAGS, "2020-01-01T00:00:00Z", None, "end")
+
+
 @pytest.mark.parametrize(
     ("changes", "utc", "zone", "message"),
     [

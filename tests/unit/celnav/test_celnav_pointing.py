@@ -88,6 +88,9 @@ def test_the_option_reads_angles() -> None:
         ("altitude=high", "number of degrees"),
         ("altitude=100", "between -90 and 90"),
         ("altitude=1,tilt_sigma=-1", "tilt_deg"),
+        ("azimuth=3,altitude=90,tilt_sigma=0.5", "heading_sigma too"),
+        ("zenith,tilt_sigma=1", "altitude=90,tilt_sigma=1"),
+        ("zenith-north-up,heading_sigma=1", "a name takes no sigmas"),
         ("no-such-file.json", "cannot read"),
     ],
 )
