@@ -56,8 +56,8 @@ def parser() -> argparse.ArgumentParser:
         "--attitude",
         default="unknown",
         metavar="ANGLES|NAME|FILE",
-        help="degrees, azimuth=120,altitude=45,roll=0 of the boresight (no azimuth: heading unknown; tilt_sigma=, "
-        "heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; exif: the vertical "
+        help="degrees, azimuth=120,altitude=45,roll=0 of the boresight (no azimuth: heading unknown; tilt_sigma= and, with "
+        "an azimuth, heading_sigma=: how uncertain); zenith-north-up; zenith: heading unknown; exif: the vertical "
         "of a telephone's accelerometer, tagged by Apple; unknown (the default): no position; or "
         "JSON with R_cam (ENU to camera), or a frame record",
     )
