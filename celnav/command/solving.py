@@ -19,6 +19,7 @@ from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
+from celnav.command.mirrored import with_hint
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, without_blanks
@@ -119,6 +120,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             time_limit_s=arguments.time_limit_s,
             sigmas=sigmas,
         )
+        fix = with_hint(fix, detections, lens.camera, moment.utc)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
         wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"

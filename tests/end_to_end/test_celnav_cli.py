@@ -170,6 +170,14 @@ def test_what_an_image_does_not_say_is_asked_for(files, capsys, monkeypatch, wor
     assert text in capsys.readouterr().err
 
 
+def test_a_mirrored_picture_is_called_so(files, tmp_path, capsys):
+    with Image.open(files / "deep.png") as image:
+        turned = np.asarray(image)[::-1]
+    Image.fromarray(turned).save(tmp_path / "turned.png")
+    assert main(["solve", str(tmp_path / "turned.png"), *arguments(files)[2:]]) == 1
+    assert "mirrored picture" in capsys.readouterr().out
+
+
 def test_a_last_known_position_is_not_dropped_by_solvers_without_a_use_for_it(files, capsys):
     assert main([*arguments(files), "--solver", "thesis-baseline", "--near", "10,4.36,50"]) == 2
     assert "thesis-baseline has no use for a last known position" in capsys.readouterr().err
