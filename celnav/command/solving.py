@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from celnav.adjustment import CameraPriors
 from celnav.attitude import Attitude
 from celnav.camera import Camera
@@ -19,13 +21,12 @@ from celnav.command.camera_file import read_camera_file
 from celnav.command.exif import PhotoTags, read_tags, refuse_raw
 from celnav.command.exposure_time import exposure_time
 from celnav.command.field_limits import field_limit
-from celnav.command.mirrored import with_hint
 from celnav.command.photo_camera import photo_camera
 from celnav.command.sigma_option import read_sigmas
 from celnav.detecting.image_file import read_image, read_mask, without_blanks
 from celnav.detection import Detections, detect
 from celnav.errors import CameraError, ConfigError
-from celnav.fix import Reason
+from celnav.fix import Fix, Reason
 from celnav.position import usual_weather
 from celnav.problem import LastKnown, Solver
 from celnav.skybench_solver import SkybenchConfig, SkybenchSolver
@@ -33,6 +34,14 @@ from celnav.solver import solve
 
 if TYPE_CHECKING:
     from celnav.unknown_camera import FoundCamera
+
+UNNAMED = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
+FEWEST = 12
+"""Detections of which a mirror image is worth a second search."""
+HINT = (
+    "the stars are those of a mirrored picture: turn it over, rows from the bottom up (as programs that write FITS files may "
+    "have them) or columns from the right"
+)
 
 UNKNOWN = "unknown"
 """In place of the camera's file: nothing is known of it."""
@@ -120,7 +129,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             time_limit_s=arguments.time_limit_s,
             sigmas=sigmas,
         )
-        fix = with_hint(fix, detections, lens.camera, moment.utc)
+        fix = _with_hint_of_a_mirror(fix, detections, lens.camera, moment.utc)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
         wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"
@@ -146,6 +155,32 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             draw(found, image, arguments.plot)
     clock.time_ms["total"] = 1000 * (time.perf_counter() - started_s)
     return found
+
+
+def _with_hint_of_a_mirror(fix: Fix, detections: Detections, camera: Camera, utc: str) -> Fix:
+    """Say so where the picture's mirror image is identified.
+
+    Parameters
+    ----------
+    fix : Fix
+        Any answer; all but those that name no star come back as they are.
+    detections : Detections
+        From an image, with its shape.
+    camera : Camera
+    utc : str
+        Middle of the exposure.
+    """
+    if fix.reason not in UNNAMED or detections.shape is None or len(detections) < FEWEST:
+        return fix
+    last = detections.shape[0] - 1
+    turned = replace(
+        detections,
+        uv=np.column_stack((detections.uv[:, 0], last - detections.uv[:, 1])),
+        streak_px=None if detections.streak_px is None else detections.streak_px * [1, -1],
+    )
+    # Without a vertical: whatever the attitude of the mirrored camera, its stars have names or none.
+    named = solve(turned, replace(camera, cy_px=last - camera.cy_px), utc, None)
+    return replace(fix, message=f"{fix.message}; {HINT}") if named.reason is Reason.VERTICAL_REQUIRED else fix
 
 
 def _near(text: str | None, solver: str) -> LastKnown | None:
