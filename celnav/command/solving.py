@@ -35,10 +35,10 @@ from celnav.solver import solve
 if TYPE_CHECKING:
     from celnav.unknown_camera import FoundCamera
 
-UNNAMED = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
-FEWEST = 12
+NAMES_NO_STAR = (Reason.NO_HYPOTHESIS, Reason.EFFORT_SPENT)
+FEWEST_TO_MIRROR = 12
 """Detections of which a mirror image is worth a second search."""
-HINT = (
+MIRRORED = (
     "the stars are those of a mirrored picture: turn it over, rows from the bottom up (as programs that write FITS files may "
     "have them) or columns from the right"
 )
@@ -129,7 +129,7 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
             time_limit_s=arguments.time_limit_s,
             sigmas=sigmas,
         )
-        fix = _with_hint_of_a_mirror(fix, detections, lens.camera, moment.utc)
+        fix = _with_hint_of_a_mirror(fix, detections, lens.camera, moment.utc, arguments.time_limit_s)
     if fix.reason is Reason.VERTICAL_REQUIRED:
         by_tags = "" if tags.up is None else ", or --attitude exif, by the accelerometer in the image's tags"
         wanted = "the stars are identified; a position needs the vertical too, such as --attitude altitude=45,roll=0"
@@ -157,7 +157,9 @@ def answer(arguments: argparse.Namespace, started_s: float) -> Answer:
     return found
 
 
-def _with_hint_of_a_mirror(fix: Fix, detections: Detections, camera: Camera, utc: str) -> Fix:
+def _with_hint_of_a_mirror(
+    fix: Fix, detections: Detections, camera: Camera, utc: str, time_limit_s: float | None
+) -> Fix:
     """Say so where the picture's mirror image is identified.
 
     Parameters
@@ -169,8 +171,10 @@ def _with_hint_of_a_mirror(fix: Fix, detections: Detections, camera: Camera, utc
     camera : Camera
     utc : str
         Middle of the exposure.
+    time_limit_s : float or None
+        Of the search of the mirror image.
     """
-    if fix.reason not in UNNAMED or detections.shape is None or len(detections) < FEWEST:
+    if fix.reason not in NAMES_NO_STAR or detections.shape is None or len(detections) < FEWEST_TO_MIRROR:
         return fix
     last = detections.shape[0] - 1
     turned = replace(
@@ -179,8 +183,8 @@ def _with_hint_of_a_mirror(fix: Fix, detections: Detections, camera: Camera, utc
         streak_px=None if detections.streak_px is None else detections.streak_px * [1, -1],
     )
     # Without a vertical: whatever the attitude of the mirrored camera, its stars have names or none.
-    named = solve(turned, replace(camera, cy_px=last - camera.cy_px), utc, None)
-    return replace(fix, message=f"{fix.message}; {HINT}") if named.reason is Reason.VERTICAL_REQUIRED else fix
+    named = solve(turned, replace(camera, cy_px=last - camera.cy_px), utc, None, time_limit_s=time_limit_s)
+    return replace(fix, message=f"{fix.message}; {MIRRORED}") if named.reason is Reason.VERTICAL_REQUIRED else fix
 
 
 def _near(text: str | None, solver: str) -> LastKnown | None:
