@@ -102,7 +102,8 @@ def honest_place(
     The heading is the one angle of the attitude that stars can check. Where it is off by more than its standard deviation
     and the stars' explain (`LEAST_CONTRADICTION`), the tilt, which came from the same hand and cannot be checked, is taken to
     be as uncertain as the heading has proved to be: the attitude's variances are raised, all three alike, up to the square of
-    what the heading is off.
+    the turn that no position explains. That is what the heading is off times the cosine of the latitude, since a tilt to the
+    east moves the place along its parallel, and its meridian turns by the tangent of the latitude.
 
     Parameters are those of `place_from_rotation`; `scatter_cov_rad2` is the covariance by the stars' scatter alone. The
     position weighs stars and heading by it and by the attitude as it was told: what widens the covariance does not move the
@@ -122,8 +123,8 @@ def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Atti
 def _raised(attitude: Attitude, place: Place) -> Attitude:
     if attitude.kind != "rotation" or place.chi2 <= LEAST_CONTRADICTION:
         return attitude
-    more = place.heading_off_deg**2 * (1 - LEAST_CONTRADICTION / place.chi2)
-    return _with_doubt(attitude, more**0.5)
+    unexplained_deg = place.heading_off_deg * math.cos(math.radians(place.lat_deg))
+    return _with_doubt(attitude, abs(unexplained_deg) * (1 - LEAST_CONTRADICTION / place.chi2) ** 0.5)
 
 
 def _with_doubt(attitude: Attitude, doubt_deg: float) -> Attitude:

@@ -100,7 +100,7 @@ class SearchConfig:
         Hypotheses of a batch that are verified. The true one is the best of its batch nearly always, and verifying more
         takes effort from batches to come.
     max_log10_false_alarm : float
-        The bound that ends the search.
+        The bound that ends the search: one frame of chance in a million, at most.
     first_look, first_look_singles : int
         Detections that score all hypotheses of a batch before the better quarter is scored by all; and where they come
         from single stars: those are few, and each true detection makes only one, so they get the longer look.
@@ -149,7 +149,7 @@ class SearchConfig:
     single_stages: tuple[Stage, ...] = SINGLE_STAGES
     verified: int = bounded(120, 1, 100_000)
     candidates: int = bounded(2, 1, 100)
-    max_log10_false_alarm: float = -8.0
+    max_log10_false_alarm: float = -6.0
     first_look: int = bounded(36, 1, 100_000)
     first_look_singles: int = bounded(80, 1, 100_000)
     chance_sigmas: float = bounded(2.5, 0)

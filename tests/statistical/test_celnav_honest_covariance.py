@@ -6,6 +6,7 @@ covariance is right; over n fields that mean is distributed as chi-squared of 2 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,10 @@ import celnav
 from benchmark.fields.solver_bars import camera_of
 from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition, make_field
 from benchmark.judge.geodesy import east_north_km
+from celnav.horizon import honest_place
 from celnav.identification.verification import rotation_of
 from celnav.lens.lens_uncertainty import LensUncertainty
+from celnav.sky.astrometry import enu_rotation
 from celnav.sky.refraction import refraction_rad
 from celnav.uncertainty.shared_residuals import LEAST_SCORE, shared_field
 
@@ -196,3 +199,23 @@ def test_an_attitude_that_the_heading_contradicts_is_doubted():
         fix = celnav.solve(field.uv, camera_of(WIDE), field.utc, celnav.Attitude.exact(turned), flux=field.flux)
         squares.append(squared_error(fix, field.lat_deg, field.lon_deg))
     assert 0.5 < np.median(squares) < 6
+
+
+@pytest.mark.parametrize("lat_deg", [0.0, 50.0, -80.0])
+def test_a_contradicted_heading_says_as_much_at_any_latitude(lat_deg):
+    """The mean of 2,000 covariances is that of the positions, within five standard errors (2 in 3 million by chance).
+
+    One draw, squared, estimates the variance of an attitude that is off by 0.2 deg about each axis; its mean is the
+    variance, with a standard error of sqrt(2 / 2,000).
+    """
+    rng = np.random.default_rng(11)
+    true = enu_rotation(lat_deg, 20.0)
+    told = celnav.Attitude.with_sigma(np.eye(3), tilt_deg=0.001, heading_deg=0.001)
+    covariances, offsets = [], []
+    for turn in np.radians(rng.normal(0, 0.2, (2000, 3))):
+        place = honest_place(rotation_of(turn) @ true, np.eye(3) * 1e-12, told)
+        covariances.append(place.cov_km2)
+        offsets.append(east_north_km(lat_deg, 20.0, place.lat_deg, place.lon_deg))
+    stated, real = np.mean(covariances, axis=0), np.cov(np.transpose(offsets))
+    ratio = np.diag(stated) / np.diag(real)
+    assert ratio == pytest.approx([1, 1], abs=5 * math.sqrt(4 / 2000))
