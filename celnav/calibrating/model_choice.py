@@ -22,6 +22,7 @@ from celnav.calibrating.bundle import Bundle, Observations, adjust, residuals
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.camera import Camera
 from celnav.errors import CameraError
+from celnav.identification.verification import rotation_of
 
 F8 = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -31,6 +32,8 @@ MOST_LOSS = 25.0
 MOST_STARS = 3000
 # A form that fits the stars that it is fitted to no better is not folded: held out, it is worse still.
 HOPELESS_LOSS = 8.0
+MOST_GROWTH = 4.0
+"""Of chi-squared at one standard deviation: errors are then twice as small as stated."""
 _CELLS = 12  # along the longer side
 _SEED = 20240229
 _ADDED = (
@@ -167,6 +170,8 @@ def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Row
     inside = _loss(whole, seen, group)
     if float(inside.mean()) > HOPELESS_LOSS:
         return inside
+    if not knows_its_errors(whole, seen, group):
+        return loss
     for number in range(FOLDS):
         out = fold == number
         if not out.any() or out.all():
@@ -174,6 +179,39 @@ def held_out_loss(bundle: Bundle, form: LensForm, seen: Observations, group: Row
         fitted = adjust(whole, seen.take(~out), group[~out], robust=False)
         loss[out] = _loss(fitted, seen.take(out), group[out])
     return loss
+
+
+def knows_its_errors(fitted: Bundle, seen: Observations, group: Rows) -> bool:
+    """Tell whether the covariance of a fitted lens holds as far as one standard deviation along what is known worst.
+
+    Chi-squared of the stars grows by 1 there, where positions follow the parameters as they do at the best fit. Where many
+    terms follow few stars it grows by far more, or the lens cannot show the field any more: such a covariance states errors
+    that no position has.
+    """
+    assert fitted.cov is not None
+    assert fitted.turn_by_lens is not None
+    sigma = np.sqrt(np.diag(fitted.cov))
+    variance, axes = np.linalg.eigh(fitted.cov / np.outer(sigma, sigma))
+    step = sigma * axes[:, -1] * math.sqrt(max(float(variance[-1]), 0.0))
+    if not np.isfinite(step).all():
+        return False
+    best = _chi_squared(fitted, seen, group)
+    for way in (step, -step):
+        turned = np.stack(
+            [rotation_of(by_lens @ way) @ R for by_lens, R in zip(fitted.turn_by_lens, fitted.rotations, strict=True)]
+        )
+        try:
+            grown = _chi_squared(replace(fitted, values=fitted.values + way, rotations=turned), seen, group) - best
+        except CameraError:
+            return False
+        if not grown < MOST_GROWTH:
+            return False
+    return True
+
+
+def _chi_squared(bundle: Bundle, seen: Observations, group: Rows) -> float:
+    left = residuals(bundle, seen, group)
+    return float(np.sum(np.einsum("ni,ni->n", left, left) / seen.sigma_px**2))
 
 
 def _loss(bundle: Bundle, seen: Observations, group: Rows) -> F8:
