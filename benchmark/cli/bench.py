@@ -1,6 +1,5 @@
 """Commands `skybench bench list`, `skybench bench run` and `skybench bench report`."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 from benchmark.cli import boards as boards_cli
 from benchmark.cli import completion
 from benchmark.cli import submissions as submission_cli
+from benchmark.cli.choices import DetectionsChoice
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
 from benchmark.cli.progress import progress_bars, working
@@ -20,13 +20,6 @@ app = typer.Typer(help="Run solvers over frames and report how they did.", no_ar
 submission_cli.add_to(app)
 boards_cli.add_to(app)
 app.add_typer(rounds_cli.app, name="round")
-
-
-class DetectionsChoice(StrEnum):
-    """Who detects."""
-
-    OWN = "own"
-    SHARED = "shared"
 
 
 _DEFAULT_OUT = Path("results/demo")

@@ -7,6 +7,9 @@ from benchmark.frames.dataset import Frame, load_image
 from benchmark.protocol import Detections
 from benchmark.solvers.revision import installed_packages
 
+SHARED_DETECTIONS = "shared-detections"
+"""Under this name a round's commitment states the detector's revision."""
+
 
 def shared_detector() -> str:
     """Name of the shared detector, with its revision."""

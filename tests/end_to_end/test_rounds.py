@@ -11,14 +11,21 @@ from small_rounds import RULES, SECRET
 from typer.testing import CliRunner
 
 from benchmark.cli.app import app
+from benchmark.cli.rounds import scoring
 from benchmark.errors import RoundError
 from benchmark.report.site.tree import read_tree
 from benchmark.rounds.steps import verify_round
+from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 from benchmark.solvers.registry import solver_folder
 
 pytestmark = pytest.mark.journey
 
 FRAMES = 4
+SETTLED = {
+    SHARED_DETECTIONS: shared_detector(),
+    "skybench": solver_folder("skybench").revision,
+    "theirs": "0a1b",
+}
 
 
 def skybench(*arguments: object, code: int = 0) -> str:
@@ -78,7 +85,7 @@ def opened(scored) -> Path:
 def test_a_commitment_names_what_was_settled_and_no_secret(place) -> None:
     text = (place / "public" / "first" / "commitment.json").read_text()
     terms = json.loads(text)
-    assert terms["contestants"] == {"skybench": solver_folder("skybench").revision, "theirs": "0a1b"}
+    assert terms["contestants"] == SETTLED
     assert (terms["name"], terms["frames"], terms["beacon"]) == ("first", FRAMES, "drand round 5")
     assert SECRET.hex() not in text
     words = skybench("draw", "--secret", place / "secret.hex", "--out", place / "public" / "first", code=2)
@@ -89,7 +96,7 @@ def test_results_carry_the_frozen_revisions_and_the_frames_hashes(scored) -> Non
     results = {one.solver: one for group in read_tree(scored / "public" / "first" / "results") for one in group}
     assert set(results) == {"skybench", "theirs"}
     for one in results.values():
-        assert one.provenance.frames.frozen == {"skybench": solver_folder("skybench").revision, "theirs": "0a1b"}
+        assert one.provenance.frames.frozen == SETTLED
         assert one.frames["image_sha256"].nunique() == one.frames["truth_sha256"].nunique() == FRAMES
         assert one.frames["frame_id"].is_monotonic_increasing
     assert results["skybench"].provenance.solver.revision == solver_folder("skybench").revision
@@ -107,6 +114,17 @@ def test_who_was_not_committed_to_is_kept_apart(scored) -> None:
     step(scored, "score", "--set", scored / "set", "--solver", "thesis-adaptive", "--later", *out)
     (path,) = (scored / "apart").rglob("summary.json")
     assert path.relative_to(scored / "apart").parts[1] == "later"
+
+
+def test_all_solvers_can_be_given_the_same_detections(scored, tmp_path, monkeypatch) -> None:
+    arguments = ("--set", scored / "set", "--solver", "skybench", "--detections", "shared", "--out", tmp_path)
+    step(scored, "score", *arguments)
+    ((one,),) = read_tree(tmp_path)
+    assert (one.provenance.detections, one.provenance.solver.detector) == ("shared", shared_detector())
+    monkeypatch.setattr(scoring, "shared_detector", lambda: "celnav-changed")
+    assert f"{SHARED_DETECTIONS}: revision {shared_detector()} was committed to" in " ".join(
+        step(scored, "score", *arguments, code=2).split()
+    )
 
 
 def test_another_set_secret_or_beacon_is_refused(scored, tmp_path) -> None:

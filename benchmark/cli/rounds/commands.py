@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from benchmark.cli import completion
+from benchmark.cli.choices import DetectionsChoice
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json
 from benchmark.cli.progress import progress_bars
@@ -122,6 +123,10 @@ def score(
     later: Annotated[
         bool, typer.Option("--later", help="Of a solver that was not settled before the draw: kept apart.")
     ] = False,
+    detections: Annotated[
+        DetectionsChoice,
+        typer.Option("--detections", help="own: each solver detects by itself; shared: all get the same."),
+    ] = DetectionsChoice.OWN,
     beacon: _Beacon = "",
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,
     as_json: AsJson = False,
@@ -140,7 +145,7 @@ def score(
         if answers is not None and name is not None:
             found = [score_answers(wanted, answers, stars, name)]
         else:
-            found = score_solvers(wanted, solver or [], jobs)
+            found = score_solvers(wanted, solver or [], detections.value, jobs)
     except BenchmarkError as error:
         fail(error)
     if as_json:

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from benchmark.errors import RoundError
 from benchmark.run.contestants import contestant_of
 from benchmark.run.results import check_solver_name
+from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 
 
 def settled(solvers: Sequence[str], entrants: Sequence[str]) -> dict[str, str]:
-    """Revision of each solver, and the hash of each entrant's program, by name.
+    """Revision of each solver and of the detector that all may share, and the hash of each entrant's program, by name.
 
     Raises
     ------
@@ -18,7 +19,7 @@ def settled(solvers: Sequence[str], entrants: Sequence[str]) -> dict[str, str]:
         There is no such solver, an entrant is not of the form NAME=HASH, or a name is given twice.
     """
     found: dict[str, str] = {}
-    pairs = []
+    pairs = [(SHARED_DETECTIONS, shared_detector())] if solvers else []
     for definition in [contestant_of(name).definition for name in solvers]:
         assert definition is not None, "names and folders have definitions"
         pairs.append((definition.name, definition.revision))

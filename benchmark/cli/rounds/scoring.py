@@ -12,7 +12,9 @@ from benchmark.report.formatting import number, percent
 from benchmark.rounds.steps import Drawn, check_frozen, frames_to_score
 from benchmark.run.contestants import contestant_of
 from benchmark.run.engine import check_contestants, run_all
+from benchmark.run.provenance import DetectionsMode
 from benchmark.run.results import check_writable
+from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 from benchmark.stats.metrics import Summary, summarise
 from benchmark.submit.score import check_name, judge_submission, version_of, write_score
 from benchmark.submit.submission import Checked, check_answers, check_stars
@@ -39,24 +41,26 @@ class Scored:
     words: str
 
 
-def score_solvers(wanted: Scoring, names: Sequence[str], jobs: int) -> list[Scored]:
-    """Run solvers on the set and score them.
+def score_solvers(wanted: Scoring, names: Sequence[str], detections: DetectionsMode, jobs: int) -> list[Scored]:
+    """Run solvers on the set and score them, each with a detector of its own or all with the same detections.
 
     Raises
     ------
     BenchmarkError
-        A solver is not as it was committed to, or the frames are not those that were published.
+        A solver or the shared detector is not as it was committed to, or the frames are not those that were published.
     """
     contestants = check_contestants([contestant_of(name) for name in names], jobs)
     if not wanted.later:
         revisions = {one.name: one.definition.revision for one in contestants if one.definition is not None}
+        if detections == "shared":
+            revisions[SHARED_DETECTIONS] = shared_detector()
         check_frozen(wanted.drawn.commitment.terms, revisions)
     check_writable(wanted.out)
     frames = frames_to_score(wanted.folder, wanted.drawn, wanted.truth, wanted.packed, wanted.later)
     with progress_bars() as bar:
         lines = {one.name: bar.add_task(one.name, total=len(frames.frames)) for one in contestants}
         runs = run_all(
-            contestants, [frames], wanted.out, "own", jobs, lambda name, count: bar.advance(lines[name], count)
+            contestants, [frames], wanted.out, detections, jobs, lambda name, count: bar.advance(lines[name], count)
         )
         return [Scored(run.solver, run.folder, _words(run.solver, run.summary)) for run in runs]
 
