@@ -1,0 +1,44 @@
+"""The table of README.md and docs/rounds.md is of the committed round."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("round_table", ROOT / "tools" / "build_round_table.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.table(module.boards_of(ROOT / "results" / "rounds" / module.LATEST / "results"))
+    module.__dict__["boards_of"] = lambda results: {}  # read once
+    module.__dict__["table"] = lambda boards: made
+    return module
+
+
+def test_both_pages_have_the_table_of_the_committed_round(tool: ModuleType) -> None:
+    tool.main(["--check"])
+
+
+def test_a_changed_cell_is_found_and_mended(tool: ModuleType, tmp_path: Path) -> None:
+    page = tmp_path / "README.md"
+    kept = (ROOT / "README.md").read_text(encoding="utf-8")
+    page.write_text(kept.replace("| skybench | 9", "| skybench | 8"), encoding="utf-8")
+    assert page.read_text(encoding="utf-8") != kept
+    with pytest.raises(SystemExit, match=r"run python tools/build_round_table\.py"):
+        tool.main(["--check", "--pages", str(page)])
+    tool.main(["--pages", str(page)])
+    assert page.read_text(encoding="utf-8") == kept
+
+
+def test_a_page_without_marks_is_named(tool: ModuleType) -> None:
+    with pytest.raises(SystemExit, match=r"tasks\.md: there must be one"):
+        tool.with_table("no table here", "| a |", "tasks.md")
