@@ -35,7 +35,7 @@ def test_narrow_fields(hfov_deg, v_max, spoilt, least):
 
 @pytest.mark.parametrize("hfov_deg", [5, 8, 12, 20])
 def test_clutter_in_a_narrow_field_is_no_star_field(hfov_deg):
-    """5 frames of noise each, up to 300 detections: refused within the work allowed; the bound is 1e-8 a frame."""
+    """5 frames of noise each, up to 300 detections: refused within the work allowed; the bound is 1e-6 a frame."""
     camera = celnav.Camera.pinhole(WIDTH, HEIGHT, hfov_deg)
     for number in range(5):
         rng = np.random.default_rng([SEED, number])

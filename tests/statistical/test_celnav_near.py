@@ -74,7 +74,7 @@ def test_clutter_is_searched_through_near_a_known_place():
     ids=lambda c: c.name,
 )
 def test_a_wrong_position_makes_no_fix(condition):
-    """The stars are elsewhere: no position at all, neither near the wrong one (a bound of 1e-8 a frame) nor beyond."""
+    """The stars are elsewhere: no position at all, neither near the wrong one (a bound of 1e-6 a frame) nor beyond."""
     assert outcomes(condition, 400, 15000, 150.0) == (0, 0)
 
 
