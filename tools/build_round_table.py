@@ -18,6 +18,7 @@ from benchmark.report.site.tree import read_tree
 ROOT = Path(__file__).parents[1]
 LATEST = "open-sky-2026-11f"
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
+THIN_SPACE = "\u2009"  # of thousands
 MARKS = "<!-- table: the latest round -->", "<!-- end of table -->"
 
 
@@ -50,13 +51,13 @@ def table(boards: Mapping[str, Board]) -> str:
 
 
 def _value(column: Column, entry: Entry) -> str:
-    text = column.value(entry).removesuffix(" %")
+    text = column.value(entry).removesuffix(" %").replace(THIN_SPACE, "")
     return "-" if text == "—" else text
 
 
 def _with_interval(column: Column, entry: Entry) -> str:
-    value, between = _value(column, entry), column.interval(entry)
-    numbers = re.findall(r"[\d.]+(?:e[+-]?\d+)?", between)
+    value, between = _value(column, entry), column.interval(entry).replace(THIN_SPACE, "")
+    numbers = re.findall(r"[\d.]+", between)
     return f"{value} ({numbers[0]} to {numbers[1]})" if len(numbers) == 2 and value != "-" else value
 
 
