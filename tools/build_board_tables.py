@@ -105,14 +105,14 @@ def _number(value: float) -> str:
     return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1e4 else f"{value:g}"
 
 
-def with_tables(page: str, tables: Mapping[str, str]) -> str:
+def with_tables(page: str, tables: Mapping[str, str], page_name: str = PAGE.name) -> str:
     """The page with each table between its marks."""
     for name, table in tables.items():
         begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
         pattern = re.compile(f"{re.escape(begin)}\n.*?\n{re.escape(end)}", re.DOTALL)
         found = pattern.findall(page)
         if len(found) != 1:
-            raise SystemExit(f"{PAGE.name}: there must be one {begin}, and {end} after it")
+            raise SystemExit(f"{page_name}: there must be one {begin}, and {end} after it")
         page = page.replace(found[0], f"{begin}\n\n{table}\n\n{end}")
     return page
 

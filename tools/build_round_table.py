@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from build_board_tables import with_tables
+
 from benchmark.report.site.boards import Board, Entry, make_board
 from benchmark.report.site.columns import BOUND, NEES, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.tree import read_tree
@@ -19,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 LATEST = "open-sky-2026-11f"
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # of thousands
-MARKS = "<!-- table: the latest round -->", "<!-- end of table -->"
+TABLE = "the latest round"
 
 
 def boards_of(results: Path) -> Mapping[str, Board]:
@@ -61,15 +63,6 @@ def _with_interval(column: Column, entry: Entry) -> str:
     return f"{value} ({numbers[0]} to {numbers[1]})" if len(numbers) == 2 and value != "-" else value
 
 
-def with_table(page: str, made: str, name: str) -> str:
-    """The page with the table between its marks."""
-    begin, end = MARKS
-    found = re.findall(f"{re.escape(begin)}\n.*?\n{re.escape(end)}", page, re.DOTALL)
-    if len(found) != 1:
-        raise SystemExit(f"{name}: there must be one {begin}, and {end} after it")
-    return page.replace(found[0], f"{begin}\n\n{made}\n\n{end}")
-
-
 def main(arguments: Iterable[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=ROOT / "results" / "rounds" / LATEST / "results")
@@ -79,7 +72,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     made = table(boards_of(asked.results))
     for page in asked.pages:
         before = page.read_text(encoding="utf-8")
-        after = with_table(before, made, page.name)
+        after = with_tables(before, {TABLE: made}, page.name)
         if not asked.check:
             page.write_text(after, encoding="utf-8")
         elif before != after:

@@ -195,13 +195,14 @@ def knows_its_errors(fitted: Bundle, seen: Observations, group: Rows) -> bool:
     step = sigma * axes[:, -1] * math.sqrt(max(float(variance[-1]), 0.0))
     if not np.isfinite(step).all():
         return False
-    best = _chi_squared(fitted, seen, group)
+    best = float(_squares(fitted, seen, group).sum())
     for way in (step, -step):
         turned = np.stack(
             [rotation_of(by_lens @ way) @ R for by_lens, R in zip(fitted.turn_by_lens, fitted.rotations, strict=True)]
         )
         try:
-            grown = _chi_squared(replace(fitted, values=fitted.values + way, rotations=turned), seen, group) - best
+            moved = replace(fitted, values=fitted.values + way, rotations=turned)
+            grown = float(_squares(moved, seen, group).sum()) - best
         except CameraError:
             return False
         if not grown < MOST_GROWTH:
@@ -209,15 +210,14 @@ def knows_its_errors(fitted: Bundle, seen: Observations, group: Rows) -> bool:
     return True
 
 
-def _chi_squared(bundle: Bundle, seen: Observations, group: Rows) -> float:
+def _squares(bundle: Bundle, seen: Observations, group: Rows) -> F8:
+    """Return the squared distance of each star in standard deviations, shape (n,); NaN where the lens cannot show it."""
     left = residuals(bundle, seen, group)
-    return float(np.sum(np.einsum("ni,ni->n", left, left) / seen.sigma_px**2))
+    return np.asarray(np.einsum("ni,ni->n", left, left) / seen.sigma_px**2)
 
 
 def _loss(bundle: Bundle, seen: Observations, group: Rows) -> F8:
-    left = residuals(bundle, seen, group)
-    square = np.nan_to_num(np.einsum("ni,ni->n", left, left) / seen.sigma_px**2, nan=MOST_LOSS)
-    return np.asarray(np.minimum(square, MOST_LOSS))
+    return np.asarray(np.minimum(np.nan_to_num(_squares(bundle, seen, group), nan=MOST_LOSS), MOST_LOSS))
 
 
 def started(bundle: Bundle, form: LensForm) -> Bundle:

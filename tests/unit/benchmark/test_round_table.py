@@ -17,7 +17,9 @@ def tool() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "tools")
+        spec.loader.exec_module(module)
     made = module.table(module.boards_of(ROOT / "results" / "rounds" / module.LATEST / "results"))
     module.__dict__["boards_of"] = lambda results: {}  # read once
     module.__dict__["table"] = lambda boards: made
@@ -39,6 +41,8 @@ def test_a_changed_cell_is_found_and_mended(tool: ModuleType, tmp_path: Path) ->
     assert page.read_text(encoding="utf-8") == kept
 
 
-def test_a_page_without_marks_is_named(tool: ModuleType) -> None:
-    with pytest.raises(SystemExit, match=r"tasks\.md: there must be one"):
-        tool.with_table("no table here", "| a |", "tasks.md")
+def test_a_page_without_marks_is_named(tool: ModuleType, tmp_path: Path) -> None:
+    page = tmp_path / "other.md"
+    page.write_text("no table here", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"other\.md: there must be one"):
+        tool.main(["--pages", str(page)])
