@@ -112,4 +112,6 @@ def cloud_of(scenario: Scenario) -> CloudField:
     if spec.sky.clouds is None:
         raise ValueError("the scenario has no cloud")
     middle = Instant.parse(spec.time.utc_start).plus(spec.shutter_s / 2)
-    return drifted_clouds(spec.sky.clouds, UnderClouds.since_midnight(middle), scenario.seed, through_clouds(spec))
+    cloud = drifted_clouds(spec.sky.clouds, UnderClouds.since_midnight(middle), scenario.seed, through_clouds(spec))
+    assert cloud is not None  # over a camera on the ground
+    return cloud

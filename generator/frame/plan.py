@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -202,7 +203,7 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     site = Site(spec.site.latitude_deg, spec.site.longitude_deg, spec.site.height_m)
     air = refracting_air(spec.atmosphere)
     passage = scenario.passage(index)
-    under = None if passage is None else _under_clouds(passage)
+    under = _under_clouds(spec, utc_mid, passage)
     sky = sky_state(site, utc_mid, orientation, air, spec.sky.clouds, scenario.seed, under, through_clouds(spec))
     carried = passage.R_cam if passage is not None and passage.moves else None
     motion = plan_motion(spec, scenario.seed, index, carried)
@@ -322,10 +323,14 @@ def level_or_up(enu: Floats) -> Floats:
     return enu * np.array([1.0, 1.0, 0.0]) + np.maximum(enu * np.array([0.0, 0.0, 1.0]), 0)
 
 
-def _under_clouds(passage: Passage) -> UnderClouds:
+def _under_clouds(spec: FrameSpec, utc_mid: Instant, passage: Passage | None) -> UnderClouds:
     """The wind's time runs on over midnight within a sequence."""
+    camera_km = (spec.site.height_m - spec.site.horizon_ground_m) / 1000
+    if passage is None:
+        return dataclasses.replace(UnderClouds.since_midnight(utc_mid), camera_km=camera_km)
     first = passage.first.mjd
-    return UnderClouds(first % 1.0 + passage.middle_s / SECONDS_PER_DAY, passage.moved_km, int(first // 1))
+    days = first % 1.0 + passage.middle_s / SECONDS_PER_DAY
+    return UnderClouds(days, passage.moved_km, int(first // 1), camera_km)
 
 
 def through_clouds(spec: FrameSpec) -> ThroughClouds:

@@ -28,11 +28,16 @@ Floats = NDArray[np.float64]
 
 @functools.lru_cache(maxsize=64)
 def light_from_city(
-    distance_km: float, azimuth_deg: float, radius_km: float, horizon_share: float | None, altitude_km: float
+    distance_km: float,
+    azimuth_deg: float,
+    radius_km: float,
+    horizon_share: float | None,
+    altitude_km: float,
+    camera_km: float = 0.0,
 ) -> Floats:
     """Upward irradiance of a :class:`City` at the layer over each direction of a coarse grid, (rows, columns) array.
 
-    Per unit V-band photon output, m^-2.
+    Per unit V-band photon output, m^-2. The layer is `altitude_km` over the camera, and that `camera_km` over the ground.
     """
     grid = sky_grid()
     rows, columns = coarse_axes()
@@ -45,7 +50,9 @@ def light_from_city(
     place = enu[..., :2] * (distance / np.maximum(horizontal, 1e-12))[..., None]
     turn = np.radians(azimuth_deg)
     middle = distance_km * np.array([np.sin(turn), np.cos(turn)])
-    light = pattern_weights(horizon_share) @ disk_irradiance((place - middle).reshape(-1, 2), altitude_km, radius_km)
+    light = pattern_weights(horizon_share) @ disk_irradiance(
+        (place - middle).reshape(-1, 2), camera_km + altitude_km, radius_km
+    )
     return 1e-6 * light.reshape(enu.shape[:2])
 
 
@@ -96,7 +103,12 @@ def cloud_light(
     from_below = [above_the_air(even, ground_spectrum * zenith_loss, atmosphere)]
     for city in cities:
         shape = light_from_city(
-            city.distance_km, city.azimuth_deg, city.radius_km, city.horizon_share, clouds.altitude_km
+            city.distance_km,
+            city.azimuth_deg,
+            city.radius_km,
+            city.horizon_share,
+            clouds.altitude_km,
+            clouds.camera_km,
         )
         fine = upsampled(shape, rows, columns, sky_grid().shape) / np.pi
         output = upward_spectrum(city, ground_albedo) * again

@@ -124,6 +124,7 @@ class CloudField:
     Attributes
     ----------
     altitude_km : float
+        Of the layer over the camera.
     pattern : CloudPattern
         Its origin is over the site when `east_km` = `north_km` = 0.
     east_km, north_km : float
@@ -136,6 +137,8 @@ class CloudField:
         Effective diameter of its particles; 0: they diffract as widely as they scatter.
     ice : bool
         Of crystals, otherwise of droplets.
+    camera_km : float
+        Height of the camera over the ground.
     """
 
     altitude_km: float
@@ -146,6 +149,7 @@ class CloudField:
     point_share: float = 1.0
     particle_um: float = 0.0
     ice: bool = False
+    camera_km: float = 0.0
 
     @property
     def asymmetry(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -39,6 +40,7 @@ class SkyState:
     moon_v_mag : float
         Above the atmosphere.
     clouds : CloudField or None
+        Above the camera.
     height_m : float
         Of the site.
     """
@@ -82,11 +84,14 @@ class UnderClouds:
         How far the camera has moved.
     night : int
         Modified Julian day on which the wind started: cloud of a kind is another one each day.
+    camera_km : float
+        Height of the camera over the ground.
     """
 
     wind_days: float
     moved_km: tuple[float, float] = (0.0, 0.0)
     night: int = 0
+    camera_km: float = 0.0
 
     @classmethod
     def since_midnight(cls, instant: Instant) -> UnderClouds:
@@ -162,12 +167,17 @@ def mean_depth(spec: CloudSpec, seed: int, night: int) -> float:
     return spec.coverage * CLOUD_KINDS[spec.kind].drawn_depth(random_stream(seed, "cloud depth", night))
 
 
-def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: ThroughClouds | None = None) -> CloudField:
-    """The scenario's cloud where the wind has carried it.
+def drifted_clouds(
+    spec: CloudSpec, under: UnderClouds, seed: int, through: ThroughClouds | None = None
+) -> CloudField | None:
+    """The scenario's cloud where the wind has carried it; None for a camera at the layer's height or above.
 
     All frames of a scenario share one field (stream ``clouds``, of another draw ``clouds N``); cloud of a kind is another one
     each day of UTC.
     """
+    altitude_km = spec.altitude_km - under.camera_km
+    if altitude_km <= 0:
+        return None
     carried_km = spec.wind_m_s * under.wind_days * SECONDS_PER_DAY / 1000
     turn = np.radians(spec.wind_azimuth_deg)
     towards = np.array([np.sin(turn), np.cos(turn)])
@@ -175,9 +185,12 @@ def drifted_clouds(spec: CloudSpec, under: UnderClouds, seed: int, through: Thro
     east_km, north_km = (carried_km * towards - under.moved_km).tolist()
     ice = of_ice(spec.kind, spec.altitude_km)
     particle_um = usual_particle_um(spec.altitude_km) if spec.particle_um is None else spec.particle_um
+    field = CloudField(
+        altitude_km, pattern, east_km, north_km, particle_um=particle_um, ice=ice, camera_km=under.camera_km
+    )
     if through is None:
-        return CloudField(spec.altitude_km, pattern, east_km, north_km, particle_um=particle_um, ice=ice)
+        return field
     east, north = (spec.wind_m_s * through.shutter_s / 1000 * towards).tolist()
     # Where aureoles are drawn, images keep what is not diffracted at all.
     share = 1.0 if spec.star_aureoles else point_share(particle_um, through.capture_rad)
-    return CloudField(spec.altitude_km, pattern, east_km, north_km, (east, north), share, particle_um, ice)
+    return dataclasses.replace(field, swept_km=(east, north), point_share=share)

@@ -210,3 +210,34 @@ def test_low_cloud_over_a_city_is_lit_evenly() -> None:
     high = light[(altitude > 15)]
     assert (np.ptp(high, axis=1) < 1e-3 * high.mean(axis=1)).all()
     assert (np.diff(high.mean(axis=1)) > 0).all()
+
+
+def in_the_air(height_m, **clouds):
+    """The sky's state over a camera in the air above a ground at sea level."""
+    site = {"latitude_deg": 47.0, "longitude_deg": 11.0, "height_m": height_m, "ground_height_m": 0.0}
+    return plan_frame(small_scenario(site=site, sky={"clouds": CLOUD | clouds}), 0).sky
+
+
+def test_layers_stand_over_the_ground_and_cameras_in_the_air_come_nearer() -> None:
+    """A place on the layer, 0.3 km north and 0.2 km east, has one vertical depth, seen from the ground or from beneath it."""
+    depth = []
+    for height_m in (0.0, 1500.0):
+        field = in_the_air(height_m, altitude_km=2.0).clouds
+        assert field.altitude_km == 2.0 - height_m / 1000
+        sight = np.array([0.2, 0.3, field.altitude_km])
+        enu = sight / np.linalg.norm(sight)
+        depth.append(float(field.slant_depth(enu[None])[0]) * enu[2])
+    assert depth[0] > 0
+    assert depth[1] == pytest.approx(depth[0], rel=2e-3)
+
+
+def test_a_camera_at_the_height_of_a_layer_or_above_sees_a_clear_sky() -> None:
+    assert in_the_air(1999.0, altitude_km=2.0).clouds is not None
+    for height_m in (2000.0, 3000.0):
+        assert in_the_air(height_m, altitude_km=2.0).clouds is None
+
+
+def test_light_of_a_city_on_a_layer_does_not_depend_on_who_looks() -> None:
+    """The zenith of a camera over the middle of a city, on the ground and 1.5 km up, is the same place on a layer at 2 km."""
+    ground, air = (light_from_city(0.0, 0.0, 10.0, 0.5, 2.0 - up, up) for up in (0.0, 1.5))
+    np.testing.assert_allclose(air[-1], ground[-1], rtol=1e-6)

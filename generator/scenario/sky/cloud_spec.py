@@ -19,7 +19,7 @@ class CloudSpec(Strict):
     """Kind of cloud: height, cover, texture, wind, particles, and an optical depth drawn for each day of UTC."""
 
     altitude_km: Annotated[float, Field(ge=0.2, le=15)] = 8.0
-    """Altitude above the site, km."""
+    """Altitude above the ground, km: site.ground_height_m. A layer at the camera's height or below it is left out."""
     mean_optical_depth: Annotated[float, Field(ge=0, le=50)] | None = 0.5
     """Mean vertical optical depth of the layer, clear parts included; of a kind, null: drawn."""
     optical_depth: Annotated[float, Field(ge=0, le=100)] | None = None
