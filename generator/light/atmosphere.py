@@ -52,6 +52,11 @@ class Atmosphere:
     ozone_du: float
     water_cm: float = 0.0
 
+    @property
+    def scatters(self) -> bool:
+        """Whether there is anything that scatters light: ozone and water vapour only absorb."""
+        return self.pressure_hpa > 0 or self.aerosol_tau_550 > 0
+
 
 def standard_pressure_hpa(height_m: ArrayLike) -> Floats:
     """Pressure of the standard atmosphere, hPa, at heights of -5 to 20 km. Source: U.S. Standard Atmosphere 1976, eq. 33."""

@@ -12,13 +12,21 @@ MOST_FRAMES = 32
 
 def contradictions(spec: FrameSpec) -> tuple[str, ...]:
     """Contradictions between values of a frame; each a sentence that begins with the key."""
+    found = []
     pressure_hpa, height_m = spec.atmosphere.pressure_hpa, spec.site.height_m
-    if not pressure_contradicts(pressure_hpa, height_m):
-        return ()
-    return (
-        f"atmosphere.pressure_hpa: {pressure_hpa:g} contradicts the site's height of {height_m:g} m, "
-        f"where it is about {float(standard_pressure_hpa(height_m)):.0f}; leave it out, and it follows the height",
-    )
+    if pressure_contradicts(pressure_hpa, height_m):
+        found.append(
+            f"atmosphere.pressure_hpa: {pressure_hpa:g} contradicts the site's height of {height_m:g} m, "
+            f"where it is about {float(standard_pressure_hpa(height_m)):.0f}; leave it out, and it follows the height"
+        )
+    sky = spec.sky
+    if "skyglow" not in sky.active_components:
+        key = "bortle" if sky.bortle is not None else "zenith_mag_arcsec2"
+        if sky.bortle is not None or sky.zenith_mag_arcsec2 is not None:
+            found.append(
+                f"sky.{key}: makes no sky brighter that has no 'skyglow' among sky.components; add it, or leave {key} out"
+            )
+    return tuple(found)
 
 
 def contradictions_of(scenario: Scenario) -> tuple[str, ...]:

@@ -118,7 +118,8 @@ class AtmosphereSpec(Strict):
     )
     """Refraction over that of an air with these values; instruments tell it to about 1 %: {normal: [1.0, 0.01]}."""
     extinction: bool = True
-    """Whether extinction dims the light."""
+    """Whether there is air that dims and scatters light. Without, the sky has no twilight, moonlight and scattered starlight,
+    and city light is that of standard air."""
 
 
 class LocalAtmosphereSpec(AtmosphereSpec):

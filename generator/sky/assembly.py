@@ -24,7 +24,7 @@ from generator.sky.cloud_light import cloud_light
 from generator.sky.clouds import CloudVeil, mean_reflectance
 from generator.sky.component import SkyTable, black_sky, compressed, total
 from generator.sky.directions import irradiance_weights
-from generator.sky.moonlight import moonlight
+from generator.sky.moonlight import moonlit_sky
 from generator.sky.starlight import scattered_starlight
 from generator.sky.state import SkyState
 from generator.sky.twilight import nodes_nm, twilight
@@ -99,7 +99,8 @@ def sky_layers(spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, s
     layers: dict[str, SkyTable] = {
         name: make(spec, stars, atmosphere, state) for name, make in NATURAL.items() if name in active
     }
-    cities = layout(spec) if "skyglow" in active else ()
+    dark = atmosphere is not None and not atmosphere.scatters
+    cities = () if dark or "skyglow" not in active else layout(spec)
     glow = skyglow(cities, atmosphere, spec.ground_albedo) if cities else None
     asked_mag = _asked_zenith(spec)
     if asked_mag is not None:
@@ -117,9 +118,7 @@ def sky_layers(spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, s
     if glow is not None:
         layers["skyglow"] = glow
     if "moonlight" in active:
-        layers["moonlight"] = moonlight(
-            state.moon_enu, state.moon_v_mag, atmosphere, spec.ground_albedo, state.moon.phase_angle_deg
-        )
+        layers["moonlight"] = moonlit_sky(state, atmosphere, spec.ground_albedo)
     if "twilight" in active:
         layers["twilight"] = twilight(
             state.sun_enu,

@@ -1,4 +1,4 @@
-"""Scattered moonlight: single scattering in closed form times the baked ratio of all light to it."""
+"""Scattered moonlight: single scattering in closed form times the baked ratio of all light to it, and the Moon's twilight."""
 
 from __future__ import annotations
 
@@ -17,13 +17,20 @@ from generator.light.baked_maps import moon_ratio
 from generator.light.ground import Albedo, albedo_at, ground_glow, ground_light, spherical_albedo
 from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
 from generator.light.single_scattering import aerosol_phase, moon_single, rayleigh_phase
-from generator.sky.component import SkyTable, black_sky
+from generator.sky.component import SkyTable, black_sky, total
 from generator.sky.directions import irradiance_weights, sky_grid
 from generator.sky.moon_irradiance import moon_spectrum
+from generator.sky.state import SkyState
+from generator.sky.twilight import light_from_below, nodes_nm
 from generator.sky.zodiacal import column_weights, upsampled_rows
 
 Floats = NDArray[np.float64]
 
+FULL_MOON_NIGHT_DEG, FULL_MOON_V_MAG, FALL_MAG_PER_DEG = 9.0, -12.7, 0.9
+"""The full Moon this deep adds at most 1 % to the darkest sky, low over it: the Sun's light at this depth over 400,000, which
+falls by so much for each degree there."""
+TWILIGHT_TO_DEG = 3.0
+"""Apparent altitude of the Moon from which on its light is that of :func:`moonlight` alone."""
 NODES_NM: Floats = np.array([GRID_START_NM, *WAVELENGTHS_NM, GRID_STOP_NM])
 
 
@@ -39,7 +46,7 @@ def moonlight(
     albedo: Albedo = DEFAULT_ALBEDO,
     phase_angle_deg: float = 0.0,
 ) -> SkyTable:
-    """Scattered moonlight at the ground; black when the Moon is below the horizon or there is no air.
+    """Scattered moonlight of a Moon above the horizontal, at the ground; black for one below, and without air that scatters.
 
     Parameters
     ----------
@@ -54,7 +61,7 @@ def moonlight(
         It sets the colour of the Moon.
     """
     altitude = float(np.degrees(np.arcsin(moon_enu[2])))
-    if atmosphere is None or altitude <= 0:
+    if atmosphere is None or not atmosphere.scatters or altitude <= 0:
         return black_sky()
     grid, air = sky_grid(), BakedAir()
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 6), grid.shape[0] - 1))
@@ -94,6 +101,38 @@ def moonlight(
     node_depth = np.maximum(np.interp(NODES_NM, GRID_NM, depth), 1e-12)
     spectra = node_weights() * (depth / node_depth[:, None]) * irradiance
     return SkyTable(np.concatenate(parts), np.tile(spectra, (len(parts), 1)), np.stack(phases), across=across)
+
+
+def night_depression_deg(moon_v_mag: float) -> float:
+    """Depression of a Moon of magnitude V at which its light no longer counts."""
+    return max(0.0, FULL_MOON_NIGHT_DEG - max(0.0, moon_v_mag - FULL_MOON_V_MAG) / FALL_MAG_PER_DEG)
+
+
+def moonlit_sky(state: SkyState, atmosphere: Atmosphere | None, albedo: Albedo = DEFAULT_ALBEDO) -> SkyTable:
+    """Light of the sky that comes from the Moon, above the horizon or below it.
+
+    Below, it is twilight with the Moon's spectrum: the air above the Earth's shadow is lit as by the Sun. Up to
+    TWILIGHT_TO_DEG above, where neither plane layers nor shells alone are right for all of it, one turns into the other.
+    """
+    if (
+        atmosphere is None
+        or not atmosphere.scatters
+        or state.moon_depression_deg >= night_depression_deg(state.moon_v_mag)
+    ):
+        return black_sky()
+    up = float(np.clip(state.moon_altitude_deg / TWILIGHT_TO_DEG, 0.0, 1.0))
+    above = moonlight(state.moon_enu, state.moon_v_mag, atmosphere, albedo, state.moon.phase_angle_deg)
+    if up == 1:
+        return above
+    low = light_from_below(
+        state.moon_enu,
+        state.moon_depression_deg,
+        state.moon_spectrum,
+        atmosphere,
+        state.height_m,
+        albedo_at(albedo, nodes_nm()),
+    )
+    return total([above.scaled(up), low.scaled(1 - up)])
 
 
 def from_ground(around: Floats, direct: Floats, atmosphere: Atmosphere, albedo: Albedo) -> Floats:

@@ -33,8 +33,8 @@ class SkyState:
     sun_icrs : (3,) array
     sun_enu, moon_enu : (3,) arrays
         Apparent.
-    sun_depression_deg : float
-        Of the Sun's true place below the horizontal, without refraction.
+    sun_depression_deg, moon_depression_deg : float
+        Of their true places below the horizontal, without refraction.
     sun : Body
     moon : Body
     moon_v_mag : float
@@ -50,6 +50,7 @@ class SkyState:
     sun_enu: Floats
     moon_enu: Floats
     sun_depression_deg: float
+    moon_depression_deg: float
     sun: Body
     moon: Body
     moon_v_mag: float
@@ -126,13 +127,14 @@ def sky_state(
 ) -> SkyState:
     """State of the sky at an instant; `under`: in a sequence, for others the wind blows since midnight."""
     sun, moon = (observe(body, site, instant, orientation) for body in (SUN, MOON))
-    true_sun = apparent_enu(sun, site, instant, orientation, NO_AIR)
+    true_sun, true_moon = (apparent_enu(body, site, instant, orientation, NO_AIR) for body in (sun, moon))
     return SkyState(
         icrs_from_enu=icrs_from_enu(site, instant, orientation),
         sun_icrs=sun.icrs,
         sun_enu=apparent_enu(sun, site, instant, orientation, air),
         moon_enu=apparent_enu(moon, site, instant, orientation, air),
         sun_depression_deg=-float(np.degrees(np.arcsin(true_sun[2]))),
+        moon_depression_deg=-float(np.degrees(np.arcsin(true_moon[2]))),
         sun=sun,
         moon=moon,
         moon_v_mag=float(moon_v_mag(moon.phase_angle_deg, moon.distance_km)),

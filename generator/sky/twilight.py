@@ -32,8 +32,10 @@ Floats = NDArray[np.float64]
 
 SUN_V_MAG = -26.76
 """At 1 au. Source: Willmer 2018, ApJS 236, 47."""
-NIGHT_DEPRESSION_DEG = 18.0
-"""The Sun this deep adds less than 1 % to the darkest sky: astronomical twilight ends."""
+MAP_END_DEG = 18.0
+"""Depression to which the light is computed; astronomical twilight ends there, which is dark at the zenith alone."""
+NIGHT_DEPRESSION_DEG = 22.0
+"""The Sun this deep adds at most 1 % to the darkest sky, low over it."""
 GROUND_ALBEDO = BakedAir().ground_albedo
 RANK = 10
 _NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
@@ -81,7 +83,7 @@ def twilight_field(
     Parameters
     ----------
     depression_deg : float
-        Of the Sun's true place, 0 to 18.
+        Of the Sun's true place, from 0. Beyond 18 the light of each direction falls on as it does from 17 to 18.
     atmosphere : Atmosphere
     height_km : float
         Of the observer above sea level.
@@ -95,6 +97,13 @@ def twilight_field(
     (m, k, n) array
         At GRID_NM.
     """
+    if depression_deg > MAP_END_DEG:
+        before, last = (
+            twilight_field(end, atmosphere, height_km, altitude_deg, relative_azimuth_deg, ground_albedo)
+            for end in (MAP_END_DEG - 1, MAP_END_DEG)
+        )
+        further: Floats = last * np.minimum(last / before, 1.0) ** (depression_deg - MAP_END_DEG)
+        return further
     nodes = nodes_nm()
     observer = min(max(height_km, 0.0), TwilightGrid().observer_km[-1])
     floor = round(observer / STEP_KM) * STEP_KM
@@ -133,7 +142,7 @@ def twilight(
     sun_distance_au: float = 1.0,
     ground_albedo: ArrayLike = GROUND_ALBEDO,
 ) -> SkyTable:
-    """Twilight at the observer; black without air, and when the Sun is 18 deg or more below the horizon.
+    """Twilight at the observer; black without air that scatters, and with the Sun NIGHT_DEPRESSION_DEG or more down.
 
     Parameters
     ----------
@@ -153,7 +162,7 @@ def twilight(
     GeneratorError
         The Sun is up.
     """
-    if atmosphere is None or depression_deg >= NIGHT_DEPRESSION_DEG:
+    if atmosphere is None or not atmosphere.scatters or depression_deg >= NIGHT_DEPRESSION_DEG:
         return black_sky()
     altitude = float(np.degrees(np.arcsin(sun_enu[2])))
     if altitude > 0:
@@ -161,6 +170,34 @@ def twilight(
             f"the Sun is {altitude:.1f} deg above the horizon at this time and place; choose a time between sunset and "
             "sunrise, or leave 'twilight' out of sky.components"
         )
+    sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG])[0]
+    return light_from_below(sun_enu, depression_deg, sun, atmosphere, height_m, ground_albedo)
+
+
+def light_from_below(
+    body_enu: Floats,
+    depression_deg: float,
+    irradiance: Floats,
+    atmosphere: Atmosphere,
+    height_m: float,
+    ground_albedo: ArrayLike = GROUND_ALBEDO,
+) -> SkyTable:
+    """Light of a body at or below the horizon, scattered by the air above the Earth's shadow.
+
+    Parameters
+    ----------
+    body_enu : (3,) array
+        Apparent direction.
+    depression_deg : float
+        Of its true place, without refraction.
+    irradiance : (n,) array
+        Above the air, photons s^-1 m^-2 nm^-1 at GRID_NM.
+    atmosphere : Atmosphere
+    height_m : float
+        Of the observer.
+    ground_albedo : float or (n,) array
+        At :func:`nodes_nm`.
+    """
     grid = sky_grid()
     rows = _ROWS
     light = twilight_field(
@@ -169,10 +206,9 @@ def twilight(
     # Overhead all azimuths are one direction.
     light[-1] = np.exp(np.log(light[-1]).mean(axis=0))
     maps, spectra = low_rank(light.reshape(-1, len(GRID_NM)), RANK)
-    azimuth = float(np.degrees(np.arctan2(sun_enu[0], sun_enu[1])))
+    azimuth = float(np.degrees(np.arctan2(body_enu[0], body_enu[1])))
     relative = np.abs((grid.azimuth_deg - azimuth + 180) % 360 - 180)
-    sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG])[0]
     coarse = maps.reshape(RANK, len(rows), len(_AZIMUTHS_DEG))
     across = _azimuth_spline()(relative).T.astype(np.float32)
     down = CubicSpline(rows, coarse, axis=1)(np.arange(grid.shape[0])).astype(np.float32)
-    return SkyTable(down, spectra * sun, across=across)
+    return SkyTable(down, spectra * irradiance, across=across)

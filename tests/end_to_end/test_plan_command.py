@@ -123,6 +123,7 @@ ISS_2008 = {
             {"site": BASE["site"] | {"height_m": 4000}, "atmosphere": {"pressure_hpa": 1010}},
             "atmosphere.pressure_hpa: 1010 contradicts the site's height",
         ),
+        ({"sky": {"bortle": 8, "components": ["airglow"]}}, "sky.bortle: makes no sky brighter that has no 'skyglow'"),
         ({"foreground": {"satellites": [ISS_2008]}}, "foreground.satellites.0: its elements are more than 14 days"),
         ({"time": BASE["time"] | {"exposure_s": 100}}, "of the pixels saturate"),
     ],

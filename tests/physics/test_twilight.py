@@ -345,7 +345,7 @@ def sun_at(depression):
 
 def test_twilight_ends_and_refuses_the_day() -> None:
     air = MARYLAND[0]
-    assert twilight(sun_at(18.0), 18.0, air, 0.0).maps.max() == 0
+    assert twilight(sun_at(22.0), 22.0, air, 0.0).maps.max() == 0
     assert twilight(sun_at(6.0), 6.0, None, 0.0).maps.max() == 0
     with pytest.raises(GeneratorError, match="Sun"):
         twilight(sun_at(-1.0), -1.0, air, 0.0)
