@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from generator.frame.flying_objects import FlyingObjects, Surroundings, joined, plan_glints, plan_objects
+from generator.frame.flying.objects import FlyingObjects, joined
+from generator.frame.flying.orbits import Watch
+from generator.frame.flying.planning import plan_glints, plan_objects
 from generator.light.atmosphere import Atmosphere, airmass
 from generator.light.molecular_bands import precipitable_water_cm
 from generator.light.scintillation import scintillation_factors, scintillation_sigma
@@ -246,15 +248,18 @@ def plan_frame(scenario: Scenario, index: int) -> FramePlan:
     if spec.stars.scintillation:
         sigma = scintillation_sigma(spec.camera.aperture_mm, air_path, spec.time.exposure_s, spec.site.height_m)
         scintillation = scintillation_factors(sigma, random_stream(scenario.seed, "scintillation", index))
-    objects = plan_objects(
-        spec.foreground,
-        utc_start,
-        spec.shutter_s,
-        site,
-        orientation,
-        air,
-        Surroundings(scenario.seed, sky.sun_icrs, dimming_atmosphere(spec.atmosphere)),
+    watch = Watch(
+        start=utc_start,
+        shutter_s=spec.shutter_s,
+        site=site,
+        orientation=orientation,
+        air=air,
+        horizon_sine=horizon.sine,
+        seed=scenario.seed,
+        sun_icrs=sky.sun_icrs,
+        dims=dimming_atmosphere(spec.atmosphere),
     )
+    objects = plan_objects(spec.foreground, watch)
     if spec.foreground.glints is not None:
         rng = random_stream(scenario.seed, "glints", index)
         objects = joined([objects, plan_glints(spec.foreground.glints, spec.camera, motion.R_mid, objects, rng)])

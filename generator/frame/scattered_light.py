@@ -54,7 +54,7 @@ class Groups:
     """
 
     directions_at_middle: Floats
-    light_curve: None = None
+    light_share: None = None
     behind_foreground: bool = True
 
     @property
@@ -189,8 +189,8 @@ def dust_of(plan: FramePlan) -> Singles:
 
 
 def _mean_over_time(one: Shining) -> Floats:
-    curve = one.emitter.light_curve
-    return one.on_axis_e if curve is None else one.on_axis_e * curve.mean(axis=1)[:, None]
+    share = one.emitter.light_share
+    return one.on_axis_e if share is None else one.on_axis_e * share[:, None]
 
 
 def _beside(u: Floats, v: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from generator import plugins
 from generator.device_arrays import aligned
 from generator.frame.dispersion import dispersion_parameters, with_dispersion
-from generator.frame.flying_objects import FlyingObjects
+from generator.frame.flying.objects import FlyingObjects
 from generator.frame.foreground import shape_dicts
 from generator.frame.landscape import (
     LAMP_FACTOR,
@@ -227,6 +227,8 @@ def objects_dict(objects: FlyingObjects, horizon_sine: float) -> dict[str, Any]:
         "airmass": tensor(np.zeros(len(objects))),
         **colour_tensors(objects.bv_mag, usual_vi(objects.bv_mag, dwarf=True)),
         "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
+        "lit": tensor(np.stack([objects.lit[:, 0], objects.lit[:, 1] - objects.lit[:, 0]], axis=1)),
+        "parts": tensor(objects.parts),
         "light_curve": tensor(objects.light_curve),
     }
 
@@ -383,7 +385,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if (shift := integrator.dispersion_shift(camera, emitter)) is not None:
             truth = with_dispersion(truth, shift)
         if emitter.id() == "objects":
-            truth = between_lit_ends(truth, tracks, plan.objects.light_curve)
+            truth = between_lit_ends(truth, tracks, plan.objects.dark_ends)
         truths[emitter.id()] = truth
     if strays:
         dr.eval(image)

@@ -138,7 +138,7 @@ def _corners(tracks: Any, count: int) -> tuple[Floats, Floats]:
     return low, high
 
 
-def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> StarTruth:
+def between_lit_ends(truth: StarTruth, tracks: Any, dark_ends: NDArray[np.bool_]) -> StarTruth:
     """The truth of flashing lights: starts and ends are where they shine first and last during the exposure.
 
     Parameters
@@ -146,13 +146,13 @@ def between_lit_ends(truth: StarTruth, tracks: Any, light_curve: Floats) -> Star
     truth : StarTruth
     tracks : generator.plugins.star_tracks.StarTracks
         Their moments are in the order of time, source by source.
-    light_curve : (n, parts) array
-        Relative brightness over the exposure.
+    dark_ends : (n, 2) bool array
+        Whether each is dark at first and at last.
     """
     start, end = truth.start_px.copy(), truth.end_px.copy()
     lit, first = np.unique(tracks.star, return_index=True)
     last = np.append(first[1:], len(tracks.star)) - 1
-    for place, moments, dark in ((start, first, light_curve[:, 0] == 0), (end, last, light_curve[:, -1] == 0)):
+    for place, moments, dark in ((start, first, dark_ends[:, 0]), (end, last, dark_ends[:, 1])):
         late = dark[lit]
         place[lit[late]] = np.stack([tracks.u, tracks.v], axis=1)[moments[late]]
     return replace(truth, start_px=start, end_px=end)

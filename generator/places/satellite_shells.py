@@ -40,15 +40,24 @@ class Shell:
     argument_deg: float = 0.0
     phasing: int = 0
 
-    def positions_km(self, seconds: Floats) -> Floats:
-        """Places of all satellites in the true-equator frame at seconds from J2000, (planes x per_plane, k, 3) array."""
+    def positions_km(self, seconds: Floats, rows: NDArray[np.intp] | None = None) -> Floats:
+        """Places of satellites in the true-equator frame, (n, k, 3) array.
+
+        Parameters
+        ----------
+        seconds : (k,) or (n, k) array
+            From J2000; the same for all or each satellite's own.
+        rows : (n,) int array or None
+            Which of the planes x per_plane satellites; None: all.
+        """
         radius = EQUATORIAL_KM + self.altitude_km
         inclination = np.radians(self.inclination_deg)
         motion = np.sqrt(GM_KM3_S2 / radius**3)
         flattening = 1.5 * J2 * (EQUATORIAL_KM / radius) ** 2
         node_rate = -flattening * motion * np.cos(inclination)
         argument_rate = motion * (1 + flattening * (4 * np.cos(inclination) ** 2 - 1))
-        plane, place = (part.ravel()[:, None] for part in np.indices((self.planes, self.per_plane)))
+        everyone = np.arange(self.planes * self.per_plane) if rows is None else rows
+        plane, place = (part[:, None] for part in np.divmod(everyone, self.per_plane))
         node = np.radians(self.node_deg) + 2 * np.pi * plane / self.planes + node_rate * seconds
         turn = place / self.per_plane + self.phasing * plane / (self.planes * self.per_plane)
         argument = np.radians(self.argument_deg) + 2 * np.pi * turn + argument_rate * seconds

@@ -65,7 +65,7 @@ class DifferentiableStars:
         self.camera: NightSkyCamera = scene.sensors()[0]
         integrator: NightSkyIntegrator = scene.integrator()
         self.emitter: StarEmitter = next(one for one in scene.emitters() if one.id() == "stars")
-        if integrator.stamps is not None or self.emitter.light_curve is not None or scene.shapes():
+        if integrator.stamps is not None or self.emitter.own is not None or scene.shapes():
             raise ValueError("the differentiable star pass takes a Gaussian point spread, steady stars and an open sky")
         if not getattr(self.camera.precise_lens, "k", None):
             raise ValueError(

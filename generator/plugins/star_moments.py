@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.landscape import LandscapeTexture
-from generator.plugins.star_paths import Paths, Placed, relative_light
+from generator.plugins.star_paths import LitShares, Paths, Placed, relative_light
 from generator.plugins.stars import StarEmitter
 
 Floats = NDArray[np.float64]
@@ -25,6 +25,8 @@ MOMENTS_PER_PART = 2
 """Least moments in each part of a light curve."""
 SHARE_STEP = 0.5e-3
 """Half the step, in exposures, over which a star's motion across the rows is differenced."""
+OWN_STEP = 1 / 16
+"""The most of it in own times of stars."""
 SLOWEST = 1e-3
 """Least part by which readout must outrun a star for the star to be drawn."""
 
@@ -40,7 +42,7 @@ class Moments:
     share : (m,) array
         Of the exposure of the row it falls on, 0 to 1.
     per_star : (m,) array
-        Moments of that star.
+        Moments into which that star's time is cut, dark ones too.
     """
 
     star: Rows
@@ -48,30 +50,42 @@ class Moments:
     per_star: Rows
 
 
-def cut_exposure(paths: Paths, emitter: StarEmitter, largest_step_px: Floats) -> Moments:
-    """Cut the exposure of each star near the frame into moments between which it moves by a step (px, (n,)) at most."""
+def cut_exposure(paths: Paths, camera: NightSkyCamera, largest_step_px: Floats, lit: LitShares | None) -> Moments:
+    """Cut the exposure of each star near the frame into moments between which it moves by a step (px, (n,)) at most.
+
+    Of a star with a time of its own only that is cut, into moments of each part of its light curve.
+    """
     steps = np.ceil(paths.longest_px * (paths.checks - 1) / largest_step_px[paths.star])
     count = np.clip(steps, 1, MOST_MOMENTS).astype(np.int64)
-    if emitter.light_curve is not None:
-        parts = emitter.light_curve.shape[1]
+    if lit is not None:
+        parts = lit.times.parts[paths.star]
         count = np.maximum(np.ceil(count / parts), MOMENTS_PER_PART).astype(np.int64) * parts
     first = np.repeat(np.cumsum(count) - count, count)
     per_star = np.repeat(count, count)
+    star = np.repeat(paths.star, count)
     share = (np.arange(len(first)) - first + 0.5) / per_star
-    return Moments(np.repeat(paths.star, count), share, per_star)
+    if lit is None:
+        return Moments(star, share, per_star)
+    share = lit.share(star, share)
+    if not camera.read_out_share:
+        # Times are known before places: what is dark, most of a strobe's time, is not followed. Of all dark the moments stay.
+        shining = np.flatnonzero(lit.times.light_at(star, share) > 0)
+        if len(shining):
+            star, share, per_star = star[shining], share[shining], per_star[shining]
+    return Moments(star, share, per_star)
 
 
-def moment_light(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed) -> Floats:
+def moment_light(
+    camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed, lit: LitShares | None
+) -> Floats:
     """Light of each moment, (m,) array, over that of the same star on the axis during a whole exposure.
 
     Lens, horizon, light curve and readout are in it; what stands in front of the sky is not.
     """
     above = np.array(placed.direction[2]) >= emitter.lowest_sine
     weight = np.where(above | (not emitter.behind_foreground), relative_light(camera, placed), 0.0) / moments.per_star
-    if emitter.light_curve is not None:
-        parts = emitter.light_curve.shape[1]
-        part = np.clip((placed.time * parts).astype(np.int64), 0, parts - 1)
-        weight *= emitter.light_curve[moments.star, part]
+    if lit is not None:
+        weight *= lit.length[moments.star] * lit.times.light_at(moments.star, placed.time)
     if camera.read_out_share:
         weight *= _dwell(camera, emitter, moments.star, placed.time)
     return weight
@@ -96,14 +110,22 @@ def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Float
     1 / (1 - s dv/dt) of the exposure.
     """
     index = mi.UInt32(aligned(star.astype(np.uint32)))
-    step = SHARE_STEP * camera.exposure_share
+    step: Any = SHARE_STEP * camera.exposure_share
+    start: Any = 0.0
+    end: Any = 1.0
+    if emitter.own is not None:
+        # Outside of its own time a star stands still.
+        start, end = emitter.own.start[star], emitter.own.end[star]
+        step = np.minimum(step, OWN_STEP * emitter.own.length[star])
+    before, after = np.clip(time - step, start, end), np.clip(time + step, start, end)
     placed = []
-    for moment in (FLOAT64(aligned(time - step)), FLOAT64(aligned(time + step))):
+    for times in (before, after):
+        moment = FLOAT64(aligned(times))
         _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
         placed.append((v, valid))
     dr.eval(placed)
     rows = [np.where(np.array(valid), np.array(v), np.nan) for v, valid in placed]
-    within = np.clip(time + step, 0, 1) - np.clip(time - step, 0, 1)
+    within = after - before
     moved = np.nan_to_num(rows[1] - rows[0])
     rate = np.divide(moved, within, out=np.zeros_like(moved), where=within > 0)
     per_row = camera.read_out_share / max(camera.height - 1, 1) * (-1 if camera.reads_up else 1)

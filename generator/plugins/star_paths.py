@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
-from generator.plugins.stars import StarEmitter
+from generator.plugins.stars import OwnTimes, StarEmitter
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -84,6 +84,58 @@ def relative_light(camera: NightSkyCamera, placed: Placed) -> Floats:
 
 
 @dataclass(frozen=True)
+class LitShares:
+    """Which part of the exposure of the rows that they fall on n stars shine in.
+
+    Attributes
+    ----------
+    times : OwnTimes
+    first, length : (n,) arrays
+        In shares of the exposure.
+    """
+
+    times: OwnTimes
+    first: Floats
+    length: Floats
+
+    def share(self, star: Rows, own: Floats) -> Floats:
+        """Shares (m,) of the exposure at shares (m,) of the stars' own time."""
+        return self.first[star] + own * self.length[star]
+
+    @classmethod
+    def of(cls, camera: NightSkyCamera, emitter: StarEmitter) -> LitShares | None:
+        """Those of an emitter; None where all its stars shine throughout.
+
+        With a rolling shutter an own time starts and ends where the star is then: rows differ in when their exposure starts.
+        Of a star outside the lens' range it is taken as long as it can be.
+        """
+        if emitter.own is None:
+            return None
+        start, end = emitter.own.start, emitter.own.end
+        if camera.read_out_share:
+            index = mi.UInt32(dr.arange(mi.UInt32, emitter.count))
+            first, last = (
+                _share_at(camera, emitter, index, time, beyond)
+                for time, beyond in ((start, camera.read_out_share), (end, 0.0))
+            )
+            first, last = np.where(start <= 0, 0.0, first), np.where(end >= 1, 1.0, last)
+            return cls(emitter.own, first, np.maximum(last - first, 0))
+        return cls(emitter.own, start, end - start)
+
+
+def _share_at(camera: NightSkyCamera, emitter: StarEmitter, index: Any, time: Floats, beyond: float) -> Floats:
+    """Share of its row's exposure, within 0 and 1, at which the time is that of each star.
+
+    `beyond`: start of the row's exposure that counts outside the lens' range.
+    """
+    moment = FLOAT64(aligned(time))
+    _, v, _, valid = camera.project(*emitter.direction(index, moment), moment)
+    starts = camera.moment(dr.clip(dr.select(valid, v, 0), -camera.height, 2 * camera.height), 0)
+    row_start = np.where(np.array(valid), np.array(starts), beyond)
+    return np.clip((time - row_start) / camera.exposure_share, 0, 1)
+
+
+@dataclass(frozen=True)
 class Paths:
     """The stars whose light may touch the frame at some time, and how far they move.
 
@@ -94,9 +146,10 @@ class Paths:
     star : (m,) array
         Their indices.
     start, end : (m, 2) arrays
-        Positions (u, v) when the exposure of a star's row starts and ends, px; NaN outside the lens' range.
+        Positions (u, v) when the exposure of a star's row, or the star's own time in it, starts and ends, px; NaN outside the
+        lens' range.
     longest_px : (m,) array
-        Longest step between two of `checks` evenly spaced shares of the exposure.
+        Longest step between two of `checks` evenly spaced shares of that time.
     checks : int
     """
 
@@ -108,7 +161,9 @@ class Paths:
     checks: int
 
 
-def find_paths(camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, reach_px: float) -> Paths:
+def find_paths(
+    camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, reach_px: float, lit: LitShares | None = None
+) -> Paths:
     """Find the stars whose light may touch the frame.
 
     Parameters
@@ -118,16 +173,18 @@ def find_paths(camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, rea
         All n stars of the emitter, half-way through their rows' exposure.
     reach_px : float
         How far beyond the frame a star's centre can be for its light to touch the frame.
+    lit : LitShares or None
+        When they shine; None: throughout.
     """
     everyone = np.arange(emitter.count, dtype=np.int64)
     checks = max(2, camera.keyframes, emitter.keyframes)
     excursion, probed = np.zeros(emitter.count), None
-    if emitter.light_curve is None and checks > len(FEW_SHARES):
+    if lit is None and checks > len(FEW_SHARES):
         u, v = _tracks(camera, emitter, everyone, FEW_SHARES[::2])
         u, v = (np.insert(ends, 1, half, axis=1) for ends, half in ((u, middle.u), (v, middle.v)))
         excursion, probed = _probe(camera, emitter, middle, checks, reach_px)
     else:
-        u, v = _tracks(camera, emitter, everyone, np.linspace(0, 1, min(checks, COARSE_CHECKS)))
+        u, v = _tracks(camera, emitter, everyone, np.linspace(0, 1, min(checks, COARSE_CHECKS)), lit)
     steps, touching = _steps_by_the_frame(camera, u, v, reach_px + excursion[:, None])
     near = touching.any(axis=1)
     # Indices are taken several times as fast as masks.
@@ -135,16 +192,19 @@ def find_paths(camera: NightSkyCamera, emitter: StarEmitter, middle: Placed, rea
     if probed is not None:
         longest = probed[chosen]
     elif len(chosen) and checks > u.shape[1]:
-        longest = _longest_step(camera, emitter, chosen, checks, reach_px)
+        longest = _longest_step(camera, emitter, chosen, checks, reach_px, lit)
     else:
         longest = steps.max(axis=1, initial=0.0)[chosen]
     start, end = (np.stack([u[chosen, share], v[chosen, share]], axis=1) for share in (0, -1))
     return Paths(near, chosen, start, end, longest, checks)
 
 
-def _tracks(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, shares: Floats) -> tuple[Floats, Floats]:
-    """Positions u and v, (stars, shares) arrays, at shares of the exposure."""
-    placed = project(camera, emitter, np.repeat(star, len(shares)), np.tile(shares, len(star)))
+def _tracks(
+    camera: NightSkyCamera, emitter: StarEmitter, star: Rows, shares: Floats, lit: LitShares | None = None
+) -> tuple[Floats, Floats]:
+    """Positions u and v, (stars, shares) arrays, at shares of the exposure or of the stars' own time in it."""
+    every, share = np.repeat(star, len(shares)), np.tile(shares, len(star))
+    placed = project(camera, emitter, every, share if lit is None else lit.share(every, share))
     return placed.u.reshape(len(star), -1), placed.v.reshape(len(star), -1)
 
 
@@ -221,10 +281,12 @@ def _steps_by_the_frame(
     return np.where(touching, steps, 0.0), touching
 
 
-def _longest_step(camera: NightSkyCamera, emitter: StarEmitter, chosen: Rows, checks: int, reach_px: float) -> Floats:
-    """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of the exposure."""
+def _longest_step(
+    camera: NightSkyCamera, emitter: StarEmitter, chosen: Rows, checks: int, reach_px: float, lit: LitShares | None
+) -> Floats:
+    """Longest step, px, of each chosen star between two of `checks` evenly spaced shares of its time."""
     longest = np.zeros(len(chosen))
     for shares in _blocks_of_shares(len(chosen), checks):
-        steps, _ = _steps_by_the_frame(camera, *_tracks(camera, emitter, chosen, shares), reach_px)
+        steps, _ = _steps_by_the_frame(camera, *_tracks(camera, emitter, chosen, shares, lit), reach_px)
         longest = np.maximum(longest, steps.max(axis=1, initial=0.0))
     return longest

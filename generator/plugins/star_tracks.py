@@ -19,7 +19,7 @@ from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.landscape import LandscapeTexture
 from generator.plugins.star_moments import behind_geometry, behind_landscape, cut_exposure, moment_light
-from generator.plugins.star_paths import find_paths, project, relative_light
+from generator.plugins.star_paths import LitShares, find_paths, project, relative_light
 from generator.plugins.stars import StarEmitter
 
 Floats = NDArray[np.float64]
@@ -35,13 +35,16 @@ class StarTracks:
     Attributes
     ----------
     u_px, v_px : (n,) arrays
-        Position when the row it falls on is half exposed; NaN outside the lens' range.
+        Position when the row it falls on is half exposed, or half-way through the star's own time in that; NaN outside the
+        lens' range.
     start, end : (n, 2) arrays
-        Position (u, v) when that row's exposure starts and ends; NaN outside the lens' range or far from the frame.
+        Position (u, v) when that row's exposure, or the star's own time in it, starts and ends; NaN outside the lens'
+        range or far from the frame.
     centroid : (n, 2) array
         Mean position weighted by the light that arrives; NaN where none does.
     light : (n,) array
-        Light that arrives over that of the same star on the axis during one exposure; far from the frame, at mid-exposure.
+        Light that arrives over that of the same star on the axis during one exposure; far from the frame, by its place
+        half-way.
     visible_share : (n,) array
         Part of the star's light that geometry lets through, 0-1; 1 for stars far from the frame.
     star, u, v, weight : (m,) arrays
@@ -84,17 +87,21 @@ def follow_stars(
         It hides parts of the light of stars.
     """
     count = emitter.count
-    middle = project(camera, emitter, np.arange(count, dtype=np.int64), np.full(count, 0.5))
-    paths = find_paths(camera, emitter, middle, reach_px)
+    everyone, half = np.arange(count, dtype=np.int64), np.full(count, 0.5)
+    lit = LitShares.of(camera, emitter)
+    middle = project(camera, emitter, everyone, half if lit is None else lit.share(everyone, half))
+    paths = find_paths(camera, emitter, middle, reach_px, lit)
     start, end, centroid = (np.full((count, 2), np.nan) for _ in range(3))
     start[paths.star], end[paths.star] = paths.start, paths.end
     light, visible_share = relative_light(camera, middle), np.ones(count)
+    if lit is not None:
+        light = light * lit.length * lit.times.mean_light
     star, u, v, weight = np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0)
     if len(paths.star):
-        moments = cut_exposure(paths, emitter, largest_step_px)
+        moments = cut_exposure(paths, camera, largest_step_px, lit)
         placed = project(camera, emitter, moments.star, moments.share)
         star, u, v = moments.star, placed.u, placed.v
-        weight = moment_light(camera, emitter, moments, placed)
+        weight = moment_light(camera, emitter, moments, placed, lit)
         if emitter.behind_foreground and (scene.shapes() or landscape is not None):
             whole = np.bincount(star, weight, count)
             if scene.shapes():
@@ -103,10 +110,10 @@ def follow_stars(
                 weight = weight * (1 - behind_landscape(landscape, camera, placed))
             np.divide(np.bincount(star, weight, count), whole, out=visible_share, where=whole > 0)
         light = np.where(paths.near, np.bincount(star, weight, count), light)
-        lit = np.flatnonzero(paths.near & (light > 0))
+        seen = np.flatnonzero(paths.near & (light > 0))
         for axis, position in enumerate((u, v)):
             total = np.bincount(star, weight * np.where(weight > 0, position, 0), count)
-            centroid[lit, axis] = total[lit] / light[lit]
+            centroid[seen, axis] = total[seen] / light[seen]
         keep = np.flatnonzero(weight > 0)
         star, u, v, weight = star[keep], u[keep], v[keep], weight[keep]
     return StarTracks(middle.u, middle.v, start, end, centroid, light, visible_share, star, u, v, weight)

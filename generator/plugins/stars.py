@@ -3,14 +3,16 @@
 =================  =======  =====================================================================================
 parameter          type     meaning
 =================  =======  =====================================================================================
-``directions``     tensor   (n, k, 3): apparent unit vectors (ENU), evenly spaced over the shutter's time, k >= 2
+``directions``     tensor   (n, k, 3): apparent unit vectors (ENU), evenly spaced over each star's own time, k >= 2
 ``v_mag``          tensor   (n,): Johnson V above the atmosphere
 ``colour_row``     tensor   (n,): fractional row of ``colour_table`` (from V-I)
 ``colour_column``  tensor   (n,): fractional column of ``colour_table`` (from B-V)
 ``airmass``        tensor   (n,): relative airmass
 ``colour_table``   tensor   (m, c, k): photon spectra of V = 0 stars, photons s^-1 m^-2 nm^-1, on the wavelength grid
 ``optical_depth``  tensor   (m, k): of the atmosphere per airmass; m = 1, or those of :mod:`generator.light.airmass_nodes`
-``light_curve``    tensor   (n, m), optional: brightness in m equal parts of the shutter's time, relative to ``v_mag``
+``lit``            tensor   (n, 2), optional: start and length of each star's own time, dark outside; default: the shutter's
+``parts``          tensor   (n,), with ``lit``: equal parts of each star's own time
+``light_curve``    tensor   (sum of parts,), with ``lit``: brightness in these, relative to ``v_mag``, star by star
 ``dispersion_rad``  tensor  (n, bands), optional: lift of equal bands of the spectral range over ``directions``; 0: none
 ``horizon_sine``   float    sine of the horizon's apparent altitude, below which nothing shines (default 0)
 ``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
@@ -23,11 +25,13 @@ The same emitter lights geometry through Mitsuba's direction sampling, with the 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from generator.device_arrays import aligned
 from generator.light.airmass_nodes import AIRMASS_SCALE, largest_airmass
@@ -37,6 +41,66 @@ from generator.plugins.spectra import ColourTable, SpectralTable, stratified_wav
 FLOAT64: Any = dr.float64_array_t(mi.Float)
 DISTANCE = 1e6
 """Distance of the stars for shadow rays, scene units."""
+END_SLACK = 1e-6
+"""Of the shutter's time: single precision's rounding of `lit`."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OwnTimes:
+    """When each of n stars shines, in the shutter's time (0 to 1), and how brightly.
+
+    Attributes
+    ----------
+    start, length : (n,) arrays
+    parts, first_part : (n,) int arrays
+        Equal parts of its own time, and where they begin in `light_curve`.
+    light_curve : (sum of parts,) array
+    on_device : tuple of Float64
+        `start` and 1 / `length`.
+    """
+
+    start: Floats
+    length: Floats
+    parts: NDArray[np.int64]
+    first_part: NDArray[np.int64]
+    light_curve: Floats
+    on_device: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, props: Any, count: int) -> OwnTimes:
+        """Those of an emitter's parameters."""
+        lit, parts, curve = array(props["lit"], 2), array(props["parts"], 1), array(props["light_curve"], 1)
+        if lit.shape != (count, 2) or parts.shape != (count,) or curve.shape != (int(parts.sum()),):
+            raise ValueError(
+                "skybench_stars: lit, parts and light_curve must have shapes (n, 2), (n,) and (sum of parts,), not "
+                f"{lit.shape}, {parts.shape} and {curve.shape}"
+            )
+        parts = parts.astype(np.int64)
+        start, length = (np.ascontiguousarray(column) for column in lit.T)
+        on_device = (FLOAT64(aligned(start)), FLOAT64(aligned(1 / length)))
+        return cls(start, length, parts, np.cumsum(parts) - parts, curve, on_device)
+
+    @property
+    def end(self) -> Floats:
+        """When each own time ends, (n,) array; that of single precision's numbers by the shutter's end is its end."""
+        end = self.start + self.length
+        return np.where(end > 1 - END_SLACK, 1.0, end)
+
+    @property
+    def mean_light(self) -> Floats:
+        """Mean of each light curve, (n,) array."""
+        owner = np.repeat(np.arange(len(self.parts)), self.parts)
+        return np.bincount(owner, self.light_curve, len(self.parts)) / self.parts
+
+    def light_at(self, star: NDArray[np.int64], time: Floats) -> Floats:
+        """Relative brightness (m,) of stars (m,) at times (m,); what shines at an end of the shutter's time shines beyond."""
+        own = (time - self.start[star]) / self.length[star]
+        part = np.clip((own * self.parts[star]).astype(np.int64), 0, self.parts[star] - 1)
+        on = (time >= self.start[star]) | (self.start[star] <= 0)
+        on &= (time <= self.end[star]) | (self.end[star] >= 1)
+        return np.where(on, self.light_curve[self.first_part[star] + part], 0.0)
 
 
 class StarEmitter(mi.Emitter):
@@ -57,9 +121,7 @@ class StarEmitter(mi.Emitter):
         self.airmass = mi.Float(props["airmass"].array)
         self.colour_table = ColourTable(props["colour_table"])
         self.optical_depth = SpectralTable(props["optical_depth"])
-        self.light_curve = array(props["light_curve"], 2) if "light_curve" in props else None
-        if self.light_curve is not None and (self.light_curve.ndim != 2 or len(self.light_curve) != self.count):
-            raise ValueError(f"skybench_stars: light_curve must have shape (n, m), not {self.light_curve.shape}")
+        self.own = OwnTimes.of(props, self.count) if "lit" in props else None
         middle = directions[:, (self.keyframes - 1) // 2] + directions[:, self.keyframes // 2]
         self.directions_at_middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
         self.dispersion_rad = array(props["dispersion_rad"], 2) if "dispersion_rad" in props else None
@@ -73,7 +135,11 @@ class StarEmitter(mi.Emitter):
 
     def direction(self, star: Any, time: Any) -> tuple[Any, Any, Any]:
         """Components (Float64) of the apparent unit vectors of stars (UInt32 indices) at `time` (0 to 1)."""
-        position = dr.clip(FLOAT64(time), 0, 1) * (self.keyframes - 1)
+        own = FLOAT64(time)
+        if self.own is not None:
+            start, per_length = (dr.gather(FLOAT64, column, star) for column in self.own.on_device)
+            own = (own - start) * per_length
+        position = dr.clip(own, 0, 1) * (self.keyframes - 1)
         lower = dr.minimum(mi.UInt32(position), self.keyframes - 2)
         weight = position - FLOAT64(lower)
         index = star * self.keyframes + lower
@@ -83,6 +149,11 @@ class StarEmitter(mi.Emitter):
         )
         norm = 1 / dr.sqrt(east * east + north * north + up * up)
         return east * norm, north * norm, up * norm
+
+    @property
+    def light_share(self) -> Floats | None:
+        """Mean light of each star over the shutter's time, relative to its magnitude, (n,) array; None where all is 1."""
+        return None if self.own is None else self.own.length * self.own.mean_light
 
     def irradiance(self, star: Any, wavelengths: Any) -> Any:
         """Irradiance (Spectrum) at the ground of stars (UInt32 indices), photons s^-1 m^-2 nm^-1."""

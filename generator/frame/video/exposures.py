@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from generator.frame.flying_objects import FlyingObjects
 from generator.frame.plan import SKY_RATE_DEG_S, FramePlan
 from generator.frame.scene import render_expected
 from generator.optics.motion import Motion
@@ -44,7 +43,7 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
     shine.
     """
     count = spec.count(plan.spec.time.exposure_s)
-    resting = replace(plan, objects=_none_of(plan.objects))
+    resting = replace(plan, objects=plan.objects.chosen(np.zeros(len(plan.objects), bool)))
     slices = slice_count(plan, count)
     seed, index = plan.scenario.seed, plan.index
     sensor = plan.spec.sensor
@@ -108,18 +107,13 @@ def plan_part(plan: FramePlan, start: float, stop: float) -> FramePlan:
     """The plan of a part of the exposure, from share `start` to `stop` of it, of a global shutter."""
     exposure_s = (stop - start) * plan.spec.time.exposure_s
     time = plan.spec.time.model_copy(update={"exposure_s": exposure_s})
-    objects = plan.objects
     return replace(
         plan,
         spec=plan.spec.model_copy(update={"time": time}),
         utc_start=plan.utc_start.plus(start * plan.spec.time.exposure_s),
         directions=_within(plan.directions, start, stop),
         motion=_motion_within(plan.motion, start, stop, exposure_s),
-        objects=replace(
-            objects,
-            directions=_within(objects.directions, start, stop),
-            light_curve=_curve_within(objects.light_curve, start, stop),
-        ),
+        objects=plan.objects.within(start, stop),
     )
 
 
@@ -144,37 +138,12 @@ def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float)
     return replace(motion, time_s=exposure_s * share, R_cam=turned, R_mid=follow([(start + stop) / 2]).as_matrix()[0])
 
 
-def _curve_within(curve: NDArray[np.float64], start: float, stop: float) -> NDArray[np.float64]:
-    """Means of light curves (n, m) over as many equal parts of a part of the exposure."""
-    parts = curve.shape[1]
-    edges = np.linspace(0, 1, parts + 1)
-    summed = np.concatenate([np.zeros((len(curve), 1)), np.cumsum(curve, axis=1) / parts], axis=1)
-    places = np.linspace(start, stop, parts + 1)
-    at = np.stack([np.interp(places, edges, row) for row in summed]) if len(curve) else np.zeros((0, parts + 1))
-    return np.diff(at, axis=1) * parts / (stop - start)
-
-
-def _none_of(objects: FlyingObjects) -> FlyingObjects:
-    return _chosen(objects, np.zeros(len(objects), bool))
-
-
-def _chosen(objects: FlyingObjects, wanted: NDArray[np.bool_]) -> FlyingObjects:
-    return FlyingObjects(
-        objects.number[wanted],
-        tuple(kind for kind, chosen in zip(objects.kind, wanted, strict=True) if chosen),
-        objects.v_mag[wanted],
-        objects.bv_mag[wanted],
-        objects.directions[wanted],
-        objects.light_curve[wanted],
-    )
-
-
 def _moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     """Expected electrons of flying objects in a part of the exposure; None where none shines."""
     if not len(plan.objects):
         return None
     part = plan_part(plan, start, stop)
-    shining = np.asarray((part.objects.light_curve > 0).any(axis=1), dtype=np.bool_)
+    shining = part.objects.shining
     if not shining.any():
         return None
     dark = part.spec.model_copy(update={"sky": SkySpec(components=())})
@@ -182,7 +151,7 @@ def _moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     alone = replace(
         part,
         spec=dark,
-        objects=_chosen(part.objects, shining),
+        objects=part.objects.chosen(shining),
         stars=part.stars[none],
         directions=part.directions[none],
         airmass=part.airmass[none],
