@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -24,19 +25,24 @@ LEAST_PX = 0.1
 0.01 px, as a sensor's electrons come from a part of the range and their mean wavelengths differ by a tenth of it."""
 
 
-def dispersion_parameters(plan: FramePlan, directions: Floats) -> dict[str, Any]:
-    """The stars' parameter ``dispersion_rad`` for apparent directions (n, k, 3); nothing where no star's light is spread."""
+def dispersion_parameters(plan: FramePlan, directions: Floats, least_px: float = LEAST_PX) -> dict[str, Any]:
+    """The stars' parameter ``dispersion_rad`` for apparent directions (n, k, 3); nothing where the air spreads none.
+
+    Dispersion below `least_px` counts as none.
+    """
+    if not math.isfinite(least_px):
+        return {}
     place, f_px = plan.spec.site, plan.spec.camera.f_px
     site = Site(place.latitude_deg, place.longitude_deg, place.height_m)
     air = refracting_air(plan.spec.atmosphere)
     middle = directions[:, directions.shape[1] // 2]
     altitude_deg = np.degrees(np.arcsin(np.clip(middle[:, 2], -1, 1)))
-    rows = np.flatnonzero(may_disperse(altitude_deg, float(np.degrees(LEAST_PX / f_px)), site, air))
+    rows = np.flatnonzero(may_disperse(altitude_deg, float(np.degrees(least_px / f_px)), site, air))
     if not len(rows):
         return {}
     edges = np.linspace(GRID_START_NM, GRID_STOP_NM, BANDS + 1)
     lift = np.radians(dispersion_deg(altitude_deg[rows], (edges[1:] + edges[:-1]) / 2, site, air))
-    seen = np.ptp(lift, axis=1) * f_px > LEAST_PX
+    seen = np.ptp(lift, axis=1) * f_px > least_px
     if not seen.any():
         return {}
     result = np.zeros((len(directions), BANDS))

@@ -68,6 +68,8 @@ class PointLights:
     directions : (n, k, 3) array
         Apparent unit vectors, evenly spaced over the shutter's time.
     v_mag, bv_mag, vi_mag, airmass : (n,) arrays
+    hidden : (n, 2) array
+        First and last share of the shutter's time between which the Moon is in front; inf where it never is.
     """
 
     directions: Floats
@@ -75,6 +77,14 @@ class PointLights:
     bv_mag: Floats
     vi_mag: Floats
     airmass: Floats
+    hidden: Floats
+
+    @classmethod
+    def in_the_open(
+        cls, directions: Floats, v_mag: Floats, bv_mag: Floats, vi_mag: Floats, airmass: Floats
+    ) -> PointLights:
+        """Points of light that nothing hides."""
+        return cls(directions, v_mag, bv_mag, vi_mag, airmass, np.full((len(v_mag), 2), np.inf))
 
     def __len__(self) -> int:
         return len(self.v_mag)
@@ -90,7 +100,7 @@ class PointLights:
 
     @property
     def _columns(self) -> tuple[Floats, ...]:
-        return self.directions, self.v_mag, self.bv_mag, self.vi_mag, self.airmass
+        return self.directions, self.v_mag, self.bv_mag, self.vi_mag, self.airmass, self.hidden
 
 
 @dataclass(frozen=True)
@@ -309,7 +319,7 @@ def _lights(
     if sky.clouds is not None:
         passed = sky.clouds.point_transmission(level_or_up(middle.enu))
         v_mag = v_mag - 2.5 * np.log10(np.maximum(passed, LEAST_TRANSMISSION))
-    return PointLights(
+    return PointLights.in_the_open(
         np.stack([places.enu for places in path], axis=1),
         v_mag,
         stars.bv_mag,

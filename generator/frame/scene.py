@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +14,7 @@ from numpy.typing import NDArray
 
 from generator import plugins
 from generator.device_arrays import aligned
-from generator.frame.dispersion import dispersion_parameters, with_dispersion
-from generator.frame.flying.objects import FlyingObjects
+from generator.frame.dispersion import with_dispersion
 from generator.frame.foreground import shape_dicts
 from generator.frame.landscape import (
     LAMP_FACTOR,
@@ -24,14 +24,11 @@ from generator.frame.landscape import (
     landscape_maps,
     own_light_maps,
 )
-from generator.frame.moon_disk import faint_lights, point_lights
-from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere
+from generator.frame.plan import FramePlan, dimming_atmosphere
+from generator.frame.point_lights import faint_lights, moon_dicts, objects_dict, star_lights, stars_dict
 from generator.frame.scattered_light import Shining, dust_of, gathered, scattered
 from generator.frame.star_truth import StarTruth, between_lit_ends, star_truth
-from generator.light.molecular_bands import star_depths
 from generator.light.photometry import GRID_NM, surface_brightness_from_radiance
-from generator.light.star_colours import usual_vi
-from generator.light.stellar_spectra import colour_grid, colour_place
 from generator.optics.motion import turned_rad
 from generator.optics.psf import psf_table
 from generator.plugins.scene_tensors import tensor
@@ -83,9 +80,9 @@ class ExpectedFrame:
     fraction_in_frame : (n,) array
         Part of them that falls on the sensor.
     occluded : (n,) bool array
-        Whether the foreground hides more than half of the star's light.
+        Whether the foreground and the Moon hide more than half of the star's light.
     hidden_fraction : (n,) array
-        Part of the star's light that it hides.
+        Part of the star's light that they hide.
     objects : StarTruth
         The same of the plan's flying objects.
     lamps : StarTruth
@@ -146,47 +143,19 @@ def scene_dict(
     """
     mi = plugins.start()
     spec = plan.spec
-    atmosphere = dimming_atmosphere(spec.atmosphere)
     sky = whole_sky(frame_layers(plan)) if sky is None else sky
-    points, faint = point_lights(plan), faint_lights(plan)
-    depth = np.zeros((1, len(GRID_NM)))
-    if atmosphere is not None:
-        depth = star_depths(atmosphere, plan.horizon.dips)
+    faint = faint_lights(plan)
     lamps = frame_lamps(plan)
     return {
         "type": "scene",
         "integrator": integrator_dict(plan) | ({} if landscape is None else landscape.parameters()),
         "sky": sky_dict(sky),
-        "stars": stars_dict(plan, points, depth),
-        **({"unlisted": stars_dict(plan, faint, depth)} if faint else {}),
+        "stars": stars_dict(plan, star_lights(plan)),
+        **({"unlisted": stars_dict(plan, faint)} if faint else {}),
         "camera": camera_dict(plan) if camera is None else camera,
         **shape_dicts(spec.foreground, mi),
         **({"objects": objects_dict(plan.objects, plan.horizon.sine)} if len(plan.objects) else {}),
         **({"lamps": lamps_dict(plan, lamps)} if lamps else {}),
-    }
-
-
-def stars_dict(plan: FramePlan, points: PointLights, depth: Floats) -> dict[str, Any]:
-    """Points of light above the atmosphere, of `depth` per airmass, as an emitter."""
-    return {
-        "type": "skybench_stars",
-        "horizon_sine": plan.horizon.sine,
-        **dispersion_parameters(plan, points.directions),
-        "directions": tensor(points.directions),
-        "v_mag": tensor(points.v_mag),
-        "airmass": tensor(points.airmass),
-        **colour_tensors(points.bv_mag, points.vi_mag),
-        "optical_depth": tensor(depth),
-    }
-
-
-def colour_tensors(bv_mag: Floats, vi_mag: Floats) -> dict[str, Any]:
-    """Parameters of an emitter of points for their colours."""
-    row, column = colour_place(bv_mag, vi_mag)
-    return {
-        "colour_row": tensor(row),
-        "colour_column": tensor(column),
-        "colour_table": tensor(colour_grid().spectra),
     }
 
 
@@ -215,22 +184,6 @@ def sky_dict(sky: SkyTable) -> dict[str, Any]:
             "cloud_numbers": tensor(cloud_numbers(clouds)),
         }
     return description
-
-
-def objects_dict(objects: FlyingObjects, horizon_sine: float) -> dict[str, Any]:
-    """Flying objects as an emitter like that of the stars; their magnitudes are those at the ground."""
-    return {
-        "type": "skybench_stars",
-        "horizon_sine": horizon_sine,
-        "directions": tensor(objects.directions),
-        "v_mag": tensor(objects.v_mag),
-        "airmass": tensor(np.zeros(len(objects))),
-        **colour_tensors(objects.bv_mag, usual_vi(objects.bv_mag, dwarf=True)),
-        "optical_depth": tensor(np.zeros((1, len(GRID_NM)))),
-        "lit": tensor(np.stack([objects.lit[:, 0], objects.lit[:, 1] - objects.lit[:, 0]], axis=1)),
-        "parts": tensor(objects.parts),
-        "light_curve": tensor(objects.light_curve),
-    }
 
 
 def camera_dict(plan: FramePlan) -> dict[str, Any]:
@@ -362,8 +315,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
     shining: list[Shining] = []
     image = sky
     dark = mi.load_dict(scene_dict(plan, black_sky(), camera)) if layers else None
-    for emitter in scene.emitters():
-        if emitter.id() not in (*truths, "unlisted") or not emitter.count:
+    moon = StarTruth.empty()
+    moons = (mi.load_dict(block) for block in moon_dicts(plan))
+    for emitter in itertools.chain(scene.emitters(), moons):
+        if emitter.id() not in (*truths, "unlisted", "moon") or not emitter.count:
             continue
         tracks = integrator.follow(scene, camera, emitter)
         brighter = LAMP_FACTOR if emitter.id() == "lamps" else 1.0
@@ -373,11 +328,12 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         image = image + light
         by_band = brighter * integrator.electrons_by_band(camera, emitter, integrator.bands)
         shines = Shining(emitter, tracks, by_band.sum(axis=2))
-        shining.append(gathered(shines, plan.spec.camera) if emitter.id() == "unlisted" else shines)
+        many = emitter.id() == "unlisted" or emitter.step_px > 0
+        shining.append(gathered(shines, plan.spec.camera) if many else shines)
         if layers:
             if strays:
                 light = direct * light + astray(dark, dr.zeros_like(light), light, shining[-1:])
-            name = "stars" if emitter.id() == "unlisted" else emitter.id()
+            name = "stars" if emitter.id() in ("unlisted", "moon") else emitter.id()
             parts[name] = recorded(light) + parts.get(name, np.float32(0))
         if emitter.id() == "unlisted":
             continue
@@ -386,6 +342,10 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
             truth = with_dispersion(truth, shift)
         if emitter.id() == "objects":
             truth = between_lit_ends(truth, tracks, plan.objects.dark_ends)
+        if emitter.id() == "moon":
+            moon = moon.joined(between_lit_ends(truth, tracks, emitter.dark_at_ends).together())
+            integrator.forget(emitter)
+            continue
         truths[emitter.id()] = truth
     if strays:
         dr.eval(image)
@@ -395,8 +355,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         image, sky = image * dust, sky * dust
     dr.eval(image, sky)
     electrons, sky_electrons = np.array(image), np.array(sky)
-    # In the emitter, the points of the Moon's disk follow the stars.
-    truth = truths["stars"].first(len(plan.stars))
+    truth = truths["stars"]
     return ExpectedFrame(
         electrons=mosaic(electrons, sensor),
         sky_electrons=mosaic(sky_electrons, sensor),
@@ -414,7 +373,7 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         cover=cover,
         objects=truths["objects"],
         lamps=truths["lamps"],
-        moon=truths["stars"].together_from(len(plan.stars)),
+        moon=moon.together(),
         zenith_mag_arcsec2=float(surface_brightness_from_radiance(zenith)) if zenith > 0 else None,
         layers=parts,
     )

@@ -29,7 +29,7 @@ class StarTruth:
         First moment of the light on an unbounded sensor: `centroid_px` with what the point spread function's asymmetry and
         lateral colour add; NaN where no light arrives.
     hidden_fraction : (n,) array
-        Part of the light that geometry and landscape hide.
+        Part of the light that geometry, landscape and Moon hide.
     low_px, high_px : (n, 2) arrays
         Least and greatest u and v from which light arrives, without the point spread function; NaN where none does.
     """
@@ -47,16 +47,17 @@ class StarTruth:
     low_px: Floats
     high_px: Floats
 
-    def first(self, count: int) -> StarTruth:
-        """Truth of the first `count` stars."""
-        return StarTruth(*(getattr(self, field.name)[:count] for field in fields(self)))
+    def joined(self, other: StarTruth) -> StarTruth:
+        """Truth of these and others, in this order."""
+        return StarTruth(
+            *(np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self))
+        )
 
-    def together_from(self, first: int) -> StarTruth:
-        """Truth of the rows from `first` on, merged into one source; empty if there are none."""
-        rows = slice(first, None)
-        electrons = self.electrons[rows]
+    def together(self) -> StarTruth:
+        """Truth of all merged into one source; empty if there are none."""
+        electrons = self.electrons
         if not len(electrons):
-            return self.first(0)
+            return self
         weight = electrons if electrons.sum() > 0 else np.ones(len(electrons))
 
         def mean(values: Floats) -> Floats:
@@ -66,18 +67,18 @@ class StarTruth:
             return np.average(values[lit], axis=0, weights=weight[lit])[None]
 
         return StarTruth(
-            mean(self.u_px[rows]),
-            mean(self.v_px[rows]),
-            mean(self.start_px[rows]),
-            mean(self.end_px[rows]),
-            mean(self.centroid_px[rows]),
-            mean(self.light_px[rows]),
+            mean(self.u_px),
+            mean(self.v_px),
+            mean(self.start_px),
+            mean(self.end_px),
+            mean(self.centroid_px),
+            mean(self.light_px),
             np.array([electrons.sum()]),
-            mean(self.fraction_in_frame[rows]),
-            np.array([self.occluded[rows].mean() > 0.5]),
-            mean(self.hidden_fraction[rows]),
-            np.fmin.reduce(self.low_px[rows])[None],
-            np.fmax.reduce(self.high_px[rows])[None],
+            mean(self.fraction_in_frame),
+            np.array([self.occluded.mean() > 0.5]),
+            mean(self.hidden_fraction),
+            np.fmin.reduce(self.low_px)[None],
+            np.fmax.reduce(self.high_px)[None],
         )
 
     @classmethod
@@ -139,7 +140,7 @@ def _corners(tracks: Any, count: int) -> tuple[Floats, Floats]:
 
 
 def between_lit_ends(truth: StarTruth, tracks: Any, dark_ends: NDArray[np.bool_]) -> StarTruth:
-    """The truth of flashing lights: starts and ends are where they shine first and last during the exposure.
+    """The truth of lights that flash, rise or set: starts and ends are where they shine first and last in the exposure.
 
     Parameters
     ----------

@@ -122,11 +122,13 @@ def relative_light(camera: NightSkyCamera) -> NDArray[np.float32]:
 
 
 def unhidden(scene: Any, integrator: NightSkyIntegrator, emitter: StarEmitter) -> Floats:
-    """Part of the light of each point that nothing in the foreground hides at mid-exposure, (n,) array."""
+    """Part of the light of each point that nothing hides, (n,) array: the foreground at mid-exposure, the Moon over all."""
+    whole = np.ones(emitter.count)
+    open_share = np.asarray(emitter.open_share(np.arange(emitter.count), 0 * whole, whole))
     if not emitter.behind_foreground or (not scene.shapes() and integrator.surroundings is None):
-        return np.ones(emitter.count)
+        return open_share
     direction = mi.Vector3f(aligned(emitter.directions_at_middle.T.astype(np.float32)))
-    free = np.ones(emitter.count)
+    free = open_share
     if scene.shapes():
         free = free * ~np.array(scene.ray_test(mi.Ray3f(mi.Point3f(0), direction)))
     if integrator.surroundings is not None:

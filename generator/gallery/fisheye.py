@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 from scipy import constants
 
 from generator.colour_science import colour
-from generator.frame.moon_disk import point_lights
-from generator.frame.plan import FramePlan, dimming_atmosphere, plan_frame
+from generator.frame.moon.disk import moon_lights
+from generator.frame.plan import FramePlan, PointLights, dimming_atmosphere, plan_frame
+from generator.frame.point_lights import star_lights
 from generator.frame.scene import frame_layers
 from generator.light.atmosphere import optical_depth
 from generator.light.photometry import GRID_NM
@@ -93,7 +95,7 @@ def all_sky(plan: FramePlan, size: int = 420, white_cd_m2: float | None = None) 
     altitude, azimuth = 90 * (1 - radius), np.degrees(np.arctan2(x, y)) % 360
     xyz = np.zeros((size, size, 3))
     xyz[inside] = table.signal(weights, altitude[inside], azimuth[inside]).T
-    points = point_lights(plan)
+    points = functools.reduce(PointLights.joined, moon_lights(plan), star_lights(plan))
     depth = np.zeros((len(points.v_mag), 1))
     atmosphere = dimming_atmosphere(plan.spec.atmosphere)
     if atmosphere is not None:

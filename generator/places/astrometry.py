@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from generator.places.catalogue import StarCatalogue
 from generator.places.ray_bending import REFERENCE_NM, StandardAir
-from generator.places.refraction import refraction_deg, refraction_of_vectors_rad
+from generator.places.refraction import refraction_deg, refraction_of_apparent_deg, refraction_of_vectors_rad
 from generator.places.times import EarthOrientation, Instant
 
 MAS_TO_RAD = np.pi / (180 * 3600 * 1000)
@@ -185,15 +185,30 @@ def observed_places(
     """Apparent places of n stars at an instant from their intermediate places near it (same hour)."""
     # Precession and nutation, which take longer than all else, are in the intermediate places.
     context = erfa.apio13(*_observer(site, instant, orientation))
+    return ApparentPlaces(refracted(_enu_from_cirs(context) @ places.cirs.T, site, air).T)
+
+
+def refracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
+    """Apparent unit vectors (3, n), east, north, up, of those above the air."""
     # Components first: each is contiguous.
-    east, north, up = _enu_from_cirs(context) @ places.cirs.T
+    east, north, up = enu
     level = np.sqrt(east * east + north * north)
     lift = refraction_of_vectors_rad(level, up, air_around(site, air))
     # Sine and cosine of a small angle: the next terms are below 1e-12.
     square = lift * lift
     sine, cosine = lift * (1 - square / 6), 1 - square * (0.5 - square / 24)
     stretch = cosine - up * sine / np.maximum(level, 1e-300)
-    return ApparentPlaces(np.stack([stretch * east, stretch * north, up * cosine + level * sine]).T)
+    return np.stack([stretch * east, stretch * north, up * cosine + level * sine])
+
+
+def unrefracted(enu: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:
+    """Unit vectors (3, n) above the air of apparent ones: the inverse of :func:`refracted`."""
+    east, north, up = enu
+    level = np.hypot(east, north)
+    apparent = np.arctan2(up, level)
+    true = apparent - np.radians(refraction_of_apparent_deg(np.degrees(apparent), air_around(site, air)))
+    stretch = np.cos(true) / np.maximum(level, 1e-300)
+    return np.stack([stretch * east, stretch * north, np.sin(true)])
 
 
 def lift_deg(true_altitude_deg: NDArray[np.float64], site: Site, air: Air) -> NDArray[np.float64]:

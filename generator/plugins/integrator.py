@@ -292,6 +292,11 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
             self._electrons[emitter.id(), bands] = light[:, None, None] * shape
         return self._electrons[emitter.id(), bands]
 
+    def forget(self, emitter: StarEmitter) -> None:
+        """Drop what is kept of an emitter, for another one of its name."""
+        for key in [key for key in self._electrons if key[0] == emitter.id()]:
+            del self._electrons[key]
+
     def follow(self, scene: Any, camera: NightSkyCamera, emitter: StarEmitter) -> StarTracks:
         """Tracks of all stars of an emitter over the exposure."""
         reach = self.radius_px + 1 + float(np.abs(self.band_shift).max())
@@ -300,6 +305,7 @@ class NightSkyIntegrator(mi.SamplingIntegrator):
         step = np.full(len(electrons), self.largest_step_px)
         for faint_e, factor in FAINT_STEPS:
             step[electrons < faint_e] = factor * self.largest_step_px
+        step = np.maximum(step, emitter.step_px)
         return follow_stars(scene, camera, emitter, reach, step, self.landscape)
 
     def stars(

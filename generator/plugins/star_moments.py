@@ -103,6 +103,12 @@ def behind_landscape(landscape: LandscapeTexture, camera: NightSkyCamera, placed
     return np.array(landscape.hidden(direction, 1 / camera.projection.f_px), dtype=np.float64)
 
 
+def beside_moon(camera: NightSkyCamera, emitter: StarEmitter, moments: Moments, placed: Placed) -> Floats:
+    """Part of each moment's light, (m,) array, that the Moon does not hide."""
+    half = 0.5 * camera.exposure_share / moments.per_star
+    return np.asarray(emitter.open_share(moments.star, placed.time - half, placed.time + half))
+
+
 def _dwell(camera: NightSkyCamera, emitter: StarEmitter, star: Rows, time: Floats) -> Floats:
     """Time that a star spends per share of its row's exposure, over the exposure: it moves along with the readout or against.
 

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from generator.device_arrays import aligned
 from generator.plugins.camera import FLOAT64, NightSkyCamera
 from generator.plugins.landscape import LandscapeTexture
-from generator.plugins.star_moments import behind_geometry, behind_landscape, cut_exposure, moment_light
+from generator.plugins.star_moments import (
+    behind_geometry,
+    behind_landscape,
+    beside_moon,
+    cut_exposure,
+    moment_light,
+)
 from generator.plugins.star_paths import LitShares, find_paths, project, relative_light
 from generator.plugins.stars import StarEmitter
 
@@ -46,7 +52,7 @@ class StarTracks:
         Light that arrives over that of the same star on the axis during one exposure; far from the frame, by its place
         half-way.
     visible_share : (n,) array
-        Part of the star's light that geometry lets through, 0-1; 1 for stars far from the frame.
+        Part of the star's light that geometry, landscape and Moon let through, 0-1; 1 for stars far from the frame.
     star, u, v, weight : (m,) arrays
         The moments: index of the star, position, and light (as `light`, which is their sum per star).
     """
@@ -77,7 +83,7 @@ def follow_stars(
     Parameters
     ----------
     scene : Scene
-        Its shapes hide stars.
+        Its shapes hide stars; so does the Moon, at times that the emitter knows.
     camera, emitter
     reach_px : float
         How far beyond the frame a star's centre can be for its light to touch the frame.
@@ -102,11 +108,14 @@ def follow_stars(
         placed = project(camera, emitter, moments.star, moments.share)
         star, u, v = moments.star, placed.u, placed.v
         weight = moment_light(camera, emitter, moments, placed, lit)
-        if emitter.behind_foreground and (scene.shapes() or landscape is not None):
+        foreground = emitter.behind_foreground and (scene.shapes() or landscape is not None)
+        if foreground or emitter.hidden is not None:
             whole = np.bincount(star, weight, count)
-            if scene.shapes():
+            if emitter.hidden is not None:
+                weight = weight * beside_moon(camera, emitter, moments, placed)
+            if foreground and scene.shapes():
                 weight = weight * ~behind_geometry(scene, placed)
-            if landscape is not None:
+            if foreground and landscape is not None:
                 weight = weight * (1 - behind_landscape(landscape, camera, placed))
             np.divide(np.bincount(star, weight, count), whole, out=visible_share, where=whole > 0)
         light = np.where(paths.near, np.bincount(star, weight, count), light)

@@ -14,7 +14,10 @@ parameter          type     meaning
 ``parts``          tensor   (n,), with ``lit``: equal parts of each star's own time
 ``light_curve``    tensor   (sum of parts,), with ``lit``: brightness in these, relative to ``v_mag``, star by star
 ``dispersion_rad``  tensor  (n, bands), optional: lift of equal bands of the spectral range over ``directions``; 0: none
+``step_px``        float    longest step, px, between two moments of the exposure, where that of the point spread function is
+                            shorter (default 0): of points that together are a large disk
 ``horizon_sine``   float    sine of the horizon's apparent altitude, below which nothing shines (default 0)
+``hidden``         tensor   (n, 2), optional: first and last share of the shutter's time between which the Moon is in front
 ``in_front``       bool     whether landscape, geometry and horizon hide none of it: lamps on the ground (default false)
 =================  =======  =====================================================================================
 
@@ -129,6 +132,10 @@ class StarEmitter(mi.Emitter):
             raise ValueError(
                 f"skybench_stars: dispersion_rad must have {self.count} rows, not {len(self.dispersion_rad)}"
             )
+        self.hidden = array(props["hidden"], 2) if "hidden" in props else None
+        if self.hidden is not None and self.hidden.shape != (self.count, 2):
+            raise ValueError(f"skybench_stars: hidden must have shape ({self.count}, 2), not {self.hidden.shape}")
+        self.step_px = float(props.get("step_px", 0.0))
         self.lowest_sine = float(props.get("horizon_sine", 0.0))
         self.behind_foreground = not bool(props.get("in_front", False))
         self.choice = mi.DiscreteDistribution(self.brightness) if self.count else None
@@ -154,6 +161,20 @@ class StarEmitter(mi.Emitter):
     def light_share(self) -> Floats | None:
         """Mean light of each star over the shutter's time, relative to its magnitude, (n,) array; None where all is 1."""
         return None if self.own is None else self.own.length * self.own.mean_light
+
+    @property
+    def dark_at_ends(self) -> Any:
+        """Whether stars are below the horizon when the shutter opens, and when it closes, (n, 2) bool array."""
+        up = np.array(self.components[2]).reshape(self.count, -1)[:, [0, -1]]
+        return up < self.lowest_sine
+
+    def open_share(self, star: Any, first: Any, last: Any) -> Any:
+        """Part of spans of the shutter's time, (m,) arrays from 0 to 1, in which the Moon hides none of stars (indices)."""
+        if self.hidden is None:
+            return np.ones(len(first))
+        enters, leaves = self.hidden[star].T
+        behind = np.clip(np.minimum(leaves, last) - np.maximum(enters, first), 0, None)
+        return 1 - np.where(np.isfinite(enters), behind, 0.0) / (last - first)
 
     def irradiance(self, star: Any, wavelengths: Any) -> Any:
         """Irradiance (Spectrum) at the ground of stars (UInt32 indices), photons s^-1 m^-2 nm^-1."""

@@ -1,4 +1,4 @@
-"""Sun, Moon and planets against Skyfield; the Moon's disk."""
+"""Sun, Moon and planets against Skyfield; the Moon's light."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from skyfield.api import Loader, load_file, wgs84
 from skyfield.magnitudelib import planetary_magnitude
 from small_scenes import small_scenario
 
-from generator.frame.moon_disk import moon_points
 from generator.frame.plan import plan_frame
 from generator.frame.scene import render_expected
 from generator.light.photometry import BESSELL_V, GRID_NM
@@ -82,19 +81,6 @@ def test_planets_are_drawn_as_stars() -> None:
                                earth_orientation(instant), NO_AIR).azimuth_deg) == 7  # fmt: skip
 
 
-@pytest.mark.parametrize("phase_deg", [0.0, 45.0, 90.0, 150.0])
-def test_lit_part_of_the_moon_s_disk(phase_deg) -> None:
-    """(1 + cos a)/2 of the disk's area, within 2 %; on the side of the Sun; all light there is."""
-    moon, sun = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, -0.2]) / np.hypot(1, 0.2)
-    enu, share = moon_points(moon, sun, 384_400.0, phase_deg, 20_000.0)
-    whole, _ = moon_points(moon, sun, 384_400.0, 0.0, 20_000.0)
-    assert share.sum() == pytest.approx(1.0)
-    assert len(enu) / len(whole) == pytest.approx((1 + np.cos(np.radians(phase_deg))) / 2, abs=0.02)
-    assert np.degrees(np.arccos(enu @ moon)).max() == pytest.approx(0.2590, abs=0.003)
-    if phase_deg:
-        assert enu[:, 0].mean() > 0
-
-
 def test_moon_is_in_the_image_with_its_light() -> None:
     """A frame on the Moon: a resolved disk, with the Moon's light within 2 % (its points are stars of its colours)."""
     base = {"site": {"latitude_deg": 0.0, "longitude_deg": 0.0}, "time__utc_start": "2020-01-10T23:00:00Z"}
@@ -157,14 +143,3 @@ def test_earthshine(phase_deg) -> None:
     # Disk lit by the Sun as it is by the Earth: full Moon, fainter by the Sun's magnitude less the Earth's.
     earth = -26.76 + ashen - moon_v_mag(1.55)
     assert 0.3 < earth - from_space < 0.9
-
-
-def test_earthshine_lies_on_the_whole_disk() -> None:
-    moon, sun = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.6]) / np.hypot(1, 0.6)
-    enu, share = moon_points(moon, sun, 384_400.0, 140.0, 20_000.0, 0.01)
-    whole, _ = moon_points(moon, sun, 384_400.0, 0.0, 20_000.0)
-    assert len(enu) == len(whole)
-    assert share.sum() == pytest.approx(1.01)
-    dark = share < share.max() / 2
-    assert dark.mean() == pytest.approx((1 - np.cos(np.radians(140.0))) / 2, abs=0.02)
-    np.testing.assert_allclose(share[dark], 0.01 / len(whole))

@@ -5,8 +5,8 @@ import pytest
 from scipy.special import gammaincinv
 from small_scenes import small_scenario
 
-from generator.frame.moon_disk import aureoles, faint_lights, point_lights
 from generator.frame.plan import plan_frame
+from generator.frame.point_lights import aureoles, faint_lights, star_lights
 from generator.frame.scene import render_expected
 from generator.light.cloud_kinds import WAVELENGTH_UM, point_share
 from generator.light.cloud_phase import DIFFRACTION_DEPTHS, SIZE_VARIANCE, SIZES, aureole_radii
@@ -49,7 +49,7 @@ def test_image_and_aureole_are_what_is_not_scattered_otherwise() -> None:
     clear = plan_frame(small_scenario(sky={"components": []}), 0)
     plan = plan_frame(small_scenario(sky={"components": [], "clouds": EVEN | {"star_aureoles": True}}), 0)
     assert plan.cloud_transmission == pytest.approx(np.exp(-plan.cloud_optical_depth), rel=1e-6)
-    stars = point_lights(plan)
+    stars = star_lights(plan)
     bright = np.flatnonzero(stars.v_mag < 4)
     around = aureoles(plan, stars[bright])
     light = (10 ** (-0.4 * around.v_mag)).sum()
