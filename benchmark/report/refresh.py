@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.errors import ResultsError
+from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameSet
+from benchmark.frames.identity import FrameIdentity
 from benchmark.frames.opening import open_frames
-from benchmark.frames.task_frames import FrameChoice, split_folder
-from benchmark.report.refresh_plan import Place, Plan, Standing, make_plan
+from benchmark.frames.task_frames import FrameChoice, at_hand, split_folder
+from benchmark.report.refresh_plan import Job, Place, Plan, Standing, make_plan
 from benchmark.report.site.tree import read_tree
 from benchmark.run.contestants import contestant_of
-from benchmark.run.engine import run_all
-from benchmark.run.provenance import DetectionsMode
+from benchmark.run.engine import Notes, SolverRun, noted, run_all
+from benchmark.run.provenance import DetectionsMode, provenance_of
+from benchmark.run.renewal import earlier_row, frames_as_before
 from benchmark.tasks.definition import TASK_SUFFIX, SplitName, Task, load_task, load_task_file
 
 SPLIT: SplitName = "dev"
@@ -54,6 +58,30 @@ class BoardsRequest:
         return FrameChoice(SPLIT, self.per_condition, None, self.data, self.jobs)
 
 
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """Frames of a task, and what is known of each."""
+
+    frames: FrameSet
+    notes: Notes
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of a plan.
+
+    Attributes
+    ----------
+    renewed : tuple of str
+        Of each row that holds answers of an earlier one, how many.
+    obstacles : tuple of str
+        Why solvers could not run here, or that all their answers are errors.
+    """
+
+    renewed: tuple[str, ...]
+    obstacles: tuple[str, ...]
+
+
 def plan_boards(request: BoardsRequest) -> Plan:
     """Find the rows that are missing or not of today's code.
 
@@ -72,20 +100,78 @@ def plan_boards(request: BoardsRequest) -> Plan:
     return make_plan(_standing(request.out), targets, request.solvers, ("own",), left_out)
 
 
-def run_plan(plan: Plan, request: BoardsRequest, progress: Callable[[str, int], None]) -> list[str]:
-    """Run the rows of a plan.
+def count_as_before(
+    plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
+) -> Plan:
+    """Say of each row how many of its frames are the same as before; of frames that are not rendered yet nobody knows.
 
     Parameters
     ----------
     plan : Plan
     request : BoardsRequest
+    opened : mapping of str to Opened
+        Of tasks by label; those that are looked at are added, for `run_plan`.
+    progress : callable
+        Called with a task and the number of its frames that have been read.
+
+    Raises
+    ------
+    BenchmarkError
+        Frames or a result are damaged.
+    """
+    tasks = _tasks(request)
+    there = {label for label in {job.place.task for job in plan.jobs} if at_hand(tasks[label][1], request.choice)}
+    jobs = [
+        _counted(job, tasks[job.place.task][0], request, opened, progress) if job.place.task in there else job
+        for job in plan.jobs
+    ]
+    return Plan(tuple(jobs), plan.fresh)
+
+
+def _counted(
+    job: Job,
+    target: str,
+    request: BoardsRequest,
+    opened: MutableMapping[str, Opened],
+    progress: Callable[[str, int], None],
+) -> Job:
+    place, contestant = job.place, contestant_of(job.place.solver)
+    found = _opened(place.task, target, request, opened)
+    facts = contestant.facts("", place.detections)
+    wanted = provenance_of(contestant.name, facts, found.frames.facts, place.detections, request.jobs)
+    row = earlier_row(request.out, contestant.name, wanted)
+    if row is None:
+        return job
+
+    def identity(frame: Frame) -> FrameIdentity:
+        if frame.frame_id not in found.notes:
+            progress(place.task, 1)
+        return noted(frame, found.notes).identity
+
+    n_as_before = len(frames_as_before(row, found.frames.frames, identity))
+    seconds = job.seconds * (1.0 - n_as_before / len(found.frames.frames))
+    return dataclasses.replace(job, n_as_before=n_as_before, seconds=seconds)
+
+
+def _opened(label: str, target: str, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Opened:
+    if label not in opened:
+        opened[label] = Opened(open_frames(target, request.choice), {})
+    return opened[label]
+
+
+def run_plan(
+    plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
+) -> Made:
+    """Run the rows of a plan; answers of rows that are there to frames that are the same stay.
+
+    Parameters
+    ----------
+    plan : Plan
+    request : BoardsRequest
+    opened : mapping of str to Opened
+        Tasks that are open already, by label; others are added.
     progress : callable
         Called with a solver and the number of its frames done.
-
-    Returns
-    -------
-    list of str
-        Why solvers could not run here, or that all their answers are errors.
 
     Raises
     ------
@@ -95,26 +181,27 @@ def run_plan(plan: Plan, request: BoardsRequest, progress: Callable[[str, int], 
     tasks = _tasks(request)
     wanted: defaultdict[tuple[DetectionsMode, str], list[str]] = defaultdict(list)
     for job in plan.jobs:
-        wanted[job.place.detections, job.place.solver].append(tasks[job.place.task][0])
-    opened: dict[str, FrameSet] = {}
-    left = []
-    for (detections, solver), targets in wanted.items():
+        wanted[job.place.detections, job.place.solver].append(job.place.task)
+    renewed, left = [], []
+    for (detections, solver), labels in wanted.items():
         contestant = contestant_of(solver)
         if obstacle := contestant.obstacle():
             left.append(obstacle)
             continue
-        sets = []
-        for target in targets:
-            if target not in opened:
-                opened[target] = open_frames(target, request.choice)
-            sets.append(opened[target])
-        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress)
-        left += [
-            f"{solver}: every answer of {done.summary.n_frames} is an error ({done.folder})"
-            for done in runs
-            if done.failed_throughout
-        ]
-    return list(dict.fromkeys(left))
+        found = [_opened(label, tasks[label][0], request, opened) for label in labels]
+        sets, notes = [one.frames for one in found], [one.notes for one in found]
+        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress, notes, renew=True)
+        for label, done in zip(labels, runs, strict=True):
+            if done.n_kept:
+                renewed.append(f"{label}, {detections} detections: {_renewed_words(done)}")
+            if done.failed_throughout:
+                left.append(f"{solver}: every answer of {done.summary.n_frames} is an error ({done.folder})")
+    return Made(tuple(renewed), tuple(dict.fromkeys(left)))
+
+
+def _renewed_words(done: SolverRun) -> str:
+    n_frames = done.summary.n_frames
+    return f"{done.solver}: {done.n_kept} of {n_frames} frames as before, {n_frames - done.n_kept} solved again"
 
 
 def missing_frames(plan: Plan, request: BoardsRequest) -> int:
