@@ -11,7 +11,7 @@ import typer
 from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.progress import progress_bars
+from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError
 
@@ -66,6 +66,9 @@ def boards(
     data: Annotated[
         Path, typer.Option("--data", help="Folder for the tasks' frames; missing ones are rendered.")
     ] = Path("out/tasks"),
+    existing: Annotated[
+        bool, typer.Option("--existing", help="Only bring rows up to date that are there; make none that are missing.")
+    ] = False,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
@@ -96,12 +99,14 @@ def boards(
     from benchmark.solvers.registry import known_solvers
     from benchmark.tasks.definition import task_names
 
-    request = BoardsRequest(tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames)
+    request = BoardsRequest(
+        tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames, existing
+    )
     try:
         opened: dict[str, Opened] = {}
         found = plan_boards(request)
-        with progress_bars() as bar:
-            found = count_as_before(found, request, opened, _lines(bar))
+        with working("comparing frames with those of the results"):
+            found = count_as_before(found, request, opened)
         if not as_json:
             _print_plan(found, request)
         old = outdated(out) if remove_old else {}

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.errors import ResultsError
-from benchmark.frames.dataset import Frame
 from benchmark.frames.frame_set import FrameSet
-from benchmark.frames.identity import FrameIdentity
 from benchmark.frames.opening import open_frames
 from benchmark.frames.task_frames import FrameChoice, at_hand, split_folder
 from benchmark.report.refresh_plan import Job, Place, Plan, Standing, make_plan
@@ -43,6 +41,8 @@ class BoardsRequest:
         Frames that are solved at the same time.
     per_condition : int or None
         Frames at each condition; None for the task's own number.
+    existing : bool
+        Only rows that are there, none that are missing.
     """
 
     tasks: tuple[str, ...]
@@ -51,6 +51,7 @@ class BoardsRequest:
     data: Path
     jobs: int
     per_condition: int | None
+    existing: bool = False
 
     @property
     def choice(self) -> FrameChoice:
@@ -96,13 +97,11 @@ def plan_boards(request: BoardsRequest) -> Plan:
     targets = {label: _size(task, request) for label, task in tasks.items()}
     fused = [solver for solver in request.solvers if (found := contestant_of(solver).definition) and found.fused]
     single = [label for label, task in tasks.items() if task.sequence_length == 1]
-    left_out = set(itertools.product(single, fused))
+    left_out = set(itertools.product(*((tasks, request.solvers) if request.existing else (single, fused))))
     return make_plan(_standing(request.out), targets, request.solvers, ("own",), left_out)
 
 
-def count_as_before(
-    plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
-) -> Plan:
+def count_as_before(plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Plan:
     """Say of each row how many of its frames are the same as before; of frames that are not rendered yet nobody knows.
 
     Parameters
@@ -111,8 +110,6 @@ def count_as_before(
     request : BoardsRequest
     opened : mapping of str to Opened
         Of tasks by label; those that are looked at are added, for `run_plan`.
-    progress : callable
-        Called with a task and the number of its frames that have been read.
 
     Raises
     ------
@@ -122,35 +119,24 @@ def count_as_before(
     tasks = _tasks(request)
     there = {label for label in {job.place.task for job in plan.jobs} if at_hand(tasks[label][1], request.choice)}
     jobs = [
-        _counted(job, tasks[job.place.task][0], request, opened, progress) if job.place.task in there else job
+        _counted(job, request, _opened(job.place.task, tasks[job.place.task][0], request, opened))
+        if job.place.task in there
+        else job
         for job in plan.jobs
     ]
     return Plan(tuple(jobs), plan.fresh)
 
 
-def _counted(
-    job: Job,
-    target: str,
-    request: BoardsRequest,
-    opened: MutableMapping[str, Opened],
-    progress: Callable[[str, int], None],
-) -> Job:
-    place, contestant = job.place, contestant_of(job.place.solver)
-    found = _opened(place.task, target, request, opened)
-    facts = contestant.facts("", place.detections)
-    wanted = provenance_of(contestant.name, facts, found.frames.facts, place.detections, request.jobs)
+def _counted(job: Job, request: BoardsRequest, found: Opened) -> Job:
+    contestant, detections, frames = contestant_of(job.place.solver), job.place.detections, found.frames
+    facts = contestant.facts("", detections)  # its version takes a start to learn, and the revision says more
+    wanted = provenance_of(contestant.name, facts, frames.facts, detections, request.jobs)
     row = earlier_row(request.out, contestant.name, wanted)
     if row is None:
         return job
-
-    def identity(frame: Frame) -> FrameIdentity:
-        if frame.frame_id not in found.notes:
-            progress(place.task, 1)
-        return noted(frame, found.notes).identity
-
-    n_as_before = len(frames_as_before(row, found.frames.frames, identity))
-    seconds = job.seconds * (1.0 - n_as_before / len(found.frames.frames))
-    return dataclasses.replace(job, n_as_before=n_as_before, seconds=seconds)
+    same = frames_as_before(row, frames.frames, lambda frame: noted(frame, found.notes).identity)
+    seconds = job.seconds * (1.0 - len(same) / len(frames.frames))
+    return dataclasses.replace(job, n_as_before=len(same), seconds=seconds)
 
 
 def _opened(label: str, target: str, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Opened:
