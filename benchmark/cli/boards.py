@@ -11,12 +11,14 @@ import typer
 from benchmark.cli import completion
 from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_tables
-from benchmark.cli.progress import progress_bars
+from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.submissions import Split
 from benchmark.errors import BenchmarkError
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from collections.abc import Callable
+
+    from rich.progress import Progress, TaskID
 
     from benchmark.report.refresh import BoardsRequest
     from benchmark.report.refresh_plan import Plan
@@ -64,6 +66,9 @@ def boards(
     data: Annotated[
         Path, typer.Option("--data", help="Folder for the tasks' frames; missing ones are rendered.")
     ] = Path("out/tasks"),
+    existing: Annotated[
+        bool, typer.Option("--existing", help="Only bring rows up to date that are there; make none that are missing.")
+    ] = False,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Also write the leaderboard as one picture (SVG) to this file.")
     ] = None,
@@ -78,16 +83,30 @@ def boards(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the rows that are missing or not of today's code, pack all results and write the pages."""
-    from benchmark.report.refresh import BoardsRequest, plan_boards, run_plan  # loads the solvers
+    """Run the rows that are missing or not of today's code, pack all results and write the pages.
+
+    Of a row whose solver is of today's revision only frames that are others now are solved again; of a sequence, all.
+    """
+    from benchmark.report.refresh import (
+        BoardsRequest,
+        Opened,
+        count_as_before,
+        plan_boards,
+        run_plan,
+    )  # loads the solvers
     from benchmark.run.packing import pack_tree
     from benchmark.run.superseded import outdated, remove_outdated
     from benchmark.solvers.registry import known_solvers
     from benchmark.tasks.definition import task_names
 
-    request = BoardsRequest(tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames)
+    request = BoardsRequest(
+        tuple(tasks or task_names()), tuple(solver or known_solvers()), out, data, jobs, frames, existing
+    )
     try:
+        opened: dict[str, Opened] = {}
         found = plan_boards(request)
+        with working("comparing frames with those of the results"):
+            found = count_as_before(found, request, opened)
         if not as_json:
             _print_plan(found, request)
         old = outdated(out) if remove_old else {}
@@ -95,16 +114,13 @@ def boards(
             if as_json:
                 print_json(_document(found, request))
             return
-        pack_tree(out)
+        pack_tree(out, leave_others=True)
         with progress_bars() as bar:
-            lines: dict[str, TaskID] = {}
-
-            def advance(name: str, count: int) -> None:
-                if name not in lines:
-                    lines[name] = bar.add_task(name, total=None)
-                bar.advance(lines[name], count)
-
-            left = run_plan(found, request, advance)
+            made = run_plan(found, request, opened, _lines(bar))
+        for obstacle in made.obstacles:
+            typer.echo(f"not made: {obstacle}", err=True)
+        for line in () if as_json else made.renewed:
+            typer.echo(line)
         pack_tree(out)
         for folder, why in (remove_outdated(out) if remove_old else {}).items():
             typer.echo(f"removed: {folder}: {why}", err=True)
@@ -112,20 +128,33 @@ def boards(
     except BenchmarkError as error:
         fail(error)
     if as_json:
-        print_json(_document(found, request) | {"not_made": left, "page": page})
+        print_json(_document(found, request) | {"not_made": made.obstacles, "page": page})
     else:
         typer.echo(page)
-    for obstacle in left:
-        typer.echo(f"not made: {obstacle}", err=True)
-    if left:
+    if made.obstacles:
         raise typer.Exit(EXIT_PROBLEMS)
+
+
+def _lines(bar: Progress) -> Callable[[str, int], None]:
+    """A function that is called with a name and how many more of it are done; each name gets a line."""
+    lines: dict[str, TaskID] = {}
+
+    def advance(name: str, count: int) -> None:
+        if name not in lines:
+            lines[name] = bar.add_task(name, total=None)
+        bar.advance(lines[name], count)
+
+    return advance
 
 
 def _document(found: Plan, request: BoardsRequest) -> dict[str, object]:
     from benchmark.report.refresh import missing_frames
 
     unrendered = missing_frames(found, request)
-    rows = [vars(job.place) | {"why": job.why, "frames": job.n_frames, "seconds": job.seconds} for job in found.jobs]
+    rows = [
+        vars(job.place) | {"why": job.why, "frames": job.n_frames, "as_before": job.n_as_before, "seconds": job.seconds}
+        for job in found.jobs
+    ]
     seconds = found.seconds(request.jobs, unrendered)
     return {"rows": rows, "of_today": found.fresh, "frames_to_render": unrendered, "seconds": seconds}
 
@@ -137,12 +166,17 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
     from benchmark.report.refresh import missing_frames
 
     table = Table(title="Rows to be made", title_justify="left")
-    for heading in ("task", "detections", "solver", "why", "frames", "estimate"):
+    for heading in ("task", "detections", "solver", "why", "frames to solve", "estimate"):
         table.add_column(heading, overflow="fold")
     for job in found.jobs:
         place = job.place
         table.add_row(
-            place.task, place.detections, place.solver, job.why, str(job.n_frames), duration(job.seconds / request.jobs)
+            place.task,
+            place.detections,
+            place.solver,
+            job.why,
+            f"{job.n_frames - job.n_as_before} of {job.n_frames}",
+            duration(job.seconds / request.jobs),
         )
     if found.jobs:
         print_tables(table)

@@ -85,15 +85,10 @@ def make_task_frames(
         There is no such condition, a frame cannot be made, or the folder cannot be used.
     """
     split, definition = choice.split, task.definition
-    per_condition = frames_per_condition(task, choice)
-    levels, length = chosen_levels(task, choice.condition), task.sequence_length
-    if length > 1:
-        if choice.condition is not None:
-            raise TaskError(f"{task.label}: the frames of a sequence are asked in order; leave out the condition")
-        levels = [0]  # one block: the first sequences hold the first frames of all conditions
+    per_condition, levels = frames_per_condition(task, choice), chosen_levels(task, choice.condition)
     scenario = task.scenario_of(split)
     folder = split_folder(task.label, split, scenario.sha256, choice.data)
-    shards = wanted_shards(definition.frames_per_condition * length, per_condition * length, split, levels)
+    shards = _chosen_shards(task, choice)
     unpacked, developed = folder / UNPACKED, definition.image == "photo"
     try:
         spec = DatasetSpec(split=split, shard_size=SHARD_FRAMES)
@@ -130,6 +125,26 @@ def make_task_frames(
         rendered_with=rendered_with(read_record(records[0])),
     )
     return FrameSet(facts, frames)
+
+
+def at_hand(task: Task, choice: FrameChoice) -> bool:
+    """Whether all frames of a choice have been rendered. Raises TaskError where the folder holds others."""
+    scenario, spec = task.scenario_of(choice.split), DatasetSpec(split=choice.split, shard_size=SHARD_FRAMES)
+    store = LocalTarget(split_folder(task.label, choice.split, scenario.sha256, choice.data))
+    try:
+        return all(finished_files(store, shard, scenario, spec) is not None for shard in _chosen_shards(task, choice))
+    except GeneratorError as error:
+        raise TaskError(f"{task.label}: {error}") from error
+
+
+def _chosen_shards(task: Task, choice: FrameChoice) -> list[Shard]:
+    levels, length = chosen_levels(task, choice.condition), task.sequence_length
+    if length > 1:
+        if choice.condition is not None:
+            raise TaskError(f"{task.label}: the frames of a sequence are asked in order; leave out the condition")
+        levels = [0]  # one block: the first sequences hold the first frames of all conditions
+    full, chosen = task.definition.frames_per_condition * length, frames_per_condition(task, choice) * length
+    return wanted_shards(full, chosen, choice.split, levels)
 
 
 def frames_per_condition(task: Task, choice: FrameChoice) -> int:

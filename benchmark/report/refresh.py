@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameSet
 from benchmark.frames.opening import open_frames
-from benchmark.frames.task_frames import FrameChoice, split_folder
-from benchmark.report.refresh_plan import Place, Plan, Standing, make_plan
+from benchmark.frames.task_frames import FrameChoice, at_hand, split_folder
+from benchmark.report.refresh_plan import Job, Place, Plan, Standing, make_plan
 from benchmark.report.site.tree import read_tree
 from benchmark.run.contestants import contestant_of
-from benchmark.run.engine import run_all
-from benchmark.run.provenance import DetectionsMode
+from benchmark.run.engine import Notes, SolverRun, noted, run_all
+from benchmark.run.provenance import DetectionsMode, provenance_of
+from benchmark.run.renewal import earlier_row, frames_as_before
 from benchmark.tasks.definition import TASK_SUFFIX, SplitName, Task, load_task, load_task_file
 
 SPLIT: SplitName = "dev"
@@ -39,6 +41,8 @@ class BoardsRequest:
         Frames that are solved at the same time.
     per_condition : int or None
         Frames at each condition; None for the task's own number.
+    existing : bool
+        Only rows that are there, none that are missing.
     """
 
     tasks: tuple[str, ...]
@@ -47,11 +51,36 @@ class BoardsRequest:
     data: Path
     jobs: int
     per_condition: int | None
+    existing: bool = False
 
     @property
     def choice(self) -> FrameChoice:
         """The frames of a task that are wanted."""
         return FrameChoice(SPLIT, self.per_condition, None, self.data, self.jobs)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """Frames of a task, and what is known of each."""
+
+    frames: FrameSet
+    notes: Notes
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of a plan.
+
+    Attributes
+    ----------
+    renewed : tuple of str
+        Of each row that holds answers of an earlier one, how many.
+    obstacles : tuple of str
+        Why solvers could not run here, or that all their answers are errors.
+    """
+
+    renewed: tuple[str, ...]
+    obstacles: tuple[str, ...]
 
 
 def plan_boards(request: BoardsRequest) -> Plan:
@@ -68,24 +97,67 @@ def plan_boards(request: BoardsRequest) -> Plan:
     targets = {label: _size(task, request) for label, task in tasks.items()}
     fused = [solver for solver in request.solvers if (found := contestant_of(solver).definition) and found.fused]
     single = [label for label, task in tasks.items() if task.sequence_length == 1]
-    left_out = set(itertools.product(single, fused))
+    left_out = set(itertools.product(*((tasks, request.solvers) if request.existing else (single, fused))))
     return make_plan(_standing(request.out), targets, request.solvers, ("own",), left_out)
 
 
-def run_plan(plan: Plan, request: BoardsRequest, progress: Callable[[str, int], None]) -> list[str]:
-    """Run the rows of a plan.
+def count_as_before(plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Plan:
+    """Say of each row how many of its frames are the same as before; of frames that are not rendered yet nobody knows.
 
     Parameters
     ----------
     plan : Plan
     request : BoardsRequest
+    opened : mapping of str to Opened
+        Of tasks by label; those that are looked at are added, for `run_plan`.
+
+    Raises
+    ------
+    BenchmarkError
+        Frames or a result are damaged.
+    """
+    tasks = _tasks(request)
+    there = {label for label in {job.place.task for job in plan.jobs} if at_hand(tasks[label][1], request.choice)}
+    jobs = [
+        _counted(job, request, _opened(job.place.task, tasks[job.place.task][0], request, opened))
+        if job.place.task in there
+        else job
+        for job in plan.jobs
+    ]
+    return Plan(tuple(jobs), plan.fresh)
+
+
+def _counted(job: Job, request: BoardsRequest, found: Opened) -> Job:
+    contestant, detections, frames = contestant_of(job.place.solver), job.place.detections, found.frames
+    facts = contestant.facts("", detections)  # its version takes a start to learn, and the revision says more
+    wanted = provenance_of(contestant.name, facts, frames.facts, detections, request.jobs)
+    row = earlier_row(request.out, contestant.name, wanted)
+    if row is None:
+        return job
+    same = frames_as_before(row, frames.frames, lambda frame: noted(frame, found.notes).identity)
+    seconds = job.seconds * (1.0 - len(same) / len(frames.frames))
+    return dataclasses.replace(job, n_as_before=len(same), seconds=seconds)
+
+
+def _opened(label: str, target: str, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Opened:
+    if label not in opened:
+        opened[label] = Opened(open_frames(target, request.choice), {})
+    return opened[label]
+
+
+def run_plan(
+    plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
+) -> Made:
+    """Run the rows of a plan; answers of rows that are there to frames that are the same stay.
+
+    Parameters
+    ----------
+    plan : Plan
+    request : BoardsRequest
+    opened : mapping of str to Opened
+        Tasks that are open already, by label; others are added.
     progress : callable
         Called with a solver and the number of its frames done.
-
-    Returns
-    -------
-    list of str
-        Why solvers could not run here, or that all their answers are errors.
 
     Raises
     ------
@@ -95,26 +167,27 @@ def run_plan(plan: Plan, request: BoardsRequest, progress: Callable[[str, int], 
     tasks = _tasks(request)
     wanted: defaultdict[tuple[DetectionsMode, str], list[str]] = defaultdict(list)
     for job in plan.jobs:
-        wanted[job.place.detections, job.place.solver].append(tasks[job.place.task][0])
-    opened: dict[str, FrameSet] = {}
-    left = []
-    for (detections, solver), targets in wanted.items():
+        wanted[job.place.detections, job.place.solver].append(job.place.task)
+    renewed, left = [], []
+    for (detections, solver), labels in wanted.items():
         contestant = contestant_of(solver)
         if obstacle := contestant.obstacle():
             left.append(obstacle)
             continue
-        sets = []
-        for target in targets:
-            if target not in opened:
-                opened[target] = open_frames(target, request.choice)
-            sets.append(opened[target])
-        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress)
-        left += [
-            f"{solver}: every answer of {done.summary.n_frames} is an error ({done.folder})"
-            for done in runs
-            if done.failed_throughout
-        ]
-    return list(dict.fromkeys(left))
+        found = [_opened(label, tasks[label][0], request, opened) for label in labels]
+        sets, notes = [one.frames for one in found], [one.notes for one in found]
+        runs = run_all([contestant], sets, request.out, detections, request.jobs, progress, notes, renew=True)
+        for label, done in zip(labels, runs, strict=True):
+            if done.n_kept:
+                renewed.append(f"{label}, {detections} detections: {_renewed_words(done)}")
+            if done.failed_throughout:
+                left.append(f"{solver}: every answer of {done.summary.n_frames} is an error ({done.folder})")
+    return Made(tuple(renewed), tuple(dict.fromkeys(left)))
+
+
+def _renewed_words(done: SolverRun) -> str:
+    n_frames = done.summary.n_frames
+    return f"{done.solver}: {done.n_kept} of {n_frames} frames as before, {n_frames - done.n_kept} solved again"
 
 
 def missing_frames(plan: Plan, request: BoardsRequest) -> int:

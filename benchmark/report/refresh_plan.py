@@ -51,12 +51,15 @@ class Job:
     n_frames : int
     seconds : float
         Estimate of one process' time, from the row as it was, or from the other rows.
+    n_as_before : int
+        Of these frames those that are the same as in the row as it was, which are not solved again.
     """
 
     place: Place
     why: str
     n_frames: int
     seconds: float
+    n_as_before: int = 0
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import pandas as pd
 from benchmark.frames.frame_set import FrameFacts
 from benchmark.run.packed import PackedRow, read_packed
 from benchmark.run.packing import write_packed
-from benchmark.run.provenance import RunProvenance, read_provenance
+from benchmark.run.provenance import circumstances, machines_together, read_provenance
 
 
 def results_alone(
@@ -48,16 +48,10 @@ def _is_of_the_same(row: PackedRow, alone: PackedRow, today: FrameFacts) -> bool
     return (
         settled
         and (row.solver, row.detections) == (alone.solver, alone.detections)
-        and _circumstances(mine) == _circumstances(its)
+        and circumstances(mine) == circumstances(its)
+        and mine.frames.per_condition == its.frames.per_condition
         and its.frames.definition_sha256 == today.definition_sha256
     )
-
-
-def _circumstances(source: RunProvenance) -> tuple[object, ...]:
-    """What else bears on answers: limits, detector, libraries, frames at each condition."""
-    solver = source.solver
-    limits = solver.time_limit_s, solver.memory_limit_mib, solver.isolation
-    return (*limits, solver.detector, tuple(sorted(source.versions.items())), source.frames.per_condition)
 
 
 def completed(row: PackedRow, alone: Sequence[PackedRow], today: FrameFacts) -> PackedRow:
@@ -75,15 +69,10 @@ def completed(row: PackedRow, alone: Sequence[PackedRow], today: FrameFacts) -> 
         frames=facts,
         date_utc=max(mine.date_utc, *(one.date_utc for one in others)),
         jobs=max(mine.jobs, *(one.jobs for one in others)),
-        machine=_together([mine.machine, *(one.machine for one in others)]),
+        machine=machines_together([mine.machine, *(one.machine for one in others)]),
     )
     frames = pd.concat([row.frames, *(one.frames for one in alone)], ignore_index=True)
     return dataclasses.replace(row, provenance=dataclasses.asdict(source), frames=frames)
-
-
-def _together(machines: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """What runs on several machines say of these."""
-    return {key: "; ".join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
 
 
 def remove_used(used: Mapping[Path, Sequence[PackedRow]]) -> None:

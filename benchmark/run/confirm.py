@@ -4,6 +4,8 @@ A revision is a digest of code, so that it changes with code that has no part in
 decide: where image and truth of each have the SHA-256 that the results state, the results are of today's frames, and say so.
 
 So do those of a task that has gained conditions since, with the results of the new conditions alone, which complete them.
+
+Where some frames differ, `benchmark.run.renewal` keeps the answers to the others.
 """
 
 from __future__ import annotations
@@ -123,7 +125,7 @@ def _check(listing: Path, rows: Sequence[PackedRow], frames: Sequence[Frame]) ->
             if identity != here[name]:
                 raise ResultsError(
                     f"{listing}: {name} of {row.solver} is not what the generator renders today "
-                    f"({_differs(identity, here[name])}); run it again with skybench bench boards"
+                    f"({_differs(identity, here[name])}); skybench bench boards solves the frames that differ again"
                 )
 
 

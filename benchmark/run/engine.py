@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 
 from benchmark.errors import ResultsError, SolverError
@@ -28,6 +27,7 @@ from benchmark.run.contestants import Contestant, SolverChoice, contestant_of
 from benchmark.run.identities import Recorded, check_identity, recorded_identities
 from benchmark.run.journal import Journal
 from benchmark.run.provenance import DetectionsMode, RunProvenance, provenance_of
+from benchmark.run.renewal import earlier_row, frames_as_before, outcome_before, renewed
 from benchmark.run.result_tables import scores_of
 from benchmark.run.results import (
     FRAMES_NAME,
@@ -39,7 +39,7 @@ from benchmark.run.results import (
     write_result,
     writing,
 )
-from benchmark.run.sessions import Session, SessionPool, session_pool
+from benchmark.run.sessions import Session, SessionPool, asked_together, session_pool
 from benchmark.run.shared_detections import shared_detections
 from benchmark.stats.metrics import Summary, summarise
 
@@ -71,6 +71,8 @@ class SolverRun:
         Frames that were put to it now: 0 where the result was finished before, less than all where a run resumed.
     seconds : float
         That this took.
+    n_kept : int
+        Frames whose answers are those of an earlier result.
     """
 
     solver: str
@@ -78,6 +80,7 @@ class SolverRun:
     summary: Summary
     n_solved: int
     seconds: float
+    n_kept: int = 0
 
     @property
     def failed_throughout(self) -> bool:
@@ -94,6 +97,7 @@ class _Run:
     frames: FrameSet
     detections: DetectionsMode
     notes: Notes
+    renew: bool
 
 
 def run(
@@ -150,13 +154,26 @@ def run_all(
     detections: DetectionsMode,
     jobs: int,
     progress: Callable[[str, int], None] = lambda solver, frames: None,
+    notes: Sequence[Notes] | None = None,
+    renew: bool = False,
 ) -> Iterator[SolverRun]:
-    """Run each solver over all sets of frames, one solver after another; parameters as for `run`."""
-    notes: list[Notes] = [{} for _ in sets]
+    """Run each solver over all sets of frames, one solver after another; parameters as for `run`.
+
+    Parameters
+    ----------
+    contestants, sets, out, detections, jobs, progress
+        As for `run`.
+    notes : sequence of Notes, optional
+        Of each set, where some are known already; those that are missing are added.
+    renew : bool
+        Take over the answers of packed results to frames that are the same (`benchmark.run.renewal`). Such a result lacks
+        what packing leaves out: it is to be packed.
+    """
+    notes = [{} for _ in sets] if notes is None else notes
     for contestant in contestants:
         with session_pool(partial(contestant.make_session, jobs), jobs) as pool:
             for frames, known in zip(sets, notes, strict=True):
-                found = _Run(contestant, pool, frames, detections, known)
+                found = _Run(contestant, pool, frames, detections, known, renew)
                 yield _run_solver(found, out, partial(progress, contestant.name))
 
 
@@ -204,9 +221,18 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     ids = [frame.frame_id for frame in frames.frames]
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
     journal = Journal(folder, stamp, contestant.settled)
+    earlier = earlier_row(out, contestant.name, source) if found.renew else None
+    kept: list[Frame] = []
     with writing(folder):
         recorded = recorded_identities(out, frames.facts)
         done = journal.take_over(frames.frames)
+        if earlier is not None:
+            kept = frames_as_before(earlier, frames.frames, lambda frame: noted(frame, found.notes).identity)
+            for frame in kept:
+                if frame.frame_id not in done:
+                    known = noted(frame, found.notes)
+                    journal.add(outcome_before(earlier, frame, known.bound_km, known.identity))
+            done |= {frame.frame_id for frame in kept}
         progress(len(done))
         # A sequence that was broken off is put again from its first frame; what was answered then stays.
         groups = [group for group in asked_together(frames.frames) if any(one.frame_id not in done for one in group)]
@@ -221,9 +247,18 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
             journal.flush()
             raise
         ended = dataclasses.replace(source, date_utc=now_utc())
+        if earlier is not None and kept:
+            ended = renewed(ended, earlier, len(kept), len(ids) - len(kept))
         summary = write_result(folder, contestant.name, *journal.tables(ids), ended)
         journal.clear()
-    return SolverRun(contestant.name, folder, summary, len(left), time.monotonic() - started)
+    return SolverRun(contestant.name, folder, summary, len(left), time.monotonic() - started, len(kept))
+
+
+def noted(frame: Frame, notes: Notes) -> FrameNotes:
+    """Notes of a frame, which are worked out and added where they are missing."""
+    if frame.frame_id not in notes:
+        notes[frame.frame_id] = FrameNotes(bound_of(frame), identity_of(frame))
+    return notes[frame.frame_id]
 
 
 def outcomes(
@@ -255,9 +290,7 @@ def outcomes(
     """
 
     def solve(frame: Frame, session: Session) -> SolverOutcome:
-        if frame.frame_id not in notes:
-            notes[frame.frame_id] = FrameNotes(bound_of(frame), identity_of(frame))
-        known = notes[frame.frame_id]
+        known = noted(frame, notes)
         check_identity(frame.frame_id, known.identity, recorded or {})
         shared = shared_detections(frame) if detections == "shared" else None
         response = session.answer(frame, shared)
@@ -273,16 +306,6 @@ def outcomes(
                 yield from judged
         finally:
             threads.shutdown(wait=True, cancel_futures=True)
-
-
-def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
-    """Frames in groups that one session is asked in order: each sequence is one, and each frame by itself."""
-
-    def key(frame: Frame) -> tuple[str, str]:
-        place = frame.observation.sequence
-        return ("frame", frame.frame_id) if place is None else ("sequence", place.sequence_id)
-
-    return [list(group) for _, group in groupby(frames, key)]
 
 
 def finished(folder: Path, wanted: RunProvenance) -> bool:

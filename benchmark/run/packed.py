@@ -89,6 +89,10 @@ _DIGITS = {
 _HASHES = ("image_sha256", "truth_sha256")
 
 
+class OtherFramesError(ResultsError):
+    """Results for one table are of frames that differ."""
+
+
 @dataclass(frozen=True, eq=False)
 class PackedRow:
     """One solver's result.
@@ -128,7 +132,7 @@ def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
 
     Raises
     ------
-    ResultsError
+    OtherFramesError
         Two of them disagree about a frame.
     """
     largest = max(rows, key=lambda row: len(row.frames))
@@ -247,7 +251,7 @@ def _check_same(largest: PackedRow, row: PackedRow, frames: pd.DataFrame) -> Non
     mine = _frame_part(row.frames)
     if mine.index.isin(frames.index).all() and mine.equals(frames.loc[mine.index]):
         return
-    raise ResultsError(
+    raise OtherFramesError(
         f"{row.solver}-{row.key} and {largest.solver}-{largest.key} ({row.detections} and {largest.detections} "
         "detections): their frames differ, so that they cannot be packed; run the older one again"
     )

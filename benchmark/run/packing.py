@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.errors import ResultsError
-from benchmark.run.packed import PackedRow, pack, read_packed
+from benchmark.run.packed import OtherFramesError, PackedRow, pack, read_packed
 from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary
 from benchmark.stats.frame_metrics import read_frames
 from generator.files import write_bytes
@@ -25,14 +25,17 @@ class PackedTable:
     size_bytes: int
 
 
-def pack_tree(root: Path) -> list[PackedTable]:
+def pack_tree(root: Path, leave_others: bool = False) -> list[PackedTable]:
     """Pack all raw results of a tree; each takes the place of a packed one of the same solver and mode of detections.
 
-    The folders of raw results are removed once the table holds what they held.
+    The folders of raw results are removed once the table holds what they held. Results of frames that differ from those of
+    the other rows stay raw, and do not keep other tables from being packed.
 
     Parameters
     ----------
     root : Path
+    leave_others : bool
+        Whether results that stay raw are no error: the other rows are still to be made.
 
     Returns
     -------
@@ -42,12 +45,21 @@ def pack_tree(root: Path) -> list[PackedTable]:
     Raises
     ------
     ResultsError
-        A result is damaged, results disagree about their frames, or a solver has two raw results for one table.
+        A result is damaged, a solver has two raw results for one table, or, once all else is packed, results disagree about
+        their frames.
     """
     found: defaultdict[Path, list[tuple[Path, PackedRow]]] = defaultdict(list)
     for summary in sorted(root.glob(f"*@*/*/*/*/{SUMMARY_NAME}")):
         found[summary.parents[2]].append((summary.parent, _raw_row(summary)))
-    return [_pack_part(part, raw) for part, raw in sorted(found.items())]
+    packed, refused = [], []
+    for part, raw in sorted(found.items()):
+        try:
+            packed.append(_pack_part(part, raw))
+        except OtherFramesError as error:
+            refused.append(f"{part}: {error}")
+    if refused and not leave_others:
+        raise ResultsError("; ".join(refused))
+    return packed
 
 
 def _raw_row(summary: Path) -> PackedRow:

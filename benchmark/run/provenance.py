@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -56,6 +56,30 @@ class SolverFacts:
 
 
 @dataclass(frozen=True)
+class Renewal:
+    """Answers that a result has from an earlier one, to frames that are the same since (`benchmark.run.renewal`).
+
+    Attributes
+    ----------
+    n_kept : int
+        Frames whose answers are of an earlier run.
+    n_solved : int
+        Frames that were solved again, because they are others now.
+    date_utc : str
+        When the earlier run ended; of several, the first.
+    scenario_sha256 : str
+    rendered_with : mapping of str to str
+        Of that run's frames, and the generator's versions.
+    """
+
+    n_kept: int
+    n_solved: int
+    date_utc: str
+    scenario_sha256: str
+    rendered_with: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class RunProvenance:
     """Where a result comes from.
 
@@ -75,6 +99,8 @@ class RunProvenance:
         When the run ended.
     jobs : int
         Frames that were solved at the same time, which bears on the times.
+    renewed : Renewal or None
+        None where all answers are of one run.
     """
 
     frames: FrameFacts
@@ -85,6 +111,7 @@ class RunProvenance:
     machine: Mapping[str, str]
     date_utc: str
     jobs: int
+    renewed: Renewal | None = None
 
 
 _READER = TypeAdapter(RunProvenance)
@@ -130,6 +157,18 @@ def provenance_of(
         date_utc=provenance.now_utc(),
         jobs=jobs,
     )
+
+
+def circumstances(source: RunProvenance) -> tuple[object, ...]:
+    """What bears on answers beside frames and solver: limits, detector, libraries."""
+    solver = source.solver
+    limits = solver.time_limit_s, solver.memory_limit_mib, solver.isolation
+    return (*limits, solver.detector, tuple(sorted(source.versions.items())))
+
+
+def machines_together(machines: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """What runs on several machines say of these."""
+    return {key: "; ".join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
 
 
 def blanks(found: RunProvenance) -> list[str]:

@@ -11,11 +11,12 @@ import queue
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
@@ -52,6 +53,16 @@ class Session(Protocol):
 
     def close(self) -> None:
         """End whatever was started."""
+
+
+def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
+    """Frames in groups that one session is asked in order: each sequence is one, and each frame by itself."""
+
+    def key(frame: Frame) -> tuple[str, str]:
+        place = frame.observation.sequence
+        return ("frame", frame.frame_id) if place is None else ("sequence", place.sequence_id)
+
+    return [list(group) for _, group in groupby(frames, key)]
 
 
 def isolation_of(solver: SolverFolder) -> str:

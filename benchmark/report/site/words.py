@@ -11,6 +11,7 @@ from benchmark.report.formatting import percent
 from benchmark.report.site.boards import Board, Entry
 from benchmark.report.site.revisions import revision_words
 from benchmark.run.identities import identities_in
+from benchmark.run.provenance import Renewal
 from benchmark.solvers.isolation import NOT_ISOLATED
 from generator.identity.revision import GENERATOR_REVISION
 
@@ -83,7 +84,18 @@ def run_words(entry: Entry) -> str:
     return (
         f"{revision_words(entry)}{found}; key {entry.stored.key}, version {run.solver.version}, "
         f"detector {run.solver.detector}, run {run.date_utc} with {run.jobs} process{'es' if run.jobs != 1 else ''} "
-        f"on {machine}; isolated: {_isolation_words(run.solver.isolation)}; {versions}"
+        f"on {machine}; isolated: {_isolation_words(run.solver.isolation)}; {versions}{_renewal_words(run.renewed)}"
+    )
+
+
+def _renewal_words(renewed: Renewal | None) -> str:
+    """How many answers are of an earlier run."""
+    if renewed is None:
+        return ""
+    revision = renewed.rendered_with.get(GENERATOR_REVISION, NOT_RECORDED)
+    return (
+        f"; {renewed.n_kept} of {renewed.n_kept + renewed.n_solved} answers are of runs from {renewed.date_utc} on, on the "
+        f"same frames, to the byte, by generator's revision {revision}; {renewed.n_solved} frames solved again"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -64,6 +65,14 @@ def test_fused_solvers_have_rows_of_tasks_of_sequences_alone(tmp_path: Path) -> 
     plan = plan_boards(BoardsRequest(("uav", "drift"), solvers, tmp_path, tmp_path, 1, 1))
     rows = {(job.place.task, job.place.solver) for job in plan.jobs}
     assert rows == {("uav@1", "tetra3rs"), ("uav@1", "tetra3rs-fused"), ("drift@1", "tetra3rs")}
+
+
+def test_rows_that_are_missing_are_left_out_where_only_those_that_are_there_are_wanted(tmp_path: Path) -> None:
+    root = write_results(tmp_path / "results", TASKS, (SOLVERS[0],), frames_per_level=10, modes=("own",))
+    request = BoardsRequest((TASKS[0].name,), ("skybench", "tetra3rs"), root, tmp_path, 1, 1)
+    assert len(plan_boards(request).jobs) == 2
+    (job,) = plan_boards(dataclasses.replace(request, existing=True)).jobs
+    assert (job.place.solver, job.why == "missing") == ("skybench", False)
 
 
 @pytest.fixture(scope="module")

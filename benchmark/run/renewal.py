@@ -1,0 +1,160 @@
+"""A result of today's frames made from an earlier one: answers to frames that are the same stay, the others are solved again.
+
+An answer depends on the solver's revision and on what the solver is given. The image is known by its hash. What is told of
+its circumstances follows from the task's definition, the frame's number and the truth. The hash of the truth holds the
+place and where each star stands, to the last bit, which camera, attitude, time and air decide together; size and time are
+compared as well. A frame without stars shows none of that and is solved again. Two changes are not seen: of what a frame
+record states as told (``told``, pressure, temperature) where it moves no star, and of `benchmark.instruments`, which is of
+no revision. After these, results are to be made anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmark.frames.conditions import site_of
+from benchmark.frames.dataset import Frame
+from benchmark.frames.identity import UNKNOWN, FrameIdentity
+from benchmark.judge.outcome import FrameDetails, SolverOutcome
+from benchmark.run.identities import identities_in
+from benchmark.run.packed import PackedRow, read_packed
+from benchmark.run.provenance import Renewal, RunProvenance, circumstances, machines_together, read_provenance
+from benchmark.run.sessions import asked_together
+from benchmark.stats.metrics import ERROR, FrameScore
+
+
+def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | None:
+    """Packed result whose answers are those that a run would give, as far as the frames are the same; None without one.
+
+    Parameters
+    ----------
+    out : Path
+        Root of all results.
+    solver : str
+    wanted : RunProvenance
+        Of the run. Revision, detector, limits, libraries and the task's definition must be the same. A result that is all
+        errors is no such one.
+    """
+    listing = out / wanted.frames.place.with_name(f"{wanted.frames.place.name}.json")
+    for row in read_packed(listing) if listing.is_file() else ():
+        if (row.solver, row.detections) == (solver, wanted.detections):
+            usable = _same_but_for_frames(read_provenance(row.provenance), wanted)
+            return row if usable and (row.frames["status"] != ERROR).any() else None
+    return None
+
+
+def _same_but_for_frames(earlier: RunProvenance, wanted: RunProvenance) -> bool:
+    settled = wanted.solver.revision is not None and earlier.solver.revision == wanted.solver.revision
+    same_task = earlier.frames.definition_sha256 == wanted.frames.definition_sha256
+    return settled and same_task and circumstances(earlier) == circumstances(wanted)
+
+
+def frames_as_before(
+    row: PackedRow, frames: Sequence[Frame], identity: Callable[[Frame], FrameIdentity]
+) -> list[Frame]:
+    """Frames that are those of a result; of a sequence all or none.
+
+    Parameters
+    ----------
+    row : PackedRow
+    frames : sequence of Frame
+        As `outcomes` of the engine takes them.
+    identity : callable
+        Gives a frame's hashes.
+    """
+    stated = identities_in(row.frames)
+    columns = ["index", "width_px", "height_px", "utc_mid"]
+    told = dict(zip(row.frames["frame_id"], row.frames[columns].itertuples(index=False, name=None), strict=True))
+
+    def is_as_before(frame: Frame) -> bool:
+        seen = frame.observation
+        here = frame.index, seen.camera.width, seen.camera.height, seen.utc
+        known = stated.get(frame.frame_id, UNKNOWN)
+        if not len(frame.truth.star_id) or told.get(frame.frame_id) != here or None in dataclasses.astuple(known):
+            return False
+        return known == identity(frame)
+
+    return [frame for group in asked_together(frames) if all(map(is_as_before, group)) for frame in group]
+
+
+def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identity: FrameIdentity) -> SolverOutcome:
+    """A result's answer to one of its frames, with the frame's circumstances as they are read today.
+
+    Position, detections and the parts of the time are not known, because packing leaves them out.
+    """
+    (answer,) = row.frames.loc[row.frames["frame_id"] == frame.frame_id].to_dict("records")
+    error_km, conditions = _number(answer["error_km"]), frame.conditions
+    covariance = tuple(_number(answer[name]) for name in ("cov_ee_km2", "cov_en_km2", "cov_nn_km2"))
+    score = FrameScore(
+        frame_id=frame.frame_id,
+        index=frame.index,
+        bortle=conditions.bortle,
+        width_px=frame.observation.camera.width,
+        height_px=frame.observation.camera.height,
+        status=answer["status"],
+        reason=answer["reason"],
+        lat_deg=None,
+        lon_deg=None,
+        error_km=math.inf if error_km is None else error_km,
+        n_detections=int(answer["n_detections"]),
+        n_detected_stars=int(answer["n_detected_stars"]),
+        n_matches=int(answer["n_matches"]),
+        n_correct=int(answer["n_correct"]),
+        time_ms=float(answer["time_ms"]),
+    )
+    details = FrameDetails(
+        cov_km2=None if None in covariance else covariance,  # type: ignore[arg-type]
+        confidence=_number(answer["confidence"]),
+        detect_ms=math.nan,
+        solve_ms=math.nan,
+        stage_ms={},
+        utc=frame.observation.utc,
+        conditions=conditions,
+        condition=frame.condition,
+        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        error_east_km=_number(answer["error_east_km"]),
+        error_north_km=_number(answer["error_north_km"]),
+        crlb_km=bound_km,
+        peak_memory_mib=_number(answer["peak_memory_mib"]),
+        identity=identity,
+    )
+    return SolverOutcome(score, details, ())
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def renewed(run: RunProvenance, row: PackedRow, n_kept: int, n_solved: int) -> RunProvenance:
+    """Where a result comes from that has answers of an earlier one.
+
+    Where no frame was solved again it is the earlier result, of frames that were rendered again.
+
+    Parameters
+    ----------
+    run : RunProvenance
+        Of the run that solved the others.
+    row : PackedRow
+        The earlier result.
+    n_kept, n_solved : int
+        Frames with its answers, and with new ones.
+    """
+    earlier = read_provenance(row.provenance)
+    if not n_solved:
+        frames = dataclasses.replace(
+            run.frames, rendered_with=earlier.frames.rendered_with, rendered_again_with=run.frames.rendered_with
+        )
+        return dataclasses.replace(earlier, frames=frames, solver=run.solver, key=run.key)
+    first = earlier.renewed or Renewal(
+        n_kept, n_solved, earlier.date_utc, earlier.frames.scenario_sha256, earlier.frames.rendered_with
+    )
+    return dataclasses.replace(
+        run,
+        machine=machines_together([earlier.machine, run.machine]),
+        jobs=max(earlier.jobs, run.jobs),
+        renewed=dataclasses.replace(first, n_kept=n_kept, n_solved=n_solved),
+    )
