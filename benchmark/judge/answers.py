@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.frames.conditions import site_of
 from benchmark.frames.dataset import Frame
 from benchmark.frames.identity import UNKNOWN, FrameIdentity
+from benchmark.frames.sites import own_site
 from benchmark.judge.geodesy import east_north_km, geodesic_km
 from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
 from benchmark.judge.star_id import score_matches
@@ -172,7 +172,7 @@ def judge_answer(
         utc=frame.observation.utc,
         conditions=conditions,
         condition=frame.condition,
-        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        site=own_site(frame) if frame.site is None else frame.site,
         error_east_km=east_km,
         error_north_km=north_km,
         crlb_km=crlb_km,
