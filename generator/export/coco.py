@@ -77,6 +77,7 @@ def _write_annotations(stream: TextIO, frame: Frame, least_snr: float, count: in
             "keypoints": [*_rounded([u, v]), VISIBLE] if inside else [0, 0, 0],
             "num_keypoints": int(inside),
             "snr": round(float(found.snr[row]), 2),
+            "saturated": bool(found.saturated[row]),
         }
         if math.isfinite(found.v_mag[row]):
             annotation["v_mag"] = round(float(found.v_mag[row]), 3)
