@@ -41,11 +41,11 @@ def export_coco(dataset: Dataset, out: Path, options: ExportOptions, progress: P
                     "license": 1,
                 }
             )
-            count = _write_annotations(stream, frame, options.least_snr, count)
+            count = _write_annotations(stream, frame, options.annotated_snr, count)
             progress(frame.frame_id)
         described = {
             "info": {
-                "description": f"{dataset.manifest.scenario}, sources with SNR >= {options.least_snr:g}",
+                "description": f"{dataset.manifest.scenario}, sources with SNR >= {options.annotated_snr:g}",
                 "version": dataset.manifest.skybench,
             },
             "licenses": [{"id": 1, "name": "CC BY 4.0", "url": "https://creativecommons.org/licenses/by/4.0/"}],

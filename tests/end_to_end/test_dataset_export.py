@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 import yaml
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
@@ -20,8 +21,9 @@ from astropy.wcs import WCS
 from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 from small_scenes import small_scenario, small_scenario_text
+from typer.testing import CliRunner, Result
 
-from benchmark.cli.datasets.exporting import FORMS
+from benchmark.cli.datasets.exporting import FORMS, add_to
 from generator.dataset.generate import generate
 from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset, Frame
@@ -312,6 +314,35 @@ def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:
 
 def test_the_command_knows_every_form() -> None:
     assert set(FORMS) == set(EXPORTS)
+
+
+def command(*words: str) -> Result:
+    app = typer.Typer()
+    add_to(app)
+    return CliRunner().invoke(app, list(words))
+
+
+def test_the_command_says_what_a_folder_of_rendered_frames_is(tmp_path) -> None:
+    (tmp_path / FRAMES_MANIFEST).write_text("{}")
+    done = command(str(tmp_path), "--to", "coco", "--out", str(tmp_path / "out"))
+    assert done.exit_code != 0
+    assert "holds frames of `skybench render`; a dataset is what `skybench generate` writes" in done.output
+
+
+@pytest.mark.parametrize("form", sorted(set(EXPORTS) - {"coco", "yolo"}))
+def test_a_least_snr_is_refused_where_nothing_is_annotated(dataset, tmp_path, form) -> None:
+    done = command(str(dataset), "--to", form, "--out", str(tmp_path / "out"), "--least-snr", "20")
+    assert done.exit_code != 0
+    assert f"--least-snr: only with --to coco or yolo; {form} has no annotations" in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_takes_a_least_snr(dataset, tmp_path) -> None:
+    counts = []
+    for out, options in (("all", ()), ("bright", ("--least-snr", "30"))):
+        assert command(str(dataset), "--to", "coco", "--out", str(tmp_path / out), *options).exit_code == 0
+        counts.append(len(json.loads((tmp_path / out / "annotations.json").read_text())["annotations"]))
+    assert counts[0] > counts[1] > 0
 
 
 def test_refusals(dataset, tmp_path) -> None:
