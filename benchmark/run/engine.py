@@ -140,6 +140,7 @@ def run(
     contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
     check_writable(out)
     found = frames if isinstance(frames, FrameSet) else open_frames(str(frames), choice)
+    check_sequences(contestants, [found])
     return tuple(run_all(contestants, [found], out, detections, jobs, progress))
 
 
@@ -179,6 +180,22 @@ def check_contestants(contestants: Sequence[Contestant], jobs: int) -> Sequence[
         if obstacle := contestant.obstacle():
             raise SolverError(obstacle)
     return contestants
+
+
+def check_sequences(contestants: Sequence[Contestant], sets: Sequence[FrameSet]) -> None:
+    """Refuse fused solvers on frames that are put one by one, where they answer as the solvers that they ask.
+
+    Raises
+    ------
+    SolverError
+    """
+    alone = [one for one in sets if not any(frame.observation.sequence for frame in one.frames)]
+    fused = [one.definition for one in contestants if one.definition is not None and one.definition.fused is not None]
+    if alone and fused:
+        raise SolverError(
+            f"{fused[0].name}: fuses what is answered to the frames of a sequence, and those of {alone[0].facts.target} "
+            f"are put one by one; name {fused[0].asked.name}, or a task of sequences such as uav (docs/sequences.md)"
+        )
 
 
 def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> SolverRun:
