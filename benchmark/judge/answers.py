@@ -145,6 +145,7 @@ def judge_answer(
         DetectionRow(frame.frame_id, i, float(u), float(v), _known(response.flux[i]), *claims.get(i, (None, None)))
         for i, (u, v) in enumerate(response.uv)
     )
+    site = own_site(frame) if frame.site is None else frame.site
     score = FrameScore(
         frame_id=frame.frame_id,
         index=frame.index,
@@ -161,6 +162,7 @@ def judge_answer(
         n_matches=stars.n_matches,
         n_correct=stars.n_correct,
         time_ms=response.detect_ms + response.solve_ms,
+        site=site,
     )
     cov = answer.cov_km2 if answer.ok else None
     details = FrameDetails(
@@ -172,7 +174,7 @@ def judge_answer(
         utc=frame.observation.utc,
         conditions=conditions,
         condition=frame.condition,
-        site=own_site(frame) if frame.site is None else frame.site,
+        site=site,
         error_east_km=east_km,
         error_north_km=north_km,
         crlb_km=crlb_km,

@@ -41,6 +41,7 @@ from benchmark.run.results import (
 )
 from benchmark.run.sessions import Session, SessionPool, session_pool
 from benchmark.run.shared_detections import shared_detections
+from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.metrics import Summary, summarise
 
 _NO_CHOICE = FrameChoice()
@@ -216,7 +217,8 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     folder = result_folder(out, contestant.name, source)
     if contestant.settled and finished(folder, source):
         progress(len(frames.frames))
-        summary = summarise(scores_of(read_table(folder / FRAMES_NAME)))
+        scores = scores_of(read_table(folder / FRAMES_NAME))
+        summary = summarise(scores, success_limit_km(frames.facts.metric))
         return SolverRun(contestant.name, folder, summary, 0, time.monotonic() - started)
     ids = [frame.frame_id for frame in frames.frames]
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}
