@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
@@ -44,13 +45,35 @@ def error_km(fix: celnav.Fix, site: dict[str, float]) -> float:
     return 6371.0 * math.hypot(north, east)
 
 
+def sequences(folder: Path) -> dict[int, list[Path]]:
+    """Frame records of a rendered folder by sequence, in order of time; ends the program where there are none."""
+    found: dict[int, list[tuple[int, Path]]] = {}
+    for path in folder.glob("frame-*.json"):
+        place = json.loads(path.read_text()).get("sequence")
+        if place:
+            found.setdefault(place["index"], []).append((place["step"], path))
+    if not found or not (folder / "imu.parquet").is_file():
+        raise SystemExit(
+            f"{folder}: has no frames of sequences with an imu.parquet; skybench render writes such a folder"
+        )
+    return {number: [path for _, path in sorted(found[number])] for number in sorted(found)}
+
+
 def main(folder: Path) -> None:
-    """Print, for each frame, the error of the carried attitude and of both fixes."""
-    records = sorted(folder.glob("frame-*.json"))
+    """Print, for each frame of each sequence, the error of the carried attitude and of both fixes."""
+    found = sequences(folder)
+    for number, records in found.items():
+        if len(found) > 1:
+            print(f"sequence {number}")
+        show(records, pq.read_table(folder / "imu.parquet", filters=[("sequence", "=", number)]))
+
+
+def show(records: list[Path], readings: pa.Table) -> None:
+    """Print the lines of one sequence, whose inertial unit has given the readings."""
     first = json.loads(records[0].read_text())
-    readings = pq.read_table(folder / "imu.parquet", columns=["t_s", "gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s"])
-    time_s, *axes = (column.to_numpy() for column in readings.columns)
-    rates, step_s = np.stack(axes, axis=1), float(time_s[1] - time_s[0])
+    time_s = readings["t_s"].to_numpy()
+    rates = np.stack([readings[f"gyro_{axis}_rad_s"].to_numpy() for axis in "xyz"], axis=1)
+    step_s = float(time_s[1] - time_s[0])
 
     attitude, latitude_deg = np.array(first["attitude"]["R_cam"]), first["site"]["latitude_deg"]
     now_s = first["sequence"]["start_s"] + first["time"]["exposure_s"] / 2
@@ -76,4 +99,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(f"usage: python {sys.argv[0]} DIR")
     main(Path(sys.argv[1]))

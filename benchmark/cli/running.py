@@ -24,7 +24,7 @@ from benchmark.judge.outcome import SolverOutcome
 from benchmark.real_tasks.definition import is_real_task
 from benchmark.report.formatting import number
 from benchmark.run.contestants import Contestant, contestant_of
-from benchmark.run.engine import SolverRun, check_contestants, outcomes, run_all
+from benchmark.run.engine import SolverRun, check_contestants, check_sequences, outcomes, run_all
 from benchmark.run.provenance import DetectionsMode
 from benchmark.run.results import check_writable
 from benchmark.run.sessions import session_pool
@@ -81,6 +81,7 @@ def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, li
     runs: list[SolverRun] = []
     with progress_bars() as bar:
         sets = [_opened(bar, target, request.choice) for target in request.targets]
+        check_sequences(contestants, sets)
         total = sum(len(one.frames) for one in sets)
         lines = {contestant.name: bar.add_task(contestant.name, total=total) for contestant in contestants}
 
@@ -143,6 +144,7 @@ def try_request(request: Request, count: int, as_json: bool = False) -> int:
         choice = replace(choice, per_condition=few)
     with progress_bars() as bar:
         found = _opened(bar, target, choice)
+    check_sequences([contestant], [found])
     frames = _spread(found.frames, count)
     scores = []
     with session_pool(partial(contestant.make_session, 1, _pass_on), 1) as pool:

@@ -63,6 +63,21 @@ class FrameConditions:
     roll_deg: float | None = None
 
 
+@dataclass(frozen=True)
+class SequenceStep:
+    """Which frame of which sequence of its scenario a frame is, both from 0."""
+
+    sequence: int
+    step: int
+
+
+def read_step(path: Path, record: Mapping[str, Any]) -> SequenceStep | None:
+    """Where a frame stands in its sequence; None of a frame by itself. Raises DatasetError; `path` is for messages."""
+    if record.get("sequence") is None:
+        return None
+    return SequenceStep(integer(path, record, "sequence.index"), integer(path, record, "sequence.step"))
+
+
 def read_conditions(
     path: Path,
     record: Mapping[str, Any],

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from benchmark.errors import DatasetError
-from benchmark.frames.conditions import FrameConditions, read_conditions
+from benchmark.frames.conditions import FrameConditions, SequenceStep, read_conditions, read_step
 from benchmark.frames.record_values import RENDER_AGAIN, integer, number, read_record, text, value
 from benchmark.protocol import CameraRecord, Observation
 from generator.errors import GeneratorError
@@ -64,7 +64,8 @@ class Frame:
     """One frame of a dataset; `observation` goes to the solver, the rest to the judge.
 
     `condition` is the graded value of the frame in its task, None outside a task. `record_path` is the frame record, where
-    it does not lie beside the image.
+    it does not lie beside the image. `step` is the frame's place in a sequence of its scenario, None of a frame by itself;
+    `site` names the place and night that it is counted with, None for its own (`benchmark.frames.sites`).
     """
 
     frame_id: str
@@ -75,6 +76,8 @@ class Frame:
     truth: TruthStars
     condition: float | None = None
     record_path: Path | None = None
+    step: SequenceStep | None = None
+    site: str | None = None
 
 
 @dataclass(frozen=True)
@@ -330,6 +333,7 @@ def _frame(path: Path, record: Mapping[str, Any], truth: Mapping[str, TruthStars
             path, record, truth_seen.camera, truth_seen.R_cam, n_in_field, stars.cloud_optical_depth
         ),
         truth=stars,
+        step=read_step(path, record),
     )
 
 

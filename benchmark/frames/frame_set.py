@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from benchmark.frames.dataset import Dataset, Frame
+from benchmark.frames.sites import with_sites
 
 ALL = "all"
 """Split of frames that are not divided into splits."""
@@ -125,7 +126,7 @@ def ungraded(dataset: Dataset, target: str, split: str = ALL, definition_sha256:
         truth_sha256=dataset.truth_sha256,
         rendered_with=dataset.provenance,
     )
-    return FrameSet(facts, dataset.frames)
+    return FrameSet(facts, tuple(with_sites(dataset.frames)))
 
 
 def ungraded_label(scenario_name: str, scenario_sha256: str, truth_sha256: str) -> str:

@@ -16,6 +16,7 @@ from benchmark.errors import TaskError
 from benchmark.frames.dataset import Frame, read_frames, rendered_with, truth_digest
 from benchmark.frames.frame_set import FrameFacts, FrameSet, Grading
 from benchmark.frames.record_values import read_record
+from benchmark.frames.sites import with_sites
 from benchmark.instruments import told
 from benchmark.protocol import SequencePlace
 from benchmark.tasks.definition import SplitName, Task
@@ -106,7 +107,7 @@ def make_task_frames(
     except GeneratorError as error:
         raise TaskError(f"{task.label}: {error}") from error
     records = [unpacked / f"frame-{index:05d}.json" for shard in shards for index in range(shard.first, shard.stop)]
-    read = list(read_frames(records, [folder / shard.stars for shard in shards]))
+    read = with_sites(read_frames(records, [folder / shard.stars for shard in shards]))
     frames = tuple(_graded(task, split, read))
     graded = definition.condition
     facts = FrameFacts(

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.frames.conditions import site_of
 from benchmark.frames.dataset import Frame
 from benchmark.frames.identity import UNKNOWN, FrameIdentity
+from benchmark.frames.sites import own_site
 from benchmark.judge.geodesy import east_north_km, geodesic_km
 from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
 from benchmark.judge.star_id import score_matches
@@ -145,6 +145,7 @@ def judge_answer(
         DetectionRow(frame.frame_id, i, float(u), float(v), _known(response.flux[i]), *claims.get(i, (None, None)))
         for i, (u, v) in enumerate(response.uv)
     )
+    site = own_site(frame) if frame.site is None else frame.site
     score = FrameScore(
         frame_id=frame.frame_id,
         index=frame.index,
@@ -161,6 +162,7 @@ def judge_answer(
         n_matches=stars.n_matches,
         n_correct=stars.n_correct,
         time_ms=response.detect_ms + response.solve_ms,
+        site=site,
     )
     cov = answer.cov_km2 if answer.ok else None
     details = FrameDetails(
@@ -172,7 +174,7 @@ def judge_answer(
         utc=frame.observation.utc,
         conditions=conditions,
         condition=frame.condition,
-        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        site=site,
         error_east_km=east_km,
         error_north_km=north_km,
         crlb_km=crlb_km,

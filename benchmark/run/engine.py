@@ -41,6 +41,7 @@ from benchmark.run.results import (
 )
 from benchmark.run.sessions import Session, SessionPool, asked_together, session_pool
 from benchmark.run.shared_detections import shared_detections
+from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.metrics import Summary, summarise
 
 _NO_CHOICE = FrameChoice()
@@ -144,6 +145,7 @@ def run(
     contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
     check_writable(out)
     found = frames if isinstance(frames, FrameSet) else open_frames(str(frames), choice)
+    check_sequences(contestants, [found])
     return tuple(run_all(contestants, [found], out, detections, jobs, progress))
 
 
@@ -198,6 +200,22 @@ def check_contestants(contestants: Sequence[Contestant], jobs: int) -> Sequence[
     return contestants
 
 
+def check_sequences(contestants: Sequence[Contestant], sets: Sequence[FrameSet]) -> None:
+    """Refuse fused solvers on frames that are put one by one, where they answer as the solvers that they ask.
+
+    Raises
+    ------
+    SolverError
+    """
+    alone = [one for one in sets if not any(frame.observation.sequence for frame in one.frames)]
+    fused = [one.definition for one in contestants if one.definition is not None and one.definition.fused is not None]
+    if alone and fused:
+        raise SolverError(
+            f"{fused[0].name}: fuses what is answered to the frames of a sequence, and those of {alone[0].facts.target} "
+            f"are put one by one; name {fused[0].asked.name}, or a task of sequences such as uav (docs/sequences.md)"
+        )
+
+
 def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> SolverRun:
     """Run one solver over one set of frames, unless its result is finished, made with as many frames or more.
 
@@ -216,7 +234,8 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
     folder = result_folder(out, contestant.name, source)
     if contestant.settled and finished(folder, source):
         progress(len(frames.frames))
-        summary = summarise(scores_of(read_table(folder / FRAMES_NAME)))
+        scores = scores_of(read_table(folder / FRAMES_NAME))
+        summary = summarise(scores, success_limit_km(frames.facts.metric))
         return SolverRun(contestant.name, folder, summary, 0, time.monotonic() - started)
     ids = [frame.frame_id for frame in frames.frames]
     stamp: dict[str, object] = {"versions": source.versions, "machine": source.machine, "jobs": source.jobs}

@@ -25,12 +25,15 @@ import pyarrow.parquet as pq
 from benchmark.errors import ResultsError
 from benchmark.run.provenance import RunProvenance, blanks, read_provenance
 from benchmark.run.result_tables import finite, scores_of
+from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.intervals import CONFIDENCE, Estimate
 from benchmark.stats.metrics import DEFINITIONS, Summary, by_bortle, summarise
 from generator.files import write_bytes
 
 RESULT_FORMAT = "skybench-result/2"
 SUMMARY_NAME = "summary.json"
+SAME_COUNTS = ("skybench-metrics/1", DEFINITIONS)
+"""Definitions of a summary whose counts of frames, which are all that is read of it, mean the same."""
 FRAMES_NAME = "frames.parquet"
 MATCHES_NAME = "matches.parquet"
 _SOLVER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@+-]{0,99}")
@@ -90,15 +93,17 @@ def write_result(folder: Path, solver: str, frames: pa.Table, matches: pa.Table,
     (folder / SUMMARY_NAME).unlink(missing_ok=True)
     write_parquet(folder / FRAMES_NAME, frames.replace_schema_metadata(metadata))
     write_parquet(folder / MATCHES_NAME, matches.replace_schema_metadata(metadata))
-    overall = summarise(scores)
+    limit_km = success_limit_km(provenance.frames.metric)
+    overall = summarise(scores, limit_km)
     summary = {
         "format": RESULT_FORMAT,
         "definitions": DEFINITIONS,
         "confidence": CONFIDENCE,
         "solver": solver,
         "null_means": "in an error (_km) or a time (_ms): infinite; elsewhere: undefined, nothing to count",
+        "limit_km": limit_km,
         "overall": _summary_to_json(overall),
-        "by_bortle": [{"bortle": bortle, **_summary_to_json(part)} for bortle, part in by_bortle(scores)],
+        "by_bortle": [{"bortle": bortle, **_summary_to_json(part)} for bortle, part in by_bortle(scores, limit_km)],
         "reasons": _count(score.reason for score in scores if score.reason),
         "provenance": source,
     }
@@ -118,7 +123,7 @@ def read_summary(path: Path) -> StoredSummary:
     try:
         tree = json.loads(path.read_text(encoding="utf-8"))
         found, solver = (tree["format"], tree["definitions"]), tree["solver"]
-        if found != (RESULT_FORMAT, DEFINITIONS):
+        if found[0] != RESULT_FORMAT or found[1] not in SAME_COUNTS:
             raise ResultsError(f"{path}: is {found}, this version reads {(RESULT_FORMAT, DEFINITIONS)}; {RUN_AGAIN}")
         provenance = read_provenance(tree["provenance"])
         counts = [int(tree["overall"][name]) for name in ("n_frames", "n_fixes", "n_errors")]

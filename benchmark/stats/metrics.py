@@ -4,10 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from benchmark.stats.intervals import Estimate, pooled_proportion, proportion, quantile_estimate
+from benchmark.stats.clustered import Resamples, proportion_estimate, quantile_estimate
+from benchmark.stats.intervals import Estimate
 
 SUCCESS_KM = 10.0
-DEFINITIONS = "skybench-metrics/1"
+"""Limit of a success where no task states its own."""
+DEFINITIONS = "skybench-metrics/2"
 
 FIX = "fix"
 REFUSED = "refused"
@@ -38,6 +40,8 @@ class FrameScore:
         Star identification, see `benchmark.judge.star_id`.
     time_ms : float
         Wall time of detection and solving together.
+    site : str
+        Frames of one site are not independent (`benchmark.frames.sites`); empty: a frame by itself.
     """
 
     frame_id: str
@@ -55,20 +59,21 @@ class FrameScore:
     n_matches: int
     n_correct: int
     time_ms: float
+    site: str = ""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The metrics over a set of frames.
+    """The metrics over a set of frames, with intervals that take the frames of a site together.
 
     Attributes
     ----------
     n_frames, n_fixes, n_refused, n_errors : int
         Counts; the last three add up to the first.
     recall : Estimate
-        Share of all frames with a fix and an error below `SUCCESS_KM`.
+        Share of all frames with a fix and an error below the limit.
     wrong_and_confident : Estimate
-        Share of all frames with a fix and an error of `SUCCESS_KM` or more.
+        Share of all frames with a fix and an error of the limit or more.
     median_error_km, p90_error_km : Estimate
         Quantiles over all frames, without a fix counted as infinite.
     star_precision, star_recall : Estimate
@@ -91,10 +96,12 @@ class Summary:
     p95_time_ms: Estimate
 
 
-def summarise(scores: Sequence[FrameScore]) -> Summary:
-    """Summarise the scores of one solver over a set of frames."""
+def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Summary:
+    """Summarise the scores of one solver over a set of frames, as `benchmark.stats.frame_metrics` does their table."""
+    resamples = Resamples.of([score.site or f"frame {score.frame_id}" for score in scores])
+    each = [1] * len(scores)
     fixed = [score.status == FIX for score in scores]
-    near = [score.error_km < SUCCESS_KM for score in scores]
+    near = [score.error_km < limit_km for score in scores]
     errors_km = [score.error_km for score in scores]
     times_ms = [score.time_ms for score in scores]
     correct = [score.n_correct for score in scores]
@@ -106,18 +113,20 @@ def summarise(scores: Sequence[FrameScore]) -> Summary:
         n_fixes=sum(fixed),
         n_refused=sum(score.status == REFUSED for score in scores),
         n_errors=sum(score.status == ERROR for score in scores),
-        recall=proportion(near),
-        wrong_and_confident=proportion([fix and not hit for fix, hit in zip(fixed, near, strict=True)]),
-        median_error_km=quantile_estimate(errors_km, 0.5),
-        p90_error_km=quantile_estimate(errors_km, 0.9),
-        star_precision=pooled_proportion(correct, [score.n_matches for score in scores]),
-        star_recall=pooled_proportion(correct, detected),
-        median_time_ms=quantile_estimate(times_ms, 0.5),
-        p95_time_ms=quantile_estimate(times_ms, 0.95),
+        recall=proportion_estimate(near, each, resamples),
+        wrong_and_confident=proportion_estimate(
+            [fix and not hit for fix, hit in zip(fixed, near, strict=True)], each, resamples
+        ),
+        median_error_km=quantile_estimate(errors_km, 0.5, resamples),
+        p90_error_km=quantile_estimate(errors_km, 0.9, resamples),
+        star_precision=proportion_estimate(correct, [score.n_matches for score in scores], resamples),
+        star_recall=proportion_estimate(correct, detected, resamples),
+        median_time_ms=quantile_estimate(times_ms, 0.5, resamples),
+        p95_time_ms=quantile_estimate(times_ms, 0.95, resamples),
     )
 
 
-def by_bortle(scores: Sequence[FrameScore]) -> list[tuple[int | None, Summary]]:
+def by_bortle(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> list[tuple[int | None, Summary]]:
     """Summaries by Bortle class, in ascending order; frames without a class come last, under None."""
     classes = sorted({score.bortle for score in scores}, key=lambda bortle: math.inf if bortle is None else bortle)
-    return [(bortle, summarise([score for score in scores if score.bortle == bortle])) for bortle in classes]
+    return [(bortle, summarise([score for score in scores if score.bortle == bortle], limit_km)) for bortle in classes]

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from generator.dataset.reader import Frame
+from generator.export.full_pixels import FullPixels
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Annotations:
-    """The n sources of a frame that reach an SNR, stars and planets first.
+    """The n sources of a frame that reach an SNR and lie on a sky that does not fill the sensor, stars and planets first.
 
     Attributes
     ----------
@@ -45,6 +46,10 @@ class Annotations:
         v_mag is NaN for cosmic rays.
     star_id : (n,) int array
         0 for what is neither star nor planet.
+    electrons_e : (n,) array
+        Of the whole source.
+    saturated : (n,) bool array
+        Whether some of its pixels are full.
     """
 
     category: NDArray[np.int64]
@@ -56,6 +61,8 @@ class Annotations:
     snr: Floats
     v_mag: Floats
     star_id: NDArray[np.int64]
+    electrons_e: Floats
+    saturated: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.category)
@@ -77,8 +84,12 @@ def annotate(frame: Frame, least_snr: float) -> Annotations:
     )
     places = {name: columns.pop(name) + 0.5 for name in ("centre", "start", "end")}
     found = Annotations(box=box, half_width=half_width, **places, **columns)
-    inside = np.flatnonzero((box[:, 2] > box[:, 0]) & (box[:, 3] > box[:, 1]))
-    return Annotations(**{name: values[inside] for name, values in vars(found).items()})
+    pixels = FullPixels(frame)
+    inside = (box[:, 2] > box[:, 0]) & (box[:, 3] > box[:, 1])
+    seen = np.flatnonzero(inside & ~pixels.behind(box, found.electrons_e))
+    # Of stars and planets the truth says so.
+    full = found.saturated | ((found.star_id == 0) & pixels.touched(box))
+    return Annotations(**{name: values[seen] for name, values in (vars(found) | {"saturated": full}).items()})
 
 
 def outlines(found: Annotations, width: int, height: int) -> list[Floats]:
@@ -150,6 +161,8 @@ def _stars(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
         "snr": stars["snr"].to_numpy(np.float64),
         "v_mag": stars["v_mag"].to_numpy(np.float64),
         "star_id": stars["star_id"].to_numpy(np.int64),
+        "electrons_e": stars["electrons_e"].to_numpy(np.float64),
+        "saturated": stars["saturated"].to_numpy(np.bool_),
     }
 
 
@@ -181,4 +194,6 @@ def _objects(table: pa.Table, least_snr: float) -> dict[str, NDArray[Any]]:
         "snr": objects["snr"].to_numpy(np.float64),
         "v_mag": objects["v_mag"].to_numpy(np.float64),
         "star_id": np.zeros(len(objects), np.int64),
+        "electrons_e": objects["electrons_e"].to_numpy(np.float64),
+        "saturated": np.zeros(len(objects), np.bool_),
     }

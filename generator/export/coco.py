@@ -41,11 +41,11 @@ def export_coco(dataset: Dataset, out: Path, options: ExportOptions, progress: P
                     "license": 1,
                 }
             )
-            count = _write_annotations(stream, frame, options.least_snr, count)
+            count = _write_annotations(stream, frame, options.annotated_snr, count)
             progress(frame.frame_id)
         described = {
             "info": {
-                "description": f"{dataset.manifest.scenario}, sources with SNR >= {options.least_snr:g}",
+                "description": f"{dataset.manifest.scenario}, sources with SNR >= {options.annotated_snr:g}",
                 "version": dataset.manifest.skybench,
             },
             "licenses": [{"id": 1, "name": "CC BY 4.0", "url": "https://creativecommons.org/licenses/by/4.0/"}],
@@ -77,6 +77,7 @@ def _write_annotations(stream: TextIO, frame: Frame, least_snr: float, count: in
             "keypoints": [*_rounded([u, v]), VISIBLE] if inside else [0, 0, 0],
             "num_keypoints": int(inside),
             "snr": round(float(found.snr[row]), 2),
+            "saturated": bool(found.saturated[row]),
         }
         if math.isfinite(found.v_mag[row]):
             annotation["v_mag"] = round(float(found.v_mag[row]), 3)

@@ -26,6 +26,8 @@ EXPORTS: dict[str, Form] = {
 }
 ADDS_TO_A_FOLDER = {"huggingface"}
 """Forms that put another split beside those that a folder holds."""
+ANNOTATED = ("coco", "yolo")
+"""Forms that annotate sources."""
 
 
 def export(
@@ -52,10 +54,12 @@ def export(
     Raises
     ------
     GeneratorError
-        Unknown form, unfinished or damaged dataset, or a folder that cannot be used.
+        Unknown form, an option that it has no use for, unfinished or damaged dataset, or a folder that cannot be used.
     """
     if form not in EXPORTS:
         raise GeneratorError(f"--to {form}: one of {', '.join(EXPORTS)}")
+    if options.least_snr is not None and form not in ANNOTATED:
+        raise GeneratorError(f"--least-snr: only with --to {' or '.join(ANNOTATED)}; {form} has no annotations")
     dataset = Dataset.open(folder)
     try:
         out.mkdir(parents=True, exist_ok=True)

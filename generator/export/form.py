@@ -20,16 +20,22 @@ class ExportOptions:
 
     Attributes
     ----------
-    least_snr : float
-        Annotations (COCO, YOLO) are made of sources with this SNR or more.
+    least_snr : float or None
+        Annotations are made of sources with this SNR or more, None: of those that count as visible. Forms without
+        annotations take None alone.
     """
 
-    least_snr: float = VISIBLE_SNR
+    least_snr: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse invalid options. Raises GeneratorError."""
-        if not 0 <= self.least_snr < float("inf"):
+        if self.least_snr is not None and not 0 <= self.least_snr < float("inf"):
             raise GeneratorError(f"--least-snr {self.least_snr}: 0 or more")
+
+    @property
+    def annotated_snr(self) -> float:
+        """The least SNR of what is annotated."""
+        return VISIBLE_SNR if self.least_snr is None else self.least_snr
 
 
 Form = Callable[[Dataset, Path, ExportOptions, Progress], None]

@@ -27,7 +27,7 @@ def export_yolo(dataset: Dataset, out: Path, options: ExportOptions, progress: P
     for frame in dataset:
         camera = frame.record["camera"]
         write_bytes(path_within(out, f"images/{split}/{frame.frame_id}.png"), png_bytes(stretched(frame)))
-        found = annotate(frame, options.least_snr)
+        found = annotate(frame, options.annotated_snr)
         size = np.array([camera["width"], camera["height"]], dtype=np.float64)
         middle, extent = (found.box[:, :2] + found.box[:, 2:]) / 2 / size, (found.box[:, 2:] - found.box[:, :2]) / size
         lines = [

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from generator.scenario.sequences.sequence import SequenceSpec
-from generator.scenario.variation import describe
+from generator.scenario.variation import DISTRIBUTION_KEYS, SWEEP_KEY, describe
 
 HEADER_KEYS = ("name", "description", "seed", "frames")
 _UNIT_SUFFIX = re.compile(
@@ -26,7 +26,8 @@ def message(problem: Any, source: str) -> str:
     if kind == "extra_forbidden":
         return f"{source}: {where}: unknown key{_suggestion(location)}"
     if kind == "missing":
-        return f"{source}: {where}: missing; every scenario needs it"
+        section = ".".join(str(part) for part in location[:-1])
+        return f"{source}: {where}: missing; {section or 'every scenario'} needs it"
     if kind == "value_error":
         return f"{source}: {where}: {context['error']}" if where else f"{source}: {context['error']}"
     bounds = {"greater_than_equal": ("ge", ">="), "greater_than": ("gt", ">"), "less_than_equal": ("le", "<="),
@@ -42,7 +43,17 @@ def message(problem: Any, source: str) -> str:
     unit = _UNIT_SUFFIX.search(str(location[-1])) if location else None
     if isinstance(problem["input"], str) and unit and kind.startswith(("float", "int")):
         expected += f" in {unit.group(1)}, without a unit of its own"
-    return f"{source}: {where}: found {describe(problem['input'])}, expected {expected}"
+    return f"{source}: {where}: found {describe(problem['input'])}, expected {expected}{_varying(problem['input'])}"
+
+
+def _varying(found: Any) -> str:
+    """How a value is made to vary, where a mapping stands in place of one."""
+    if not isinstance(found, dict):
+        return ""
+    keys = (SWEEP_KEY, *DISTRIBUTION_KEYS)
+    close = [match for key in found for match in difflib.get_close_matches(str(key), keys, n=1)]
+    meant = f"; did you mean '{close[0]}'? A" if close else "; a"
+    return f"{meant} value that varies has one of: {', '.join(keys)}"
 
 
 def _suggestion(location: tuple[Any, ...]) -> str:

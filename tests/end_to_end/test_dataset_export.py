@@ -7,10 +7,12 @@ import shutil
 import tarfile
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 import yaml
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
@@ -18,20 +20,25 @@ from astropy.utils.exceptions import AstropyWarning
 from astropy.wcs import WCS
 from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
-from small_scenes import small_scenario
+from small_scenes import small_scenario, small_scenario_text
+from typer.testing import CliRunner, Result
 
-from benchmark.cli.datasets.exporting import FORMS
+from benchmark.cli.datasets.exporting import FORMS, add_to
+from generator.dataset.generate import generate
+from generator.dataset.layout import DatasetSpec
 from generator.dataset.reader import Dataset, Frame
 from generator.dataset.verify import problems
 from generator.errors import GeneratorError
-from generator.export.annotations import CATEGORIES, clipped
+from generator.export.annotations import CATEGORIES, annotate, clipped
 from generator.export.export import EXPORTS, export
 from generator.export.fits_image import fits_file
 from generator.export.form import ExportOptions
+from generator.export.full_pixels import FullPixels
 from generator.export.withheld import withheld_name
 from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.record import frame_record, record_bytes
 from generator.frame.render import png_bytes, render_frame
+from generator.scenario.file import parse_scenario
 
 
 @pytest.fixture
@@ -92,6 +99,67 @@ def test_coco_boxes_hold_the_light(dataset, coco) -> None:
             # Around the Moon all pixels are full.
             brighter.append(inside.max() > np.median(around) + 3 * noise or inside.max() > 0.9 * image.max())
     assert np.mean(brighter) > 0.9
+
+
+def test_a_sky_that_fills_the_sensor_hides_its_sources(tmp_path) -> None:
+    """Half a minute of twilight fills every pixel, half a second of the night hardly one."""
+    counts = []
+    for name, utc_start, exposure_s in (("full", "2020-01-15T16:50:00Z", 30.0), ("dark", "2020-01-15T20:00:00Z", 0.5)):
+        text = small_scenario_text(time={"utc_start": utc_start, "exposure_s": exposure_s})
+        generate(parse_scenario(text, "test.yaml"), text, tmp_path / name, DatasetSpec())
+        frame = Dataset.open(tmp_path / name)[0]
+        reach = frame.stars.to_pandas().query("snr >= 5 and fraction_in_frame >= 0.5")
+        counts.append((len(reach), len(annotate(frame, 5.0))))
+    (reach_full, annotated_full), (reach_dark, annotated_dark) = counts
+    assert reach_full > 20, "the matched filter does not know that the sensor is full"
+    assert annotated_full == 0
+    assert annotated_dark == reach_dark > 0
+
+
+def pixels_of(image, bits=12, full_well_e=1e6, black=64):
+    sensor = {
+        "bits": bits,
+        "gain_e_per_dn": 4.0,
+        "black_level_dn": black,
+        "full_well_e": full_well_e,
+        "read_noise_e": 3.0,
+    }
+    return FullPixels(SimpleNamespace(image=image, record={"sensor": sensor}))
+
+
+def test_full_pixels_around_a_source_hide_it_unless_it_may_have_filled_them() -> None:
+    image = np.full((100, 120), 200, np.uint16)
+    image[:, 60:] = 4095
+    box = np.array([[20.0, 40, 26, 46], [90.0, 40, 96, 46], [57.0, 40, 63, 46]])
+    pixels = pixels_of(image)
+    assert pixels.behind(box, np.full(3, 1e4)).tolist() == [False, True, False]
+    assert pixels.behind(box, np.full(3, 1e9)).tolist() == [False, False, False]
+    assert pixels.touched(box).tolist() == [False, True, True]
+    # A bright star fills its own pixels, not those around it.
+    image = np.full((100, 120), 200, np.uint16)
+    image[40:46, 20:26] = 4095
+    assert not pixels_of(image).behind(box[:1], np.array([1e5])).any()
+    everywhere = pixels_of(np.full((100, 120), 4095, np.uint16))
+    assert everywhere.behind(box, np.array([1e4, 1e9, np.nan])).all()
+
+
+def test_a_full_well_below_the_largest_value_is_full() -> None:
+    box = np.array([[20.0, 40, 26, 46]])
+    full = 64 + 8000 / 4
+    for level, hidden in ((full - 1, True), (full - 60, False)):
+        image = np.full((100, 120), level, np.uint16)
+        assert pixels_of(image, full_well_e=8000.0).behind(box, np.array([1e4])).tolist() == [hidden]
+
+
+def test_coco_says_what_is_saturated(dataset, coco) -> None:
+    found = pd.DataFrame(json.loads((coco / "annotations.json").read_text())["annotations"])
+    stars = Dataset.open(dataset).stars().to_pandas()
+    merged = found.dropna(subset=["star_id"]).merge(
+        stars, left_on=["image_id", "star_id"], right_on=["index", "star_id"], suffixes=("", "_truth")
+    )
+    assert len(merged) == found["star_id"].notna().sum() > 0
+    assert (merged["saturated"] == merged["saturated_truth"]).all()
+    assert found[found["category_id"] == 1 + CATEGORIES.index("moon")]["saturated"].all()
 
 
 def test_coco_follows_the_least_snr(dataset, tmp_path) -> None:
@@ -246,6 +314,35 @@ def test_withheld_copy_tells_nothing_of_the_truth(dataset, tmp_path) -> None:
 
 def test_the_command_knows_every_form() -> None:
     assert set(FORMS) == set(EXPORTS)
+
+
+def command(*words: str) -> Result:
+    app = typer.Typer()
+    add_to(app)
+    return CliRunner().invoke(app, list(words))
+
+
+def test_the_command_says_what_a_folder_of_rendered_frames_is(tmp_path) -> None:
+    (tmp_path / FRAMES_MANIFEST).write_text("{}")
+    done = command(str(tmp_path), "--to", "coco", "--out", str(tmp_path / "out"))
+    assert done.exit_code != 0
+    assert "holds frames of `skybench render`; a dataset is what `skybench generate` writes" in done.output
+
+
+@pytest.mark.parametrize("form", sorted(set(EXPORTS) - {"coco", "yolo"}))
+def test_a_least_snr_is_refused_where_nothing_is_annotated(dataset, tmp_path, form) -> None:
+    done = command(str(dataset), "--to", form, "--out", str(tmp_path / "out"), "--least-snr", "20")
+    assert done.exit_code != 0
+    assert f"--least-snr: only with --to coco or yolo; {form} has no annotations" in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_takes_a_least_snr(dataset, tmp_path) -> None:
+    counts = []
+    for out, options in (("all", ()), ("bright", ("--least-snr", "30"))):
+        assert command(str(dataset), "--to", "coco", "--out", str(tmp_path / out), *options).exit_code == 0
+        counts.append(len(json.loads((tmp_path / out / "annotations.json").read_text())["annotations"]))
+    assert counts[0] > counts[1] > 0
 
 
 def test_refusals(dataset, tmp_path) -> None:

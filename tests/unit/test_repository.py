@@ -159,3 +159,32 @@ def test_zenodo_and_the_citation_say_the_same() -> None:
     assert [creator["name"] for creator in deposit["creators"]] == [author["name"] for author in cited["authors"]]
     assert deposit["upload_type"] == cited["type"]
     assert deposit["related_identifiers"][0]["identifier"] == cited["repository-code"]
+
+
+def test_the_layout_names_every_folder_and_no_other() -> None:
+    """CONTRIBUTING.md: the repository's folders at the left, the rooms of the packages below theirs."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    block = re.search(r"^## Layout\n\n```\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    assert block, "CONTRIBUTING.md has no block of the layout"
+    found: dict[str, set[str]] = {}
+    for line in block[1].splitlines():
+        if not line.startswith(" "):
+            top = line.split("/")[0]
+            found[top] = set()
+        else:
+            found[top] |= set(re.findall(r"(?<=  )([a-z_]+)/(?= )", line))
+    packages = ("generator", "celnav", "benchmark")
+    tracked = {path for path in ROOT.iterdir() if path.is_dir() and path.name[0] not in "._" and path.name != "out"}
+    ignored = {line.strip().strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()}
+    assert set(found) == {path.name for path in tracked} - ignored
+    for package in packages:
+        rooms = {path.name for path in (ROOT / package).iterdir() if path.is_dir() and path.name[0] not in "._"}
+        assert found[package] == rooms, package
+
+
+def test_the_number_of_frames_that_a_measurement_renders_is_told() -> None:
+    from generator.dataset.forecast import FRAMES_MEASURED
+
+    words = {3: "three", 4: "four", 5: "five"}[FRAMES_MEASURED]
+    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8").replace("\n", " ")
+    assert f"with `--measure` it renders {words} frames" in text

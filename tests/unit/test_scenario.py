@@ -29,6 +29,22 @@ REFUSED = {
     "one swept value out of range": ("bortle: 5", "bortle: {sweep: [1, 2, 12]}", ["sky.bortle", "12", "<= 9"]),
     "fraction for an integer": ("bortle: 5", "bortle: 4.5", ["sky.bortle", "4.5", "integer"]),
     "missing": ("latitude_deg: 52.0", "height_m: 2", ["site.latitude_deg", "missing"]),
+    "missing of an optional section": (
+        "bortle: 5", "bortle: 5\nsensor: {blinking_pixels: {fraction: 0.1}}",
+        ["sensor.blinking_pixels.amplitude_e_s: missing; sensor.blinking_pixels needs it"],
+    ),
+    "missing section": (
+        "camera:", "stars: {}\ncamera_: ", ["camera: missing; every scenario needs it"],
+    ),
+    "misspelt distribution": (
+        "bortle: 5", "bortle: {unifrom: [1, 5]}",
+        ["sky.bortle: found dict {'unifrom': [1, 5]}", "did you mean 'uniform'? A value that varies has one of: sweep,"],
+    ),
+    "misspelt sweep": ("hfov_deg: 120", "hfov_deg: {sweeep: [60, 90]}", ["camera.hfov_deg", "did you mean 'sweep'?"]),
+    "misspelt range of times": (
+        "utc_start: 2020-01-15T20:00:00Z", "utc_start: {range: [2020-01-15T20:00:00Z, 2020-01-16T20:00:00Z]}",
+        ["time.utc_start", "; a value that varies has one of: sweep, uniform, integer, normal, choice, sphere_latitude, utc"],
+    ),
     "time without zone": ("00:00Z", "00:00", ["time.utc_start", "2020-01-15T20:00:00", "ending in Z"]),
     "no such date": ("2020-01-15", "2020-02-30", ["time.utc_start", "2020-02-30"]),
     "not a number": ("latitude_deg: 52.0", "latitude_deg: .nan", ["site.latitude_deg", "nan", "finite"]),

@@ -33,17 +33,20 @@ def export(
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder to write; empty or new.")],
     least_snr: Annotated[
-        float, typer.Option("--least-snr", min=0, help="Annotate sources of this SNR or more (coco, yolo).")
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            "--least-snr", min=0, help="Annotate sources of this SNR or more; only of coco and yolo.  [default: 5]"
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a dataset in another form: for detectors, for astronomers, or without its truth."""
-    from generator.dataset.manifest import read_manifest
+    from generator.dataset.reader import Dataset
     from generator.export.export import export as write
     from generator.export.form import ExportOptions
 
     try:
-        manifest = read_manifest(folder)
+        manifest = Dataset.open(folder).manifest
         with progress_bars() as progress:
             task = progress.add_task("writing", total=manifest.stop - manifest.first)
             write(folder, to, out, ExportOptions(least_snr), lambda frame_id: progress.advance(task))

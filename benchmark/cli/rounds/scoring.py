@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmark.cli.progress import progress_bars
 from benchmark.errors import ResultsError, RoundError
+from benchmark.frames.frame_set import FrameSet
 from benchmark.report.formatting import number, percent
 from benchmark.rounds.steps import Drawn, check_frozen, frames_to_score
 from benchmark.run.contestants import contestant_of
@@ -15,6 +16,7 @@ from benchmark.run.engine import check_contestants, run_all
 from benchmark.run.provenance import DetectionsMode
 from benchmark.run.results import check_writable
 from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
+from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.metrics import Summary, summarise
 from benchmark.submit.score import check_name, judge_submission, version_of, write_score
 from benchmark.submit.submission import Checked, check_answers, check_stars
@@ -62,7 +64,7 @@ def score_solvers(wanted: Scoring, names: Sequence[str], detections: DetectionsM
         runs = run_all(
             contestants, [frames], wanted.out, detections, jobs, lambda name, count: bar.advance(lines[name], count)
         )
-        return [Scored(run.solver, run.folder, _words(run.solver, run.summary)) for run in runs]
+        return [Scored(run.solver, run.folder, _words(run.solver, run.summary, frames)) for run in runs]
 
 
 def score_answers(wanted: Scoring, answers: Path, stars: Path | None, name: str) -> Scored:
@@ -83,7 +85,8 @@ def score_answers(wanted: Scoring, answers: Path, stars: Path | None, name: str)
     table = None if stars is None else _without_faults(stars, check_stars(stars, frozenset(ids)))
     outcomes = judge_submission(frames.frames, ids, given, table)
     folder = write_score(frames, wanted.out, name, version_of(answers, stars), outcomes)
-    return Scored(name, folder, _words(name, summarise([outcome.score for outcome in outcomes])))
+    summary = summarise([outcome.score for outcome in outcomes], success_limit_km(frames.facts.metric))
+    return Scored(name, folder, _words(name, summary, frames))
 
 
 def _without_faults(path: Path, checked: Checked) -> Checked:
@@ -93,8 +96,10 @@ def _without_faults(path: Path, checked: Checked) -> Checked:
     return checked
 
 
-def _words(name: str, summary: Summary) -> str:
+def _words(name: str, summary: Summary, frames: FrameSet) -> str:
+    limit_km = success_limit_km(frames.facts.metric)
     return (
-        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
+        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, "
+        f"{percent(summary.recall.value)} within {limit_km:g} km, "
         f"median error {number(summary.median_error_km.value, 'km')}"
     )

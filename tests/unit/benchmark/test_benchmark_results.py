@@ -13,7 +13,10 @@ from benchmark.report.site.boards import make_board
 from benchmark.report.site.tree import read_tree
 from benchmark.run import engine
 from benchmark.run.provenance import blanks
-from benchmark.run.results import write_result
+from benchmark.run.result_tables import scores_of
+from benchmark.run.results import read_summary, write_result
+from benchmark.stats.frame_metrics import measure, metrics_within, read_frames, success_metric
+from benchmark.stats.metrics import summarise
 
 
 @pytest.fixture
@@ -43,7 +46,7 @@ def test_summaries_are_strict_json_with_provenance(out):
         text = (folder_of(out, name) / "summary.json").read_text()
         summary = json.loads(text, parse_constant=refuse_constant)
         assert summary["solver"] == name
-        assert summary["definitions"] == "skybench-metrics/1"
+        assert (summary["definitions"], summary["limit_km"]) == ("skybench-metrics/2", 10.0)
         assert summary["provenance"]["frames"]["scenario_name"] == "fake night"
         assert len(summary["provenance"]["frames"]["truth_sha256"]) == 64
         assert {"skybench", "python", "numpy"} <= set(summary["provenance"]["versions"])
@@ -77,6 +80,40 @@ def test_the_board_counts_what_the_summary_counts(out):
         overall = json.loads((entry.stored.folder / "summary.json").read_text())["overall"]
         assert entry.success.value == overall["recall"]["value"]
         assert len(entry.stored.frames) == overall["n_frames"] == 6
+
+
+def test_a_summary_says_what_the_report_says(out):
+    """Values and intervals alike, whatever the limit of the task."""
+    for name in ("truth", "mixed", "empty"):
+        frames = read_frames(folder_of(out, name) / "frames.parquet")
+        scores = scores_of(pq.read_table(folder_of(out, name) / "frames.parquet"))
+        for limit_km in (10.0, 300.0):
+            summary = summarise(scores, limit_km)
+            report = measure(frames, (*metrics_within(limit_km), success_metric(f"success_{limit_km:g}km")))
+            assert summary.recall == report[f"success_{limit_km:g}km"]
+            for key in ("wrong_and_confident", "median_error_km", "p90_error_km", "star_precision", "p95_time_ms"):
+                assert repr(getattr(summary, key)) == repr(report[key]), key
+
+
+def test_the_summary_of_a_task_has_the_tasks_limit(out, tmp_path):
+    result = stored(out)["mixed"]
+    frames = dataclasses.replace(result.provenance.frames, metric="success_30000km")
+    tables = [pq.read_table(result.folder / f"{name}.parquet") for name in ("frames", "matches")]
+    folder = tmp_path / "new"
+    folder.mkdir()
+    summary = write_result(folder, "mixed", *tables, dataclasses.replace(result.provenance, frames=frames))
+    assert summary.recall.value == summary.n_fixes / summary.n_frames > 0
+    assert json.loads((folder / "summary.json").read_text())["limit_km"] == 30000.0
+
+
+def test_an_earlier_summary_is_read_for_its_counts(out):
+    path = folder_of(out, "truth") / "summary.json"
+    text = path.read_text()
+    path.write_text(text.replace("skybench-metrics/2", "skybench-metrics/1"))
+    try:
+        assert read_summary(path).n_frames == 6
+    finally:
+        path.write_text(text)
 
 
 def test_tables_carry_units_and_provenance(out):
@@ -193,7 +230,7 @@ def test_a_table_that_is_not_the_summarys_is_refused(out):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("skybench-metrics/1", "skybench-metrics/0", "skybench-metrics/0"),
+        ("skybench-metrics/2", "skybench-metrics/0", "skybench-metrics/0"),
         ('"jobs": 1', '"jobs": "one"', r"provenance\.jobs"),
         ('"detections": "own"', '"detections": "shared"', "which its folder does not say"),
     ],

@@ -11,10 +11,11 @@ from unit.benchmark.test_sequence_tasks import KM_PER_DEG, PLACE, found_at, off_
 
 from benchmark.errors import SolverError
 from benchmark.frames.dataset import open_dataset
+from benchmark.frames.frame_set import FrameSet, ungraded
 from benchmark.judge.answers import Response, failure
 from benchmark.protocol import Answer
 from benchmark.run.contestants import contestant_of
-from benchmark.run.engine import outcomes
+from benchmark.run.engine import outcomes, run
 from benchmark.run.fused_session import FusedSession
 from benchmark.run.sessions import SessionPool
 from benchmark.solvers.celnav_solver import answer_of
@@ -150,6 +151,22 @@ def test_its_revision_is_of_the_solver_and_of_the_filter(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmark.solvers.definition.fusion_behaviour", OtherFilter)
     assert read_solver_folder(folder).revision != revision
     assert read_solver_folder(tmp_path / "mine").revision == inner
+
+
+def test_frames_that_are_put_one_by_one_are_refused_before_any_work(dataset, tmp_path):
+    folder = write_solvers(tmp_path)
+    found, out = ungraded(dataset, "night"), tmp_path / "results"
+    alone = tuple(
+        dataclasses.replace(one, observation=dataclasses.replace(one.observation, sequence=None))
+        for one in found.frames
+    )
+    with pytest.raises(
+        SolverError, match=r"mine-fused: fuses .* those of night are put one by one; name mine, or a task"
+    ):
+        run(FrameSet(found.facts, alone), [folder], out)
+    assert not list(out.rglob("*.json"))
+    (done,) = run(found, [folder], out)
+    assert done.summary.n_fixes == 3
 
 
 class OtherFilter:
