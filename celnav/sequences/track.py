@@ -146,7 +146,7 @@ class Track:
         instant = parse_utc(utc)
         if self._start is None:
             self._start = instant
-        time_s = (instant.mjd_day - self._start.mjd_day) * 86400 + instant.second_of_day_s - self._start.second_of_day_s
+        time_s = _elapsed_s(self._start, instant)
         if not self._steps:
             c = self.config
             sigmas = (1e4, 1e4, *[c.speed_sigma_km_s] * 2, *[c.tilt_bias_sigma_deg] * 2, c.heading_bias_sigma_deg)
@@ -193,6 +193,12 @@ class Track:
             covariance = filtered.cov + gain @ (later.cov - after.predicted.cov) @ gain.T
             points.append(_shifted(filtered, correction, covariance))
         return tuple(reversed(points))
+
+
+def _elapsed_s(one: Utc, other: Utc) -> float:
+    """Seconds from one instant to another, leap seconds counted."""
+    seconds = other.second_of_day_s - one.second_of_day_s
+    return (other.mjd_day - one.mjd_day) * 86400 + seconds + (other.tai_utc_s - one.tai_utc_s)
 
 
 def moved(lat_deg: float, lon_deg: float, east_km: float, north_km: float) -> tuple[float, float]:
