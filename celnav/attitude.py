@@ -11,12 +11,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.checking import finite_number, real_array
+from celnav.checking import finite_number, real_array, shown
 from celnav.errors import AttitudeError
 
 Kind = Literal["rotation", "up"]
 _Rows = tuple[tuple[float, float, float], ...]
 ROTATION_TOLERANCE = 1e-6
+_SIGMA_KEYS = ("tilt_sigma_deg", "heading_sigma_deg")
+# Of the section attitude of frame records (docs/dataset_format.md); what is not a sigma or R_cam is not needed here.
+_KEYS = {
+    "R_cam", *_SIGMA_KEYS, "azimuth_deg", "altitude_deg", "roll_deg", "sample_time_s", "sample_R_cam", "imu_time_s",
+    "imu_rate_deg_s", "imu_bias_deg_s",
+}  # fmt: skip
 _LARGEST_ENTRY = 1e100  # its square is still a float
 
 
@@ -68,7 +74,14 @@ class Attitude:
     def from_json(cls, path: str | Path) -> Attitude:
         """Read ``R_cam`` from a JSON file: at the top, or under ``attitude`` as a frame record and a calibration have it.
 
-        ``tilt_sigma_deg`` and ``heading_sigma_deg`` beside it, which a calibration writes, make it an uncertain attitude.
+        ``tilt_sigma_deg`` and ``heading_sigma_deg`` beside it, which a calibration writes, make it an uncertain attitude; a
+        heading's of null leaves the heading unknown, as in frames packed for solvers.
+
+        Raises
+        ------
+        AttitudeError
+            When the file cannot be read, holds no rotation, one sigma without the other, or a key that is not known: a
+            misspelt sigma would make the attitude an exact one.
         """
         try:
             record = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -76,14 +89,30 @@ class Attitude:
             raise AttitudeError(f"cannot read attitude file {path}: {error.strerror}") from None
         except ValueError as error:
             raise AttitudeError(f"attitude file {path} is not JSON: {error}") from None
-        if isinstance(record, dict) and isinstance(record.get("attitude"), dict):
+        inner = isinstance(record, dict) and isinstance(record.get("attitude"), dict)
+        if inner:
             record = record["attitude"]
         if not isinstance(record, dict) or "R_cam" not in record:
             raise AttitudeError(f"attitude file {path} holds no R_cam; see docs/dataset_format.md")
-        if "tilt_sigma_deg" not in record and "heading_sigma_deg" not in record:
+        # Beside a rotation at the top other sections of a record may stand.
+        unknown = [key for key, value in record.items() if key not in _KEYS and (inner or not isinstance(value, dict))]
+        if unknown:
+            raise AttitudeError(
+                f"attitude file {path}: {shown(unknown[0])} is not known beside R_cam; the standard deviations are "
+                f"{' and '.join(_SIGMA_KEYS)}"
+            )
+        stated = [key for key in _SIGMA_KEYS if key in record]
+        if not stated:
             return cls.exact(record["R_cam"])
-        sigmas = {name: record.get(f"{name}_sigma_deg", 0.0) for name in ("tilt", "heading")}
-        return cls.with_sigma(record["R_cam"], tilt_deg=sigmas["tilt"], heading_deg=sigmas["heading"])
+        if len(stated) < len(_SIGMA_KEYS):
+            other = next(key for key in _SIGMA_KEYS if key not in record)
+            raise AttitudeError(
+                f"attitude file {path} holds {stated[0]} without {other}: give both (0 is exact, a heading's of null unknown)"
+            )
+        tilt, heading = (record[key] for key in _SIGMA_KEYS)
+        if heading is None:
+            return cls.up([row[2] for row in _rotation_rows(record["R_cam"])], tilt)
+        return cls.with_sigma(record["R_cam"], tilt_deg=tilt, heading_deg=heading)
 
     @property
     def R_cam(self) -> NDArray[np.float64]:

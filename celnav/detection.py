@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.checking import bounded, check_fields, real_array
+from celnav.checking import bounded, check_fields, real_array, shown
 from celnav.detecting.blank_border import blank_border
 from celnav.detecting.colour_mosaic import level_mosaic
 from celnav.detecting.correlation.self_correlation import correlations_of_halves
@@ -25,6 +25,7 @@ from celnav.detecting.image_background import (
     step_of,
     take_off,
     typical,
+    unmasked,
     used_pixels,
 )
 from celnav.detecting.matched_filter import Filtered, matched_filter
@@ -163,7 +164,8 @@ def detect(
     Parameters
     ----------
     image : array_like, shape (height, width) or (height, width, 3 or 4)
-        Brightness; colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is left out.
+        Brightness; colours are averaged with Rec. 601 weights, and a fourth channel (opacity) is left out. Masked entries of
+        a `numpy.ma.MaskedArray` are not used.
     mask : array_like of bool, shape (height, width), optional
         True where the image is **not** to be used (an overlay, a horizon, dead pixels).
     config : DetectionConfig or FloodFillConfig, optional
@@ -178,10 +180,15 @@ def detect(
     ------
     ImageError
         For a wrong shape, NaN, or a mask that does not fit.
+    ConfigError
+        For a configuration of another kind.
     """
     config = _USUAL if config is None else config
+    image, mask = unmasked(image, mask)
     if isinstance(config, FloodFillConfig):
         return Detections(*flood_fill(image, mask, config))
+    if not isinstance(config, DetectionConfig):
+        raise ConfigError(f"config = {shown(config)} must be a celnav.DetectionConfig or a FloodFillConfig")
     original = as_image(image)
     pixels = grey(original)
     used = used_pixels(pixels, mask)

@@ -23,6 +23,10 @@ F8 = NDArray[np.float64]
 
 LEAST_CONTRADICTION = 6.63
 """Chi-squared of one degree of freedom that chance exceeds in one frame of a hundred."""
+CLEAR_SIGMAS = 5.0
+"""Standard deviations beyond which a heading contradicts the attitude, and is no error of the size that was told."""
+STEEP_LAT_DEG = 60.0
+"""Beyond it a small tilt turns the heading far, and what the heading is off counts less (`heading_contradicts`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +42,8 @@ class Place:
     heading_off_deg : float
         How far the heading that the stars imply is from the one given; NaN where none was given.
     chi2 : float
-        Square of that in standard deviations, one degree of freedom; 0 where no heading was given.
+        Square of the turn that no position explains, in standard deviations by the attitude as it was told and the stars, one
+        degree of freedom; 0 where no heading was given.
     """
 
     lat_deg: float
@@ -112,7 +117,29 @@ def honest_place(
     weights = attitude, cov_rad2 if scatter_cov_rad2 is None else scatter_cov_rad2
     place = place_from_rotation(terrestrial_to_camera, cov_rad2, attitude, weights)
     raised = _with_doubt(_raised(attitude, place), doubt_deg)
-    return place if raised is attitude else place_from_rotation(terrestrial_to_camera, cov_rad2, raised, weights)
+    if raised is attitude:
+        return place
+    return replace(place_from_rotation(terrestrial_to_camera, cov_rad2, raised, weights), chi2=place.chi2)
+
+
+def heading_contradicts(place: Place, limit_deg: float) -> bool:
+    """Tell whether the stars contradict the heading given: by more than a limit, and by more than the errors told explain.
+
+    The meridian turns by the tangent of the latitude times the zenith's error, so that near a pole an honest tilt turns the
+    heading by any angle. What stays small is the turn that no position explains, the heading's error times the cosine of the
+    latitude. Beyond `STEEP_LAT_DEG` that turn is held against the limit, which counts in full up to there.
+
+    Parameters
+    ----------
+    place : Place
+        From `honest_place`.
+    limit_deg : float
+        How far a heading may be off whatever its standard deviation.
+    """
+    if math.isnan(place.heading_off_deg) or place.chi2 <= CLEAR_SIGMAS**2:
+        return False
+    steep = min(1.0, math.cos(math.radians(place.lat_deg)) / math.cos(math.radians(STEEP_LAT_DEG)))
+    return abs(place.heading_off_deg) * steep > limit_deg
 
 
 def doubted(terrestrial_to_camera: F8, cov_rad2: F8, attitude: Attitude) -> Attitude:
@@ -171,14 +198,12 @@ def place_from_rotation(
     information = np.linalg.inv(covariance if weights is None else _local_covariance(R_cam, weights[1], weights[0]))
     free_of_heading = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
     heading_off = float(free_of_heading[2])
-    gain, rest = np.zeros((2, 3)), np.eye(3)
-    turn = free_of_heading
+    gain, turn = np.zeros((2, 3)), free_of_heading
     for _ in range(20):
         turn = rotation_vector(local @ enu_rotation(math.degrees(lat), math.degrees(lon)).T)
         cos_lat = max(math.cos(lat), 1e-9)
         design = np.array([[0.0, 1.0], [-1.0, 0.0], [-math.sin(lat) / cos_lat, 0.0]])
         gain = np.linalg.solve(design.T @ information @ design, design.T @ information)
-        rest = np.eye(3) - design @ gain
         east, north = gain @ turn
         lat += float(np.clip(north, -0.1, 0.1))
         lon += float(east) / cos_lat
@@ -186,12 +211,14 @@ def place_from_rotation(
             lat, lon = math.copysign(math.pi, lat) - lat, lon + math.pi
         if math.hypot(float(east), float(north)) < 1e-12:
             break
+    # The one axis about which no position turns the horizon: it is square to the design, and at a pole too.
+    unmoved = np.array([0.0, -math.sin(lat), math.cos(lat)])
     return Place(
         math.degrees(lat),
         math.degrees(math.remainder(lon, 2 * math.pi)),
         kilometres(gain @ covariance @ gain.T, lat),
         math.degrees(heading_off),
-        float(turn[2] ** 2 / (rest[2] @ covariance @ rest[2])),
+        float((unmoved @ turn) ** 2 / (unmoved @ covariance @ unmoved)),
     )
 
 

@@ -16,7 +16,7 @@ from celnav.errors import ConfigError
 from celnav.field_stars import Start, aberrated, describe, paired_at, pairing_radius, visible_stars
 from celnav.fix import Estimate, Fix, Reason
 from celnav.history import History
-from celnav.horizon import Place, distance_km, honest_place, horizontal_frame
+from celnav.horizon import Place, distance_km, heading_contradicts, honest_place, horizontal_frame
 from celnav.identification.effort import Effort
 from celnav.identification.focal_lengths import identify_at_focal_lengths
 from celnav.identification.neighbourhood import BELIEVED_SIGMAS
@@ -91,7 +91,8 @@ class SkybenchConfig:
     max_sigma_px : float
         A frame whose residuals scatter more is refused.
     max_heading_off_deg : float
-        A heading that the stars contradict by more (plus five standard deviations) is refused.
+        A heading that the stars contradict by more (plus five standard deviations) is refused, unless errors of the size told
+        explain it. Beyond 60 deg of latitude less of it counts (`celnav.horizon.heading_contradicts`).
     max_moved_deg : float
         Where the vertical is told with a standard deviation, a heading that is off by no more is a mount that moved, and the
         position is as uncertain as the heading has proved to be.
@@ -350,7 +351,7 @@ class SkybenchSolver:
         limit = self.config.max_heading_off_deg + 5 * loose.heading_deg
         if problem.attitude.tilt_deg:
             limit = max(limit, self.config.max_moved_deg)
-        if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
+        if heading_contradicts(place, limit):
             return f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
         if problem.near is not None:
             distance = distance_km(place.lat_deg, place.lon_deg, problem.near.lat_deg, problem.near.lon_deg)

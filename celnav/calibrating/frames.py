@@ -15,7 +15,7 @@ from celnav.sky.astrometry import celestial_to_terrestrial, enu_rotation, terres
 from celnav.sky.catalog import load_catalog
 from celnav.sky.earth_rotation import earth_orientation
 from celnav.sky.refraction import refraction_rad
-from celnav.sky.utc import Utc
+from celnav.sky.utc import Utc, parse_utc
 
 F8 = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class CalibrationFrame:
     detections : Detections
         From `celnav.detect`.
     utc : Utc
-        Middle of the exposure.
+        Middle of the exposure; a str or datetime, as `celnav.solve` takes them, becomes one.
     size : tuple of int
         Width and height, pixels.
     name : str
@@ -51,6 +51,7 @@ class CalibrationFrame:
     exposure_s: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "utc", parse_utc(self.utc))
         if self.detections.shape is not None and self.detections.shape != self.size[::-1]:
             raise ConfigError(f"frame {self.name}: detections are of another size of frame than {self.size}")
 

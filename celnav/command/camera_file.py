@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,9 @@ MAX_BYTES = 16_000_000
 _MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "k", "mtx")
 _PLATEPAR_NAMES = ("F_scale", "X_res", "Y_res")
 _DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d", "dist")
+_LIKE_DISTORTION = re.compile(
+    r"(?!undist)\w*distort\w*|dist(_?(coef|param|vec)\w*)?|\w*coef\w*|(?-i:[kp][1-8])|xi", re.IGNORECASE
+)
 _FISHEYE_NAMES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt")
 _PERSPECTIVE_NAMES = ("", "plumb_bob", "rational_polynomial", "brown_conrady", "none", "pinhole")
 
@@ -205,6 +209,11 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
     (fx, skew, cx), (zero, fy, cy), last = matrix.reshape(3, 3)
     if abs(skew) > 1e-9 or zero != 0 or not np.allclose(last, [0, 0, 1]):
         raise CameraError(f"{key} must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; a skew is not supported")
+    if unknown := [str(name) for name, value in record.items() if value is not None and _may_be_distortion(str(name))]:
+        raise CameraError(
+            f"{unknown[0][:40]} looks like a distortion and is not known: name the coefficients one of "
+            f"{', '.join(_DISTORTION_NAMES)}, the model distortion_model, or remove it"
+        )
     key = next((name for name in _DISTORTION_NAMES if name in record), "")
     distortion = _numbers(record[key], key) if key else np.empty(0)
     lens = Camera("pinhole", width, height, float(fx), float(fy), float(cx), float(cy))
@@ -225,6 +234,13 @@ def _calibration(record: Mapping[str, Any], size: tuple[int, int] | None) -> Cam
     prism, tilt = (tuple(part) if any(part) else () for part in (rest[:4], rest[4:]))
     camera = replace(lens, model="brown_conrady", k=(k1, k2, k3, k4, k5, k6), p=(p1, p2), s=prism, tilt_rad=tilt)
     return CameraFile(camera, "calibration of OpenCV", tuple(assumed))
+
+
+def _may_be_distortion(name: str) -> bool:
+    """Tell whether a key that is not read may hold a distortion: ``distortion_coeffs`` of Kalibr, ``distCoeff``, ``k1``."""
+    return name not in (*_MATRIX_NAMES, *_DISTORTION_NAMES, "distortion_model") and bool(
+        _LIKE_DISTORTION.fullmatch(name)
+    )
 
 
 def _platepar(record: Mapping[str, Any]) -> CameraFile:

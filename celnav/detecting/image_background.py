@@ -29,11 +29,44 @@ OUTSTANDING = 5.0
 
 
 def as_image(image: ArrayLike) -> NDArray[np.generic]:
-    """Return an image as an array of the type that it has; raises `ImageError` for rows of different lengths."""
+    """Return an image as an array of the type that it has.
+
+    Raises `ImageError` for rows of different lengths, and for masked entries, which have no value (`unmasked`).
+    """
+    if np.ma.is_masked(image):
+        raise ImageError("an image or a mask has masked entries: give plain arrays, and what is not used as mask=")
     try:
         return np.asarray(image)
     except ValueError:
         raise ImageError("image must be an array of (height, width) or (height, width, 3 or 4) numbers") from None
+
+
+def unmasked(image: ArrayLike, mask: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
+    """Put the masked entries of an image of `numpy.ma` into the mask.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width) or (height, width, channels)
+    mask : array_like of bool, shape (height, width), optional
+        True where the image is not used.
+
+    Returns
+    -------
+    image, mask
+        As they were of any other image. A masked entry that is NaN or infinite has the median of the others.
+    """
+    if not np.ma.is_masked(image):
+        return image, mask
+    assert isinstance(image, np.ma.MaskedArray)
+    entries: Mask = np.ma.getmaskarray(image)
+    hidden = entries.any(axis=tuple(range(2, entries.ndim)))
+    data = np.asarray(image.data)
+    if np.issubdtype(data.dtype, np.floating) and (void := entries & ~np.isfinite(data)).any():
+        usual = np.median(data[~entries]) if not entries.all() else 0.0
+        data = np.where(void, usual, data).astype(data.dtype)
+    if mask is not None:
+        hidden = hidden | ~used_pixels(np.broadcast_to(np.float32(0), hidden.shape), mask)
+    return data, hidden
 
 
 def grey(image: NDArray[np.generic]) -> F4:
@@ -43,7 +76,9 @@ def grey(image: NDArray[np.generic]) -> F4:
     """
     if image.dtype == np.bool_ or not np.issubdtype(image.dtype, np.number) or np.iscomplexobj(image):
         raise ImageError(f"image must hold real numbers, not {image.dtype}")
-    if image.dtype.itemsize > 2 and image.size and not (image.min() >= -LARGEST_VALUE and image.max() <= LARGEST_VALUE):
+    # Whole numbers of 16 bits are within the bounds, numbers of 16 bits with a point may be none.
+    unbounded = image.dtype.itemsize > 2 or np.issubdtype(image.dtype, np.floating)
+    if unbounded and image.size and not (float(image.min()) >= -LARGEST_VALUE and float(image.max()) <= LARGEST_VALUE):
         raise ImageError(
             f"image holds NaN, infinity or values above {LARGEST_VALUE:g}: replace them, or scale the image"
         )

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celnav.errors import ImageError
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.generic]
 # A hundred million pixels: beyond any night-sky camera, and less than 1 GB while it is worked on.
 MAX_PIXELS = 100_000_000
+# Samples of a pixel by a PNG's type of colour, of those with more than one.
+_PNG_SAMPLES = {2: 3, 4: 2, 6: 4}
+_TIFF_BITS, _TIFF_ORIENTATION, _TIFF_SAMPLES, _TIFF_PLANES = 258, 274, 277, 284
+# A file is no larger than so many times its pixels, and so many bytes of tags and profiles.
+_MOST_OVERHEAD, _MOST_TAGS = 2, 64_000_000
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
 
 
@@ -29,7 +39,7 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
     Returns
     -------
     ndarray, shape (height, width) or (height, width, 3)
-        Values as in the file.
+        Values as in the file. Transparency is left out; grey with transparency of 16 bits is (height, width).
 
     Raises
     ------
@@ -55,6 +65,8 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
                 _refuse_large(path, image.width, image.height)
                 if image.mode not in _MODES:
                     raise ImageError(f"image {path} has the pixel format {image.mode}; save it as grey or RGB PNG")
+                if (layout := _deep_colours(image, path)) is not None:
+                    return _read_deep(path, layout)
                 image.load()
                 converted = image.convert("RGB") if image.mode in ("RGBA", "P", "LA") else image
                 return np.array(converted.convert("L") if image.mode == "1" else converted)
@@ -66,8 +78,87 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
         raise ImageError(f"image {path} is not a PNG, JPEG, TIFF or HEIF image") from None
     except Image.DecompressionBombError:
         raise ImageError(f"image {path} has too many pixels; the limit is 100 million") from None
-    except (OSError, SyntaxError, ValueError, EOFError) as error:
+    except (OSError, SyntaxError, ValueError, TypeError, EOFError) as error:
         raise ImageError(f"image {path} is damaged or cannot be read: {error}".replace("\n", " ")) from None
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the samples of a picture of 16 bits in colours lie, of which Pillow would keep 8 bits.
+
+    Attributes
+    ----------
+    kind : str
+        ``PNG`` or ``TIFF``.
+    shape : tuple of int
+        Of the array that the file holds.
+    planes : bool
+        Whether colours are planes, one after the other.
+    orientation : int
+        Of TIFF 6.0, tag 274: which edges of the picture the first row and column of the file are.
+    """
+
+    kind: str
+    shape: tuple[int, int, int]
+    planes: bool = False
+    orientation: int = 1
+
+
+def _deep_colours(image: Image, path: str | Path) -> _Layout | None:
+    """Say how 16-bit colours lie in a PNG (its header, W3C PNG 11.2.1) or TIFF that is open; None of any other picture."""
+    if image.format == "PNG":
+        with Path(path).open("rb") as stream:
+            header = stream.read(26)
+        samples = _PNG_SAMPLES.get(header[25]) if header[24] == 16 else None
+        if samples is None:
+            return None
+        # Where one colour stands for transparency, libpng writes the transparency out.
+        samples = 4 if "transparency" in image.info else samples
+        return _Layout("PNG", (image.height, image.width, samples))
+    if image.format != "TIFF" or image.mode not in ("RGB", "RGBA", "LA"):
+        return None
+    tags: Any = image.tag_v2  # type: ignore[attr-defined]
+    bits = tags.get(_TIFF_BITS, (1,))
+    if max(bits) <= 8:
+        return None
+    if set(bits) != {16}:
+        raise ImageError(f"image {path} has colours of {max(bits)} bits; save it as RGB of 8 or 16 bits")
+    # The size as it is stored: Pillow's is that of the picture after it is turned upright.
+    width, height, samples = int(tags[256]), int(tags[257]), int(tags.get(_TIFF_SAMPLES, len(bits)))
+    planes = tags.get(_TIFF_PLANES, 1) == 2
+    shape = (samples, height, width) if planes else (height, width, samples)
+    return _Layout("TIFF", shape, planes, int(tags.get(_TIFF_ORIENTATION, 1)))
+
+
+def _read_deep(path: str | Path, layout: _Layout) -> Pixels:
+    """Decode a picture of 16 bits in colours, into an array of the size that was checked; without its transparency."""
+    import imagecodecs
+
+    most = _MOST_OVERHEAD * 2 * math.prod(layout.shape) + _MOST_TAGS
+    if (size := Path(path).stat().st_size) > most:
+        raise ImageError(f"image {path} has {size / 1e6:.0f} MB, far more than its pixels take: save it anew")
+    found = np.empty(layout.shape, dtype=np.uint16)
+    data = Path(path).read_bytes()
+    try:
+        if layout.kind == "PNG":
+            found = imagecodecs.png_decode(data, out=found)
+        else:
+            found = imagecodecs.tiff_decode(data, index=0, out=found)
+    except RuntimeError as error:  # of libpng and libtiff
+        raise ValueError(str(error)) from None
+    upright = _upright(np.moveaxis(found, 0, 2) if layout.planes else found, layout.orientation)
+    return np.ascontiguousarray(upright[:, :, 0] if upright.shape[2] < 3 else upright[:, :, :3])
+
+
+def _upright(pixels: Pixels, orientation: int) -> Pixels:
+    """Turn a picture as tag 274 of TIFF 6.0 says."""
+    if orientation >= 5:
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels
 
 
 def _refuse_large(path: str | Path, width: int, height: int) -> None:

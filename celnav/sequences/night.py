@@ -19,7 +19,7 @@ from celnav.checking import finite_number, shown
 from celnav.detection import Detections
 from celnav.errors import ConfigError
 from celnav.fix import Estimate, Fix, Reason
-from celnav.horizon import honest_place, horizontal_frame
+from celnav.horizon import heading_contradicts, honest_place, horizontal_frame
 from celnav.position import Weather
 from celnav.problem import LastKnown, Solver, ToldSigmas
 from celnav.sequences.fixed_mount import EARTH_RAD_S, FixedMount, combine
@@ -44,7 +44,7 @@ class NightFix:
         Whether there is a position.
     reason : Reason
         ``ok``; ``vertical_required`` where no vertical is known; ``too_few_detections`` where no frame was identified;
-        ``inconsistent`` where a heading is contradicted.
+        ``inconsistent`` where a heading is contradicted, or where no frame is usable and some are inconsistent themselves.
     message : str
         The reason in words; empty for a position.
     lat_deg, lon_deg, cov_km2
@@ -217,6 +217,12 @@ class Night:
                 common.append(np.zeros((3, 3)) if alike is None else alike)
                 covs.append(frame.fix.rotation_cov_rad2 - common[-1])
         if not rows:
+            refused = [frame.fix.message for frame in self._frames if frame.fix.reason is Reason.INCONSISTENT]
+            if refused:
+                message = (
+                    f"{len(refused)} of {len(self._frames)} frames are inconsistent, and none is usable: {refused[0]}"
+                )
+                return NightFix(False, Reason.INCONSISTENT, message)
             message = f"none of {len(self._frames)} frames was identified"
             return NightFix(False, Reason.TOO_FEW_DETECTIONS, message)
         first = self._frames[rows[0]].utc
@@ -290,7 +296,7 @@ class Night:
             sigma = math.hypot(attitude.tilt_deg, night.axis_sigma_deg, off)
             latitude = Estimate(math.degrees(math.asin(sine)), sigma)
         limit = 1.0 + 5 * attitude.heading_deg
-        if not math.isnan(place.heading_off_deg) and abs(place.heading_off_deg) > limit:
+        if heading_contradicts(place, limit):
             message = f"the stars put the heading {place.heading_off_deg:.2f} deg from the one given"
             return replace(night, reason=Reason.INCONSISTENT, message=message, latitude_deg=latitude)
         return replace(

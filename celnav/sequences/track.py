@@ -4,6 +4,7 @@ A camera that is mounted with a tilt error b puts every fix b times the Earth's 
 with the vehicle's heading: while the vehicle turns, position and bias part ways, and a whole orbit averages the bias
 away (Teague & Chahl 2024, Drones 8(11) 652). Filter and smoother: Rauch, Tung & Striebel 1965, AIAA J. 3(8) 1445; the
 error-state form, which keeps the position on the ellipsoid and only its error in a plane: Sola 2017, arXiv 1711.02508.
+East and north turn on the way, and at a pole at once: velocities and covariances are carried along the great circle.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from celnav.checking import bounded, check_fields, finite_number
 from celnav.errors import ConfigError
 from celnav.fix import Fix
 from celnav.horizon import radii_km
+from celnav.sky.astrometry import enu_rotation
 from celnav.sky.utc import Utc, parse_utc
 from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
@@ -146,7 +148,7 @@ class Track:
         instant = parse_utc(utc)
         if self._start is None:
             self._start = instant
-        time_s = (instant.mjd_day - self._start.mjd_day) * 86400 + instant.second_of_day_s - self._start.second_of_day_s
+        time_s = _elapsed_s(self._start, instant)
         if not self._steps:
             c = self.config
             sigmas = (1e4, 1e4, *[c.speed_sigma_km_s] * 2, *[c.tilt_bias_sigma_deg] * 2, c.heading_bias_sigma_deg)
@@ -175,10 +177,16 @@ class Track:
             noise[velocity, velocity] = q * dt
         noise[4:, 4:] = np.eye(3) * self.config.bias_walk_deg**2 * dt
         lat, lon = moved(last.lat_deg, last.lon_deg, *(last.velocity_km_s * dt))
-        return (
-            replace(last, time_s=time_s, lat_deg=lat, lon_deg=lon, cov=transition @ last.cov @ transition.T + noise),
-            transition,
+        turn = _carried(last.lat_deg, last.lon_deg, lat, lon)
+        predicted = replace(
+            last,
+            time_s=time_s,
+            lat_deg=lat,
+            lon_deg=lon,
+            velocity_km_s=turn[2:4, 2:4] @ last.velocity_km_s,
+            cov=turn @ (transition @ last.cov @ transition.T + noise) @ turn.T,
         )
+        return predicted, turn @ transition
 
     def smoothed(self) -> tuple[TrackPoint, ...]:
         """Return the states given all fixes, later ones too (Rauch-Tung-Striebel)."""
@@ -190,32 +198,63 @@ class Track:
             filtered = step.filtered
             gain = filtered.cov @ after.transition.T @ np.linalg.inv(after.predicted.cov)
             correction = gain @ _difference(later, after.predicted)
-            covariance = filtered.cov + gain @ (later.cov - after.predicted.cov) @ gain.T
+            turn = _carried(later.lat_deg, later.lon_deg, after.predicted.lat_deg, after.predicted.lon_deg)
+            covariance = filtered.cov + gain @ (turn @ later.cov @ turn.T - after.predicted.cov) @ gain.T
             points.append(_shifted(filtered, correction, covariance))
         return tuple(reversed(points))
 
 
+def _elapsed_s(one: Utc, other: Utc) -> float:
+    """Seconds from one instant to another, leap seconds counted."""
+    seconds = other.second_of_day_s - one.second_of_day_s
+    return (other.mjd_day - one.mjd_day) * 86400 + seconds + (other.tai_utc_s - one.tai_utc_s)
+
+
 def moved(lat_deg: float, lon_deg: float, east_km: float, north_km: float) -> tuple[float, float]:
-    """Return the position a short way (compared with the Earth) east and north of another one."""
+    """Return the position a short way (compared with the Earth) east and north of another one, a pole crossed or not.
+
+    The vertical turns along a great circle, by the distances over the radii of curvature where the way begins.
+    """
     east_radius, north_radius = radii_km(math.radians(lat_deg))
-    lat = lat_deg + math.degrees(north_km / north_radius)
-    lon = lon_deg + math.degrees(east_km / (east_radius * max(math.cos(math.radians(lat_deg)), 1e-6)))
-    return max(-90.0, min(90.0, lat)), math.remainder(lon, 360.0)
+    axes = enu_rotation(lat_deg, lon_deg)
+    turn = np.array([east_km / east_radius, north_km / north_radius])
+    angle = math.hypot(*turn)
+    if angle == 0.0:
+        return lat_deg, math.remainder(lon_deg, 360.0)
+    x, y, z = math.cos(angle) * axes[2] + math.sin(angle) / angle * (turn @ axes[:2])
+    return math.degrees(math.atan2(z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
 
 
 def offset_km(lat_deg: float, lon_deg: float, from_lat_deg: float, from_lon_deg: float) -> F8:
-    """Return east and north, km, shape (2,), of a position from another one nearby."""
-    east_radius, north_radius = radii_km(math.radians(from_lat_deg))
-    turn = math.radians(math.remainder(lon_deg - from_lon_deg, 360.0))
-    east = turn * east_radius * math.cos(math.radians(from_lat_deg))
-    return np.array([east, math.radians(lat_deg - from_lat_deg) * north_radius])
+    """Return east and north, km, shape (2,), of a position from another one nearby: what `moved` takes there."""
+    there = enu_rotation(from_lat_deg, from_lon_deg) @ enu_rotation(lat_deg, lon_deg)[2]
+    sine = math.hypot(there[0], there[1])
+    angle = math.atan2(sine, there[2])
+    return np.asarray(there[:2] * (angle / sine if sine > 0 else 1.0) * radii_km(math.radians(from_lat_deg)))
+
+
+def _carried(lat_deg: float, lon_deg: float, to_lat_deg: float, to_lon_deg: float) -> F8:
+    """Turn of a state, shape (7, 7), that is carried from one position to another.
+
+    Directions keep their angle with the great circle between the two (parallel transport), while east and north turn
+    against it where meridians converge. Biases are of the vehicle, and keep their values.
+    """
+    here, there = enu_rotation(lat_deg, lon_deg), enu_rotation(to_lat_deg, to_lon_deg)
+    axis = np.cross(here[2], there[2])
+    # The rotation that takes one vertical to the other by the shortest way, without its division by 0 for none.
+    crossed = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    shortest = np.eye(3) + crossed + crossed @ crossed / max(1.0 + float(here[2] @ there[2]), 1e-9)
+    turn = np.eye(_N)
+    turn[:2, :2] = turn[2:4, 2:4] = there[:2] @ shortest @ here[:2].T
+    return turn
 
 
 def _difference(a: TrackPoint, b: TrackPoint) -> F8:
+    velocity = _carried(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)[2:4, 2:4] @ a.velocity_km_s
     return np.concatenate(
         (
             offset_km(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg),
-            a.velocity_km_s - b.velocity_km_s,
+            velocity - b.velocity_km_s,
             a.tilt_bias_deg - b.tilt_bias_deg,
             [a.heading_bias_deg - b.heading_bias_deg],
         )
@@ -224,14 +263,15 @@ def _difference(a: TrackPoint, b: TrackPoint) -> F8:
 
 def _shifted(point: TrackPoint, error: F8, cov: F8) -> TrackPoint:
     lat, lon = moved(point.lat_deg, point.lon_deg, float(error[0]), float(error[1]))
+    turn = _carried(point.lat_deg, point.lon_deg, lat, lon)
     return replace(
         point,
         lat_deg=lat,
         lon_deg=lon,
-        velocity_km_s=point.velocity_km_s + error[2:4],
+        velocity_km_s=turn[2:4, 2:4] @ (point.velocity_km_s + error[2:4]),
         tilt_bias_deg=point.tilt_bias_deg + error[4:6],
         heading_bias_deg=point.heading_bias_deg + float(error[6]),
-        cov=0.5 * (cov + cov.T),
+        cov=turn @ (0.5 * (cov + cov.T)) @ turn.T,
     )
 
 
@@ -248,7 +288,8 @@ def _corrected(predicted: TrackPoint, fix: Fix, heading_deg: float, gate: float)
         offset_km(fix.lat_deg, fix.lon_deg, predicted.lat_deg, predicted.lon_deg)
         - to_east_north @ predicted.tilt_bias_deg
     )
-    noise = fix.cov_km2
+    turn = _carried(fix.lat_deg, fix.lon_deg, predicted.lat_deg, predicted.lon_deg)[:2, :2]
+    noise = turn @ fix.cov_km2 @ turn.T
     spread = observe @ predicted.cov @ observe.T + noise
     distance = float(innovation @ np.linalg.solve(spread, innovation))
     if distance > gate:

@@ -108,3 +108,48 @@ def test_heading_bias_is_learnt_from_what_the_stars_say():
     for fix, utc, heading, _ in orbit(np.random.default_rng(6), n=20):
         track.update(dataclasses.replace(fix, heading_off_deg=0.7), utc, heading)
     assert track.points[-1].heading_bias_deg == pytest.approx(0.7, abs=0.02)
+
+
+def crossing(rng, lat_sign, beside_km):
+    """A track from longitude 0 to 180 at 0.2 km/s, over a pole or past it, and the places of the vehicle."""
+    track, truth = Track(TrackConfig(speed_sigma_km_s=0.3)), []
+    for k in range(50):
+        x = 5 - 0.2 * k + 1e-9
+        lat, lon = lat_sign * (90 - math.hypot(x, beside_km) / 111.694), math.degrees(math.atan2(beside_km, x))
+        seen = moved(lat, lon, *rng.normal(0, 0.1, 2))
+        fix = celnav.Fix(True, celnav.Reason.OK, "", *seen, cov_km2=np.eye(2) * 0.01)
+        # Azimuth of one direction, which turns with the meridian, and of a vehicle that turns besides.
+        track.update(fix, f"2024-03-01T21:00:{k:02d}Z", 7.0 * k - lat_sign * lon)
+        truth.append((lat, lon))
+    return track, truth
+
+
+@pytest.mark.parametrize(("lat_sign", "beside_km"), [(1, 0.0), (1, 0.7), (-1, 0.0)])
+def test_a_track_crosses_the_pole(lat_sign, beside_km):
+    """Squared errors are as large as at the equator (2.0 filtered, 2.3 smoothed); the gate drops one fix in a thousand."""
+    rng = np.random.default_rng(6)
+    squares, dropped = [], 0
+    for _ in range(8):
+        track, truth = crossing(rng, lat_sign, beside_km)
+        dropped += sum(not point.used for point in track.points)
+        for points in (track.points, track.smoothed()):
+            off = errors_km(points, truth)
+            squares += [e @ np.linalg.solve(p.cov_km2, e) for p, e in zip(points, off, strict=True)]
+        last = track.points[-1]
+        assert (np.abs(errors_km([last], truth[-1:])[0]) < 3 * np.sqrt(np.diag(last.cov_km2))).all()
+        # Away from the pole, which lies behind: south in the north.
+        away = offset_km(*truth[-1], *truth[-2])
+        np.testing.assert_allclose(last.velocity_km_s, away, atol=4 * math.sqrt(last.cov[3, 3]))
+        assert -lat_sign * away[1] == pytest.approx(0.2, abs=0.01)
+    assert np.mean(squares) < 3.0
+    assert dropped <= 2  # of 400
+
+
+def test_offsets_are_the_way_there_and_back():
+    rng = np.random.default_rng(7)
+    for lat, lon in ((0, 0), (48, 179.99), (-89.99, 20), (90, 0), (89.9, -180)):
+        for east, north in rng.uniform(-30, 30, (20, 2)):
+            np.testing.assert_allclose(offset_km(*moved(lat, lon, east, north), lat, lon), (east, north), atol=1e-9)
+    assert moved(89.99, 10.0, 0.0, 2 * 0.01 * 111.694)[1] == pytest.approx(-170, abs=1e-6)
+    assert moved(12.0, 34.0, 0.0, 0.0) == (12.0, 34.0)
+    np.testing.assert_allclose(offset_km(12.0, 34.0, 12.0, 34.0), 0, atol=1e-9)
