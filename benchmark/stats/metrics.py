@@ -66,9 +66,9 @@ class Summary:
     n_frames, n_fixes, n_refused, n_errors : int
         Counts; the last three add up to the first.
     recall : Estimate
-        Share of all frames with a fix and an error below `SUCCESS_KM`.
+        Share of all frames with a fix and an error below the limit, `SUCCESS_KM` unless told.
     wrong_and_confident : Estimate
-        Share of all frames with a fix and an error of `SUCCESS_KM` or more.
+        Share of all frames with a fix and an error of the limit or more.
     median_error_km, p90_error_km : Estimate
         Quantiles over all frames, without a fix counted as infinite.
     star_precision, star_recall : Estimate
@@ -91,10 +91,10 @@ class Summary:
     p95_time_ms: Estimate
 
 
-def summarise(scores: Sequence[FrameScore]) -> Summary:
-    """Summarise the scores of one solver over a set of frames."""
+def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Summary:
+    """Summarise the scores of one solver over a set of frames, fixes with an error below a limit being right."""
     fixed = [score.status == FIX for score in scores]
-    near = [score.error_km < SUCCESS_KM for score in scores]
+    near = [score.error_km < limit_km for score in scores]
     errors_km = [score.error_km for score in scores]
     times_ms = [score.time_ms for score in scores]
     correct = [score.n_correct for score in scores]
