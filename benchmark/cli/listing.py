@@ -15,13 +15,14 @@ from benchmark.tasks.definition import load_task, task_names, widest_half_width_
 
 @dataclass(frozen=True)
 class ListedTask:
-    """A task: what is graded, sizes, and half of the interval that they buy at one condition and over all, points."""
+    """A task: what is graded, the error below which a fix counts, sizes, and half of the interval that they buy, points."""
 
     task: str
     title: str
     condition: str
     unit: str
     values: tuple[float, ...]
+    limit_km: float
     frames_per_condition: int
     half_width_points: float
     half_width_over_all_points: float
@@ -63,6 +64,7 @@ def listed_tasks() -> list[ListedTask]:
                 condition.name,
                 condition.unit,
                 condition.values,
+                task.limit_km,
                 definition.frames_per_condition,
                 definition.half_width_points,
                 widest_half_width_points(definition.frames_per_condition * len(condition.values)),
@@ -99,9 +101,10 @@ def listed_solvers() -> list[ListedSolver]:
 def task_table(tasks: Sequence[ListedTask]) -> Table:
     """The tasks as a table."""
     table = Table(
-        title="Tasks (metric: part of the frames with a fix nearer than 10 km; higher is better)", title_justify="left"
+        title="Tasks (metric: part of the frames with a fix nearer than the task's limit; higher is better)",
+        title_justify="left",
     )
-    for heading in ("task", "asks", "graded", "from easy to hard", "frames", "at one condition", "over all"):
+    for heading in ("task", "asks", "graded", "from easy to hard", "limit", "frames", "at one condition", "over all"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "task")
     for task in tasks:
         table.add_row(
@@ -109,6 +112,7 @@ def task_table(tasks: Sequence[ListedTask]) -> Table:
             task.title,
             task.condition,
             " ".join(f"{value:g}" for value in task.values) + (f" {task.unit}" if task.unit else ""),
+            f"{task.limit_km:.4g} km",
             f"{len(task.values)} x {task.frames_per_condition}",
             f"± {task.half_width_points:.1f} points",
             f"± {task.half_width_over_all_points:.1f} points",

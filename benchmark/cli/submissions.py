@@ -134,6 +134,7 @@ def score(
 ) -> None:
     """Score a submission and put it beside the results of the solvers that ran here."""
     from benchmark.report.formatting import number, percent
+    from benchmark.stats.frame_metrics import success_limit_km
     from benchmark.stats.metrics import summarise
     from benchmark.submit.score import check_name, judge_submission, names_in_use, version_of, write_score
     from benchmark.submit.submission import check_answers
@@ -149,12 +150,14 @@ def score(
             path = write_score(found, folder, name, version_of(file, stars), outcomes)
     except BenchmarkError as error:
         fail(error)
-    summary = summarise([outcome.score for outcome in outcomes])
+    limit_km = success_limit_km(found.facts.metric)
+    summary = summarise([outcome.score for outcome in outcomes], limit_km)
     if as_json:
-        print_json({"solver": name, "folder": path, "summary": summary})
+        print_json({"solver": name, "folder": path, "limit_km": limit_km, "summary": summary})
         return
     typer.echo(
-        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, {percent(summary.recall.value)} within 10 km, "
+        f"{name}: {summary.n_frames} frames, {summary.n_fixes} fixes, "
+        f"{percent(summary.recall.value)} within {limit_km:.4g} km, "
         f"median error {number(summary.median_error_km.value, 'km')}"
     )
     typer.echo(f"results in {path}; next: skybench bench report --out {folder}")

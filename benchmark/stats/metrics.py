@@ -71,7 +71,7 @@ class Summary:
     n_frames, n_fixes, n_refused, n_errors : int
         Counts; the last three add up to the first.
     recall : Estimate
-        Share of all frames with a fix and an error below the limit.
+        Share of all frames with a fix and an error below the limit, `SUCCESS_KM` unless told.
     wrong_and_confident : Estimate
         Share of all frames with a fix and an error of the limit or more.
     median_error_km, p90_error_km : Estimate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 from collections.abc import Collection, Sequence
@@ -10,13 +11,15 @@ from typing import Final
 
 import numpy as np
 
+import celnav
 from benchmark.errors import ResultsError
-from benchmark.frames.dataset import Frame
+from benchmark.frames.dataset import Frame, load_image
 from benchmark.frames.frame_set import FrameSet
 from benchmark.frames.identity import identity_of
 from benchmark.judge.answers import Response, check_answer, judge_answer
 from benchmark.judge.frame_bounds import bound_of
 from benchmark.judge.outcome import SolverOutcome
+from benchmark.judge.star_id import score_matches
 from benchmark.protocol import Answer
 from benchmark.run.provenance import SolverFacts, provenance_of
 from benchmark.run.result_tables import frame_table, match_table
@@ -42,6 +45,10 @@ def judge_submission(
 ) -> list[SolverOutcome]:
     """Hold each answer against the truth; a frame without an answer is a refused one.
 
+    With a star table, a frame has at least the detections of a star that celnav's detector finds in it: which detections a
+    table holds is the submitter's choice, and leaving out those without a name, or those of refused frames, must not raise
+    recall.
+
     Parameters
     ----------
     frames : sequence of Frame
@@ -52,7 +59,21 @@ def judge_submission(
     """
     by_name = {answer.frame_id: answer for answer in answers.answers}
     rows = stars.stars if stars else {}
-    return [_judge(frame, by_name.get(names[frame.frame_id]), rows.get(names[frame.frame_id], ())) for frame in frames]
+    outcomes = [
+        _judge(frame, by_name.get(names[frame.frame_id]), rows.get(names[frame.frame_id], ())) for frame in frames
+    ]
+    if stars is None:
+        return outcomes
+    return [_with_detected_stars(outcome, frame) for outcome, frame in zip(outcomes, frames, strict=True)]
+
+
+def _with_detected_stars(outcome: SolverOutcome, frame: Frame) -> SolverOutcome:
+    """The outcome with no fewer detections of a star than celnav's detector has; a frame made in memory has no image."""
+    if not frame.image_path.name:
+        return outcome
+    found = score_matches(celnav.detect(load_image(frame)).uv, np.empty((0, 2), dtype=np.int64), frame.truth)
+    most = max(outcome.score.n_detected_stars, found.n_detected_stars)
+    return dataclasses.replace(outcome, score=dataclasses.replace(outcome.score, n_detected_stars=most))
 
 
 def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) -> SolverOutcome:

@@ -111,7 +111,15 @@ def _limit(task: Task) -> str:
     limit_km = task.limit_km
     arcsec = limit_km / KM_PER_ARCSEC
     px = arcsec / (math.degrees(math.atan(1.0 / task.scenario_of("dev").frame(0).camera.f_px)) * 3600.0)
-    return f"{limit_km:.3g} km of the truth (an angle of {arcsec:.3g} arcsec, {px:.2g} px at the middle of the image)"
+    return (
+        f"{_rounded(limit_km, 3)} km of the truth (an angle of {_rounded(arcsec, 3)} arcsec, {_rounded(px, 2)} px at the "
+        "middle of the image)"
+    )
+
+
+def _rounded(value: float, digits: int) -> str:
+    """A number to some significant digits, without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
 def _instruments(task: Task) -> str:

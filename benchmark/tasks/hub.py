@@ -57,7 +57,7 @@ def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
     entry = {"id": identity, "config": "frames", "split": hub_split}
     content = {
         "name": f"skybench {found.task.label}",
-        "description": f"{definition.title}. Share of frames whose position is found within 10 km.",
+        "description": f"{definition.title}. Share of frames whose position is found within {found.task.limit_km:.4g} km.",
         "evaluation_framework": FRAMEWORK,
         "tasks": sorted([*others, entry], key=lambda each: str(each["id"])),
     }

@@ -47,7 +47,7 @@ def test_a_task(tmp_path):
     answers = submit_truth(truth, tmp_path / "answers.csv")
     run("check", answers, "--set", tmp_path / "set")
     output = run("score", answers, "--truth", "attitude@2", "--name", "mine", "--out", tmp_path / "out", *common)
-    assert "11 frames, 11 fixes, 100 % within 10 km" in output
+    assert "11 frames, 11 fixes, 100 % within 200 km" in output
     (path,) = (tmp_path / "out" / "attitude@2" / "test" / "own").glob("mine-*/frames.parquet")
     frames = read_frames(path)
     assert measure(frames)["success_1km"].value == 1.0

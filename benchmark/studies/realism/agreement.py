@@ -58,7 +58,12 @@ class Agreement:
     tau_success : Estimate
         Kendall's tau-b between the solvers' shares of success.
     tau_error : Estimate
-        The same between their median errors over all frames, a refusal counting as infinite.
+        The same between their median errors over all frames, a refusal counting as infinite. Solvers whose medians are
+        infinite on both are tied on both, which counts as agreement with all others.
+    tau_error_finite : Estimate
+        The same among the solvers whose medians are finite on both.
+    n_finite : int
+        How many these are.
     same_outcome : Estimate
         Part of solvers and frames with success on both or on neither.
     kappa : Estimate
@@ -71,6 +76,8 @@ class Agreement:
 
     tau_success: Estimate
     tau_error: Estimate
+    tau_error_finite: Estimate
+    n_finite: int
     same_outcome: Estimate
     kappa: Estimate
     error_ratio: Estimate
@@ -82,6 +89,8 @@ def agreement_of(outcomes: Outcomes) -> Agreement:
     return Agreement(
         tau_success=_estimate(outcomes, tau_success),
         tau_error=_estimate(outcomes, tau_error),
+        tau_error_finite=_estimate(outcomes, tau_error_finite),
+        n_finite=int(_finite(*_median_errors(outcomes)).sum()),
         same_outcome=_estimate(outcomes, same_outcome),
         kappa=_estimate(outcomes, kappa),
         error_ratio=_estimate(outcomes, error_ratio),
@@ -101,11 +110,24 @@ def tau_success(outcomes: Outcomes) -> float:
 
 def tau_error(outcomes: Outcomes) -> float:
     """Kendall's tau-b between median errors over all frames."""
-    # The lower of two middle values: the mean with an infinite one would be infinite.
-    medians = [
-        np.sort(errors, axis=1)[:, (errors.shape[1] - 1) // 2] for errors in (outcomes.real_km, outcomes.twin_km)
-    ]
-    return _tau(*medians)
+    return _tau(*_median_errors(outcomes))
+
+
+def tau_error_finite(outcomes: Outcomes) -> float:
+    """Kendall's tau-b between median errors, of the solvers that have a finite one on both; NaN of fewer than two."""
+    real, twin = _median_errors(outcomes)
+    finite = _finite(real, twin)
+    return _tau(real[finite], twin[finite])
+
+
+def _median_errors(outcomes: Outcomes) -> tuple[Floats, Floats]:
+    """The lower of two middle values, shape (m,) each: the mean with an infinite one would be infinite."""
+    middle = (outcomes.real_km.shape[1] - 1) // 2
+    return np.sort(outcomes.real_km, axis=1)[:, middle], np.sort(outcomes.twin_km, axis=1)[:, middle]
+
+
+def _finite(real: Floats, twin: Floats) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(real) & np.isfinite(twin))
 
 
 def same_outcome(outcomes: Outcomes) -> float:

@@ -38,6 +38,8 @@ def test_statistics_of_a_small_case() -> None:
 def test_medians_that_are_infinite_are_ties() -> None:
     # Lower medians: photographs 1, 2, 50, infinite; twins 0.5, 3, 2, infinite: one of six pairs swaps.
     assert measures.tau_error(OUTCOMES) == pytest.approx(4 / 6)
+    # Medians 1, 2 (photographs) and 0.5, 3 (twins) of a and b; c has 50 and 2, d none.
+    assert (agreement_of(OUTCOMES).n_finite, measures.tau_error_finite(OUTCOMES)) == (3, pytest.approx(1 / 3))
     equal = Outcomes(("a", "b"), np.full((2, 3), INF), TWIN[:2, :3])
     assert math.isnan(measures.tau_error(equal))
     assert math.isnan(measures.error_ratio(equal))

@@ -96,6 +96,33 @@ def test_the_truth_scores_perfectly(tmp_path, folder, packed, frames):
         assert result.frames[name].tolist() == [value] * N
 
 
+@pytest.mark.parametrize(
+    "left_out", ["nothing", "refused frames", "all without a name", "every row but one of a frame"]
+)
+def test_recall_does_not_rise_with_what_a_star_table_leaves_out(tmp_path, folder, frames, left_out):
+    """A third of the frames is refused, and of the others half of the stars are named: recall is a third."""
+    names = withheld_names(frames)
+    rows, stars = truth_rows(frames, names)
+    refused = {row[0] for row in rows[::3]}
+    rows = [(row[0], "refused", *[""] * 7) if row[0] in refused else row for row in rows]
+    kept = []
+    for i, (name, u, v, star) in enumerate(stars):
+        named = name not in refused and i % 2 == 0
+        gone = {
+            "nothing": False,
+            "refused frames": name in refused,
+            "all without a name": not named,
+            "every row but one of a frame": not named and i % 12 != 1,
+        }[left_out]
+        if not gone:
+            kept.append((name, u, v, star if named else ""))
+    run = submit(tmp_path, folder, rows, kept)
+    assert run.exit_code == 0, run.output
+    found = scores_of(tmp_path)
+    assert found["star_precision"].value == 1.0
+    assert found["star_recall"].value == pytest.approx(1 / 3)
+
+
 def test_an_empty_submission_scores_nothing(tmp_path, folder, packed):
     """The form as it was packed: every frame refused."""
     form = packed / "answers.csv"

@@ -18,6 +18,7 @@ from unit.benchmark.test_solver_programs import PROGRAM
 
 import celnav
 from benchmark.cli.bench import app
+from benchmark.cli.listing import listed_tasks
 from benchmark.errors import ResultsError, TaskError
 from benchmark.frames.task_frames import FrameChoice, make_task_frames, wanted_shards
 from benchmark.instruments import told
@@ -379,3 +380,12 @@ def test_the_list_shows_all_tasks_and_solvers():
 def test_every_task_has_a_group_in_the_report():
     assert OTHERS not in {group_of(name) for name in task_names()}
     assert groups_among(["phone", "mine", "bortle"]) == ("sky and camera", "hand, vehicle, street", OTHERS)
+
+
+def test_the_list_states_the_limit_of_each_task():
+    limits = {task.task: task.limit_km for task in listed_tasks()}
+    assert limits == {load_task(name).label: load_task(name).limit_km for name in task_names()}
+    assert (limits["bortle@1"], limits["drift@1"], limits["uav@1"]) == (10.0, 2500.0, 30.0)
+    shown = CliRunner().invoke(app, ["list"], env={"COLUMNS": "200"}).output
+    assert "2500 km" in shown
+    assert "nearer than 10 km" not in shown
