@@ -65,3 +65,25 @@ def path_within(folder: Path, place: str) -> Path:
             f"{folder}: {place!r} is not a plain relative path and could lie outside the folder; it is not used"
         )
     return folder / place
+
+
+def linked_within(folder: Path, place: str) -> Path:
+    """Join a folder and a relative path as `path_within` does, and refuse a link that leads out of the folder.
+
+    For files that a stranger has put into the folder: what a link leads to is not the stranger's to hand on.
+
+    Raises
+    ------
+    GeneratorError
+        As of `path_within`; or a part of the path is a link to somewhere else, or to itself.
+    """
+    path = path_within(folder, place)
+    try:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # Python up to 3.12 raises RuntimeError of links that go in a circle
+        inside = False
+    if not inside:
+        raise GeneratorError(
+            f"{path}: is a link that leads out of {folder}; it is not followed: put a copy of the file in its place"
+        )
+    return path

@@ -19,9 +19,9 @@ from generator.dataset.archive import StoredFrame, check_holes, read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.target import Target, open_target
+from generator.dataset.target import LocalTarget, Target, open_target
 from generator.errors import GeneratorError
-from generator.files import path_within
+from generator.files import linked_within, path_within
 from generator.reading.record import image_shape, read_record
 from generator.stored_files import StoredFile, stored_file
 
@@ -70,6 +70,8 @@ def open_sharded(place: str, data: Path, progress: Callable[[int], None] = lambd
 
 def _fetched(target: Target, place: str, scratch: Path) -> Path:
     try:
+        if isinstance(target, LocalTarget):
+            linked_within(target.folder, place)
         found = target.fetch(place, scratch)
     except FileNotFoundError:
         found = scratch / place
