@@ -1,8 +1,10 @@
-"""Writing files: whole or absent under their final names, and never outside the folder that was asked for."""
+"""Files: written whole or absent under their final names, never outside the folder that was asked for; read within limits."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,6 +46,27 @@ def write_bytes(path: Path, data: bytes) -> None:
     """Write `data` to `path` atomically; the folder is made if it is missing."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def read_at_most(path: Path, most: int) -> bytes:
+    """Read a file of unknown origin: a regular one, of at most so many bytes.
+
+    What a name says of a size need not hold for what is opened: devices are endless, and pipes wait for a writer.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is no regular file, or is larger.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(handle, "rb") as stream:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        data = stream.read(min(status.st_size, most) + 1)
+    if len(data) > most:
+        raise OSError(errno.EINVAL, f"larger than {most} bytes, and not read", str(path))
+    return data
 
 
 def path_within(folder: Path, place: str) -> Path:
