@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from benchmark.errors import BenchmarkError
-from generator.files import read_at_most
+from generator.files import read_text_at_most
 from generator.reading.strict_yaml import StrictLoader
 
 
@@ -39,7 +39,7 @@ def read_yaml(
         Of the given kind: the file cannot be read, or is no such YAML.
     """
     try:
-        tree = yaml.load(read_at_most(path, most_bytes).decode("utf-8"), Loader=loader)  # a SafeLoader underneath
+        tree = yaml.load(read_text_at_most(path, most_bytes), Loader=loader)  # a SafeLoader underneath
     except RecursionError as error:
         raise kind(f"{path}: cannot be read (nested too deep)") from error
     except OSError as error:

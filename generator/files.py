@@ -69,6 +69,11 @@ def read_at_most(path: Path, most: int) -> bytes:
     return data
 
 
+def read_text_at_most(path: Path, most: int) -> str:
+    """Read a text in UTF-8 as `read_at_most` does, with newlines as Python has them. Raises OSError or UnicodeDecodeError."""
+    return read_at_most(path, most).decode("utf-8").replace("\r\n", "\n")
+
+
 def path_within(folder: Path, place: str) -> Path:
     """Join a folder and a relative path with / between its parts, such that the result lies in the folder.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from generator.errors import GeneratorError
-from generator.files import linked_within
+from generator.files import linked_within, read_at_most
 
 LARGEST_MANIFEST_BYTES = 100_000_000
 """About half a million files."""
@@ -79,9 +79,7 @@ def manifest_bytes(path: Path, command: str) -> bytes:
         It is missing (an unfinished run), too large, or cannot be read.
     """
     try:
-        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
-            raise GeneratorError(f"{path}: larger than any manifest")
-        return path.read_bytes()
+        return read_at_most(path, LARGEST_MANIFEST_BYTES)
     except FileNotFoundError as error:
         raise GeneratorError(f"{path}: missing; the run is unfinished: run `{command}` again") from error
     except OSError as error:

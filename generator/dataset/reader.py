@@ -42,7 +42,7 @@ from generator.imu.table import IMU_SCHEMA
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape, read_record
 from generator.reading.table import read_table
-from generator.stored_files import StoredFile, stored_file
+from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_file
 
 Sample = TypeVar("Sample")
 NEVER_NULL = ("index", "frame_id", "scenario", "scenario_sha256", "width_px", "height_px", "shard", "image")
@@ -192,7 +192,10 @@ class Dataset:
                     f"{folder}: holds frames of `skybench render`; a dataset is what `skybench generate` writes"
                 )
             return cls(folder, read_manifest(folder))
-        content = open_target(str(place)).read(MANIFEST)
+        try:
+            content = open_target(str(place)).read(MANIFEST, LARGEST_MANIFEST_BYTES)
+        except OSError as error:
+            raise GeneratorError(f"{place}/{MANIFEST}: cannot be read ({error.strerror or error})") from error
         if content is None:
             raise GeneratorError(f"{place}/{MANIFEST}: missing; the run is unfinished: run `skybench generate` again")
         kept = cache or platformdirs.user_cache_path("skybench") / "datasets"
@@ -312,7 +315,7 @@ class Dataset:
             return path
         try:
             with tempfile.TemporaryDirectory(dir=self.folder, prefix=".fetching-") as scratch:
-                found = open_target(self.url).fetch(file.path, Path(scratch))
+                found = open_target(self.url).fetch(file.path, Path(scratch), file.bytes)
                 if stored_file(Path(scratch), file.path) != file:
                     raise GeneratorError(f"{self.url}: {file.path} is not what its manifest says; it is not used")
                 path.parent.mkdir(parents=True, exist_ok=True)

@@ -95,6 +95,9 @@ def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[
         except GeneratorError as error:
             found.append(str(error))
             continue
+        except OSError as error:
+            found.append(f"{shard.receipt}: cannot be read ({error.strerror})")
+            continue
         if files is None or any(listed.get(file.path) != file for file in files):
             found.append(f"{shard.receipt}: damaged, or not of the files that the manifest lists")
     return {shard.receipt for shard in shards}, found
