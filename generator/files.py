@@ -1,8 +1,10 @@
-"""Writing files: whole or absent under their final names, and never outside the folder that was asked for."""
+"""Files: written whole or absent under their final names, never outside the folder that was asked for; read within limits."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +48,32 @@ def write_bytes(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
+def read_at_most(path: Path, most: int) -> bytes:
+    """Read a file of unknown origin: a regular one, of at most so many bytes.
+
+    What a name says of a size need not hold for what is opened: devices are endless, and pipes wait for a writer.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is no regular file, or is larger.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(handle, "rb") as stream:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        data = stream.read(min(status.st_size, most) + 1)
+    if len(data) > most:
+        raise OSError(errno.EINVAL, f"larger than {most} bytes, and not read", str(path))
+    return data
+
+
+def read_text_at_most(path: Path, most: int) -> str:
+    """Read a text in UTF-8 as `read_at_most` does, with newlines as Python has them. Raises OSError or UnicodeDecodeError."""
+    return read_at_most(path, most).decode("utf-8").replace("\r\n", "\n")
+
+
 def path_within(folder: Path, place: str) -> Path:
     """Join a folder and a relative path with / between its parts, such that the result lies in the folder.
 
@@ -65,3 +93,25 @@ def path_within(folder: Path, place: str) -> Path:
             f"{folder}: {place!r} is not a plain relative path and could lie outside the folder; it is not used"
         )
     return folder / place
+
+
+def linked_within(folder: Path, place: str) -> Path:
+    """Join a folder and a relative path as `path_within` does, and refuse a link that leads out of the folder.
+
+    For files that a stranger has put into the folder: what a link leads to is not the stranger's to hand on.
+
+    Raises
+    ------
+    GeneratorError
+        As of `path_within`; or a part of the path is a link to somewhere else, or to itself.
+    """
+    path = path_within(folder, place)
+    try:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # Python up to 3.12 raises RuntimeError of links that go in a circle
+        inside = False
+    if not inside:
+        raise GeneratorError(
+            f"{path}: is a link that leads out of {folder}; it is not followed: put a copy of the file in its place"
+        )
+    return path

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from generator.errors import GeneratorError
-from generator.files import path_within
+from generator.files import linked_within, read_at_most
 
 LARGEST_MANIFEST_BYTES = 100_000_000
 """About half a million files."""
@@ -37,7 +37,10 @@ def stored_file(folder: Path, place: str) -> StoredFile:
 
 def file_problem(folder: Path, listed: StoredFile) -> str:
     """What is wrong with a file that a list names, in one line; empty for an intact one."""
-    path = path_within(folder, listed.path)
+    try:
+        path = linked_within(folder, listed.path)
+    except GeneratorError as error:
+        return str(error)
     if not path.is_file():
         return f"{listed.path}: missing"
     try:
@@ -76,9 +79,7 @@ def manifest_bytes(path: Path, command: str) -> bytes:
         It is missing (an unfinished run), too large, or cannot be read.
     """
     try:
-        if path.stat().st_size > LARGEST_MANIFEST_BYTES:
-            raise GeneratorError(f"{path}: larger than any manifest")
-        return path.read_bytes()
+        return read_at_most(path, LARGEST_MANIFEST_BYTES)
     except FileNotFoundError as error:
         raise GeneratorError(f"{path}: missing; the run is unfinished: run `{command}` again") from error
     except OSError as error:

@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmark.errors import DatasetError
 from generator.errors import GeneratorError
+from generator.files import read_at_most
 from generator.reading.record import FORMAT as FRAME_FORMAT
 from generator.reading.record import LARGEST_RECORD_BYTES
 from generator.reading.record import read_record as checked_record
@@ -19,9 +20,7 @@ RENDER_AGAIN = "render the dataset again with `skybench render`"
 def read_record(path: Path) -> dict[str, Any]:
     """A frame record. Raises DatasetError where it is none of this format."""
     try:
-        if path.stat().st_size > LARGEST_RECORD_BYTES:
-            raise DatasetError(f"{path}: larger than any frame record; {RENDER_AGAIN}")
-        return checked_record(path.read_bytes(), str(path))
+        return checked_record(read_at_most(path, LARGEST_RECORD_BYTES), str(path))
     except (GeneratorError, OSError) as error:
         words = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
         raise DatasetError(f"{words}; {RENDER_AGAIN}") from error

@@ -19,11 +19,11 @@ from generator.dataset.archive import StoredFrame, check_holes, read_frames
 from generator.dataset.images import decode, encode
 from generator.dataset.layout import MANIFEST
 from generator.dataset.manifest import Manifest, read_manifest
-from generator.dataset.target import Target, open_target
+from generator.dataset.target import LocalTarget, Target, open_target
 from generator.errors import GeneratorError
-from generator.files import path_within
+from generator.files import linked_within, path_within
 from generator.reading.record import image_shape, read_record
-from generator.stored_files import StoredFile, stored_file
+from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_file
 
 DATASETS = "datasets"
 """Folder of unpacked datasets among the frames that are kept."""
@@ -54,7 +54,7 @@ def open_sharded(place: str, data: Path, progress: Callable[[int], None] = lambd
     try:
         with tempfile.TemporaryDirectory(prefix="skybench-") as scratch:
             target = open_target(place)
-            path = _fetched(target, MANIFEST, Path(scratch))
+            path = _fetched(target, MANIFEST, Path(scratch), LARGEST_MANIFEST_BYTES)
             manifest, digest = read_manifest(path.parent), hashlib.sha256(path.read_bytes()).hexdigest()
             folder = dataset_folder(digest, data)
             stars = _keep_stars(target, manifest, folder, Path(scratch))
@@ -68,9 +68,11 @@ def open_sharded(place: str, data: Path, progress: Callable[[int], None] = lambd
     return ungraded(open_dataset(folder / UNPACKED, stars), place, manifest.split, digest)
 
 
-def _fetched(target: Target, place: str, scratch: Path) -> Path:
+def _fetched(target: Target, place: str, scratch: Path, most: int) -> Path:
     try:
-        found = target.fetch(place, scratch)
+        if isinstance(target, LocalTarget):
+            linked_within(target.folder, place)
+        found = target.fetch(place, scratch, most)
     except FileNotFoundError:
         found = scratch / place
     if not found.is_file():
@@ -81,11 +83,11 @@ def _fetched(target: Target, place: str, scratch: Path) -> Path:
 
 
 def _checked(target: Target, file: StoredFile, scratch: Path) -> Path:
-    path = _fetched(target, file.path, scratch)
+    path = _fetched(target, file.path, scratch, file.bytes)
     if path.suffix == ".tar":
         check_holes(path)
     root = path.parents[len(Path(file.path).parts) - 1]
-    if stored_file(root, file.path) != file:
+    if path.stat().st_size != file.bytes or stored_file(root, file.path) != file:
         raise DatasetError(f"{target.name}: {file.path} is not what its manifest says; run `skybench verify`")
     return path
 

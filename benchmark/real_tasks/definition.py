@@ -6,14 +6,14 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
 from benchmark.place import Place
 from benchmark.wrong_key import wrong_key
+from benchmark.yaml_file import read_yaml
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
@@ -139,7 +139,7 @@ def load_real_task(name: str) -> RealTask:
     if bare not in real_task_names():
         raise TaskError(f"unknown task of photographs {name!r}; known: {', '.join(real_task_names())}")
     path = FOLDER / f"{bare}{SUFFIX}"
-    tree = _read(path)
+    tree = read_yaml(path, LARGEST_FILE_BYTES, TaskError)
     try:
         definition = RealTaskDefinition.model_validate(tree)
     except ValidationError as error:
@@ -156,15 +156,3 @@ def load_real_task(name: str) -> RealTask:
     keys = ("camera", "attitude") if definition.attitude == "night" else ("camera", "attitude", "calibration")
     meaning = json.dumps([kept, {key: told[key] for key in keys}], sort_keys=True)
     return RealTask(definition, camera_file, hashlib.sha256(meaning.encode()).hexdigest())
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise TaskError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise TaskError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
-    if not isinstance(tree, dict):
-        raise TaskError(f"{path}: expected a mapping of keys")
-    return tree

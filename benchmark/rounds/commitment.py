@@ -18,7 +18,7 @@ from benchmark.rounds.rules import Rules, parse_rules
 from benchmark.rounds.secret import RoundKey
 from benchmark.wrong_key import wrong_key
 from generator.errors import GeneratorError
-from generator.files import write_bytes
+from generator.files import read_at_most, read_text_at_most, write_bytes
 from generator.reading.json_text import strict_json
 
 FORMAT = "skybench-round/1"
@@ -128,7 +128,7 @@ def read_commitment(folder: Path) -> tuple[Commitment, Rules]:
         raise RoundError(f"{path}: commitment_sha256 is missing")
     place = folder / RULES
     try:
-        text = place.read_text(encoding="utf-8")
+        text = read_text_at_most(place, LARGEST_FILE_BYTES)
     except (OSError, UnicodeDecodeError) as error:
         raise RoundError(f"{place}: the rules cannot be read ({error}); restore them") from error
     if hashlib.sha256(text.encode()).hexdigest() != terms.rules_sha256:
@@ -161,9 +161,7 @@ def json_bytes(content: Mapping[str, Any]) -> bytes:
 def read_json(path: Path) -> dict[str, Any]:
     """Read a published file. Raises RoundError where it is missing, too large or no object."""
     try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise RoundError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes, which no file of a round is")
-        return dict(strict_json(path.read_bytes(), str(path), LARGEST_FILE_BYTES))
+        return dict(strict_json(read_at_most(path, LARGEST_FILE_BYTES), str(path), LARGEST_FILE_BYTES))
     except OSError as error:
         raise RoundError(f"{path}: cannot be read ({error.strerror}); see `skybench bench round draw`") from error
     except (GeneratorError, ValueError, TypeError) as error:

@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError
 from benchmark.errors import RoundError
 from benchmark.wrong_key import wrong_key
 from generator.errors import ScenarioError
+from generator.files import read_text_at_most
 from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.strict import Strict
@@ -107,9 +108,7 @@ def load_rules(place: str | Path) -> Rules:
     """
     path = FOLDER / f"{place}{SUFFIX}" if str(place) in rules_names() else Path(place)
     try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise RoundError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
-        return parse_rules(path.read_text(encoding="utf-8"), str(path))
+        return parse_rules(read_text_at_most(path, LARGEST_FILE_BYTES), str(path))
     except (OSError, UnicodeDecodeError) as error:
         known = ", ".join(rules_names())
         raise RoundError(

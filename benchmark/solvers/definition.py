@@ -10,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from platformdirs import user_cache_path
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
@@ -18,11 +17,13 @@ from benchmark.errors import SolverError
 from benchmark.solvers.program import Limits
 from benchmark.solvers.revision import PackageTree, adapter_behaviour, fusion_behaviour, installed_packages, revision_of
 from benchmark.wrong_key import wrong_key
+from benchmark.yaml_file import read_yaml
 from generator.scenario.strict import Strict, listed
 
 FOLDER = Path(__file__).parent
 SPEC_NAME = "solver.yaml"
 ENVIRONMENTS_VARIABLE = "SKYBENCH_ENVIRONMENTS"
+LARGEST_SPEC_BYTES = 100_000
 LARGEST_FOLDER_BYTES = 50_000_000
 AdapterName = Literal["celnav", "learned", "tetra3rs", "ruststartracker", "zenith-fixer"]
 
@@ -213,12 +214,7 @@ def read_solver_folder(folder: Path) -> SolverFolder:
 def _read_spec(folder: Path) -> SolverSpec:
     path = folder / SPEC_NAME
     try:
-        if path.stat().st_size > 100_000:
-            raise SolverError(f"{path}: larger than 100000 bytes")
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return SolverSpec.model_validate(tree)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise SolverError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
+        return SolverSpec.model_validate(read_yaml(path, LARGEST_SPEC_BYTES, SolverError))
     except ValidationError as error:
         raise SolverError(f"{path}: {wrong_key(error)}") from error
 

@@ -30,6 +30,7 @@ from pathlib import Path
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 POLL_S = 0.005
+PROBE_BYTES = 2**20
 
 
 def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], command: list[str]) -> None:
@@ -41,7 +42,7 @@ def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], 
 
     def become_the_program() -> None:
         if places:
-            _isolate(places, folder)
+            _isolate(places, folder, memory_bytes)
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         allowed = memory_bytes if most == resource.RLIM_INFINITY else min(memory_bytes, most)
         resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
@@ -85,12 +86,12 @@ def _end_children() -> None:
             time.sleep(POLL_S)
 
 
-def _isolate(places: dict[str, str], folder: str) -> None:
+def _isolate(places: dict[str, str], folder: str, memory_bytes: int) -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
     from benchmark.solvers.namespaces import enter
 
     try:
-        enter(places, folder)
+        enter(places, folder, memory_bytes)
     except OSError as error:
         os.write(2, f"cannot be isolated: {error}\n".encode())
         raise
@@ -124,7 +125,10 @@ def _say(status: int, words: str) -> None:
 
 def _probe(places: dict[str, str]) -> None:
     subprocess.run(
-        [sys.executable, "-I", "-S", "-c", "pass"], preexec_fn=lambda: _isolate(places, "/"), check=True, timeout=20
+        [sys.executable, "-I", "-S", "-c", "pass"],
+        preexec_fn=lambda: _isolate(places, "/", PROBE_BYTES),
+        check=True,
+        timeout=20,
     )
 
 

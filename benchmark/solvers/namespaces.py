@@ -34,6 +34,10 @@ LAST_CAPABILITY = 63
 PIVOT_ROOT = {"x86_64": 155, "aarch64": 41}
 """Number of the system call, which the C library does not wrap."""
 DEVICES = ("null", "zero", "full", "random", "urandom")
+MOST_WRITTEN_BYTES = 512 * 2**20
+"""Of all files that a program writes together, which no limit of its address space counts."""
+MOST_FILES = 20_000
+"""That a program writes; those that it sees are among them."""
 STAGE = "/tmp"
 """Where the new root is put together, over what is there; any folder that every system has."""
 _FLAGS_OF_STATVFS = {2: MS_NOSUID, 4: MS_NODEV, 8: MS_NOEXEC, 1024: 1024, 2048: 2048, 4096: 1 << 21}
@@ -41,7 +45,7 @@ _FLAGS_OF_STATVFS = {2: MS_NOSUID, 4: MS_NODEV, 8: MS_NOEXEC, 1024: 1024, 2048: 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def enter(places: dict[str, str], folder: str) -> None:
+def enter(places: dict[str, str], folder: str, memory_bytes: int) -> None:
     """Return in the process that is to become the program, inside; the others never return.
 
     Parameters
@@ -50,6 +54,8 @@ def enter(places: dict[str, str], folder: str) -> None:
         Folders and files to be seen inside, read-only: absolute name inside to absolute name outside, without links.
     folder : str
         Working folder inside.
+    memory_bytes : int
+        The program's limit: what it writes lies in memory too, and takes no more than this, nor than `MOST_WRITTEN_BYTES`.
 
     Raises
     ------
@@ -66,7 +72,7 @@ def enter(places: dict[str, str], folder: str) -> None:
     if inner:
         _hand_on(inner, hearing, nowhere)
     _call("prctl", PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    _make_root(places)
+    _make_root(places, min(memory_bytes, MOST_WRITTEN_BYTES))
     os.chdir(folder)
     program = os.fork()
     if program:
@@ -111,15 +117,17 @@ def _leave_all(kept: int, nowhere: int) -> None:
     os.closerange(kept + 1, os.sysconf("SC_OPEN_MAX"))
 
 
-def _make_root(places: dict[str, str]) -> None:
+def _make_root(places: dict[str, str], written_bytes: int) -> None:
     """Put the new root together, and let go of the old one."""
     _mount(None, "/", None, MS_REC | MS_PRIVATE)
-    _mount("tmpfs", STAGE, "tmpfs", MS_NOSUID | MS_NODEV, "mode=755")
+    _mount("tmpfs", STAGE, "tmpfs", MS_NOSUID | MS_NODEV, "mode=755,size=1m")
     for name in ("old", "new"):
         Path(STAGE, name).mkdir()
     _pivot(STAGE, f"{STAGE}/old")
     os.chdir("/")
-    _mount("tmpfs", "/new", "tmpfs", MS_NOSUID | MS_NODEV, "mode=755")
+    # One file system for all that can be written to: the root, /tmp and /dev/shm.
+    limits = f"size={written_bytes},nr_inodes={MOST_FILES}"
+    _mount("tmpfs", "/new", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=755,{limits}")
     for inside in sorted(places):
         _show(f"/old{places[inside]}", f"/new{inside}")
     for name in ("bin", "sbin", "lib", "lib32", "lib64"):

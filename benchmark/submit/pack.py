@@ -24,7 +24,9 @@ from benchmark.frames.record_values import FRAME_FORMAT
 from benchmark.stats.metrics import REFUSED
 from benchmark.submit.csv_cells import csv_lines
 from benchmark.submit.submission import FRAME_COLUMNS
-from generator.files import write_bytes
+from generator.errors import GeneratorError
+from generator.files import read_at_most, write_bytes
+from generator.reading.json_text import strict_json
 
 LISTING = "frames.json"
 TEMPLATE = "answers.csv"
@@ -146,11 +148,13 @@ def listed_names(folder: Path) -> frozenset[str]:
     """
     path = folder / LISTING
     try:
-        if path.stat().st_size > LARGEST_LISTING_BYTES:
-            raise DatasetError(f"{path}: larger than any list of frames")
-        return frozenset(str(entry["frame_id"]) for entry in json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{path}: no list of frames; make the set with `skybench bench pack-test`") from error
+        listing = strict_json(read_at_most(path, LARGEST_LISTING_BYTES), LISTING, LARGEST_LISTING_BYTES)
+        return frozenset(str(entry["frame_id"]) for entry in listing)
+    except (OSError, GeneratorError, KeyError, TypeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DatasetError(
+            f"{path}: no list of frames ({reason}); make the set with `skybench bench pack-test`"
+        ) from error
 
 
 def _png(image: NDArray[np.uint16]) -> bytes:

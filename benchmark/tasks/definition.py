@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from benchmark.errors import TaskError
 from benchmark.instruments import Precision
 from benchmark.stats.intervals import wilson
 from benchmark.wrong_key import wrong_key
+from benchmark.yaml_file import TextLoader, read_yaml
 from generator.errors import ScenarioError
 from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.strict import Strict, listed
@@ -259,7 +259,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
         known = ", ".join(sorted(file.name.removesuffix(TASK_SUFFIX) for file in folder.glob(f"*{TASK_SUFFIX}")))
         raise TaskError(f"unknown task {name!r}; known: {known}")
     try:
-        definition = TaskDefinition.model_validate(_read_yaml(path, yaml.SafeLoader))
+        definition = TaskDefinition.model_validate(read_yaml(path, LARGEST_FILE_BYTES, TaskError))
     except ValidationError as error:
         raise TaskError(f"{path}: {wrong_key(error)}") from error
     if definition.name != bare:
@@ -270,7 +270,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
         )
     beside = folder / definition.scenario
     # All scalars as texts: a hash of what is written, whatever YAML makes of it.
-    trees = [_read_yaml(file, yaml.BaseLoader) for file in (path, beside)]
+    trees = [read_yaml(file, LARGEST_FILE_BYTES, TaskError, TextLoader) for file in (path, beside)]
     for key in ("seed", "frames"):
         if key in trees[1]:
             raise TaskError(f"{beside}: {key}: comes from the task; leave it out")
@@ -316,15 +316,3 @@ def _check_scenario(task: Task, path: Path) -> None:
                 and not all(map(math.isclose, numbers, task.definition.condition.values))
             ):
                 raise TaskError(f"{path}: sweep {'.'.join(sweep.path)} differs from the task's condition values")
-
-
-def _read_yaml(path: Path, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise TaskError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes")
-        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)  # a safe one
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise TaskError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
-    if not isinstance(tree, dict):
-        raise TaskError(f"{path}: expected a mapping of keys")
-    return tree

@@ -62,7 +62,10 @@ def read_stack(data: bytes, name: str) -> StackedVideo:
     from astropy.io import fits
 
     try:
-        with warnings.catch_warnings(), fits.open(io.BytesIO(data), memmap=False) as hdus:
+        with (
+            warnings.catch_warnings(),
+            fits.open(io.BytesIO(data), memmap=False, disable_image_compression=True) as hdus,
+        ):
             warnings.simplefilter("error")
             header = hdus[0].header
             frames, rate = header.get("NFRAMES"), header.get("FPS")

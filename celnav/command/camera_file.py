@@ -22,6 +22,7 @@ from celnav.command.platepar import has_distortion, lens_of_platepar
 from celnav.errors import CameraError
 
 MAX_BYTES = 16_000_000
+_MOST_NUMBERS = 1000
 _MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "k", "mtx")
 _PLATEPAR_NAMES = ("F_scale", "X_res", "Y_res")
 _DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d", "dist")
@@ -165,7 +166,14 @@ def _yaml(text: str) -> object:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """Safe, and with the one tag that OpenCV writes."""
+        """Safe, with the one tag that OpenCV writes, and without aliases: of 400 bytes they make gigabytes."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                event = self.peek_event()  # type: ignore[no-untyped-call]
+                problem = f"the alias *{event.anchor} is not read: write its value in its place"
+                raise yaml.constructor.ConstructorError(None, None, problem, event.start_mark)
+            return super().compose_node(parent, index)
 
     def matrix(loader: Loader, node: yaml.MappingNode) -> dict[Any, Any]:
         return loader.construct_mapping(node, deep=True)
@@ -296,6 +304,14 @@ def _numbers(value: object, key: str) -> NDArray[np.float64]:
     """Return the numbers of a matrix as OpenCV writes it (``data``), or of nested lists; shape (n,)."""
     if isinstance(value, Mapping):
         value = value.get("data")
+    count, parts = 0, [value]
+    while parts:
+        part = parts.pop()
+        if isinstance(part, list):
+            count += len(part)
+            if count > _MOST_NUMBERS:
+                raise CameraError(f"{key} has more than {_MOST_NUMBERS} numbers, which no camera has")
+            parts += part
     try:
         numbers = np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):

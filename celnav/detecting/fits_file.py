@@ -7,11 +7,12 @@ the file.
 from __future__ import annotations
 
 import bz2
+import gzip
 import io
 import math
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,12 @@ MAX_BYTES = 500_000_000
 _CHUNK = 1 << 20
 _STARTS = (b"SIMPLE", b"BZh", b"\x1f\x8b")
 _MOST_WORDS = 2000
+_MOST_UNITS = 64
+# A camera of 100 million pixels has some ten thousand rows, each a tile, in three colours.
+_MOST_TILES = 200_000
+_LARGEST_PIXEL_BYTES = 8
+_GZIP_BESIDE = "GZIP_COMPRESSED_DATA"
+_BYTES_OF = {"B": 1, "I": 2, "J": 4}
 # The mean of a block of video frames, as the Global Meteor Network's stations write it.
 _MEAN_OF_BLOCK = "AVEPIXEL"
 
@@ -81,6 +88,7 @@ def read_fits(path: str | Path) -> FitsImage:
                 size = math.prod(axes)
                 if not 0 < size <= MAX_PIXELS * (1 if len(axes) == 2 else 3):
                     raise ImageError(f"image {path} has {size} pixels; the limit is 100 million")
+                _check_tiles(data, path)
                 pixels = np.asarray(unit.data).reshape(axes)
                 header, first = _words(unit.header), _words(units[0].header)
     except ImageError:
@@ -97,7 +105,7 @@ def read_fits(path: str | Path) -> FitsImage:
 def _image_unit(units: Any, path: str | Path) -> tuple[Any, tuple[int, ...]]:
     """Choose the unit that is read; with its axes as numpy counts them, those of one pixel left out."""
     chosen = None
-    for number in range(64):
+    for number in range(_MOST_UNITS):
         try:
             unit = units[number]
         except IndexError:
@@ -206,3 +214,77 @@ def _words(header: Any) -> dict[str, object]:
         if isinstance(value, (str, int, float)):
             words.setdefault(key, value)
     return words
+
+
+def _check_tiles(data: bytes, name: object) -> None:
+    """Refuse a file with a compressed image whose tiles are not of the size that its header gives them.
+
+    Of the algorithms (FITS 4.0, 10.4) GZIP alone writes as much as its stream says: a tile of a kilobyte can unpack to
+    gigabytes. Tiles of the others may be GZIP where their numbers cannot be made whole.
+    """
+    from astropy.io import fits
+
+    with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True, disable_image_compression=True) as units:
+        for number in range(_MOST_UNITS):
+            try:
+                unit = units[number]
+            except IndexError:
+                return
+            if isinstance(unit, fits.BinTableHDU) and unit.header.get("ZIMAGE"):
+                _check_table(data, unit, name)
+
+
+def _check_table(data: bytes, unit: Any, name: object) -> None:
+    """Judge a table of tiles."""
+    header = unit.header
+    sides = [int(header[f"ZNAXIS{axis}"]) for axis in range(1, int(header["ZNAXIS"]) + 1)]
+    # Tiles are rows of the image unless the header says otherwise.
+    tile = [int(header.get(f"ZTILE{axis + 1}", side if axis == 0 else 1)) for axis, side in enumerate(sides)]
+    if min((*sides, *tile), default=0) < 1:
+        raise ImageError(f"image {name} has compressed tiles without a size")
+    count = math.prod(-(-side // part) for side, part in zip(sides, tile, strict=True))
+    if count > _MOST_TILES:
+        raise ImageError(f"image {name} has {count} compressed tiles; the limit is {_MOST_TILES}")
+    most = _LARGEST_PIXEL_BYTES * math.prod(map(min, sides, tile))
+    names = [column.name.upper() for column in unit.columns]
+    if len(set(names)) != len(names):
+        raise ImageError(f"image {name} has two columns of one name among its compressed tiles")
+    total = 0
+    for column in unit.columns:
+        is_gzip = str(header["ZCMPTYPE"]).startswith("GZIP") and column.name.upper() == "COMPRESSED_DATA"
+        if not is_gzip and column.name.upper() != _GZIP_BESIDE:
+            continue
+        for stream in _cells(data, unit, column, count, name):
+            total += len(stream)
+            if total > len(data):
+                raise ImageError(f"image {name} has compressed tiles that lie over each other")
+            if stream and _unpacks_to_more(stream, most):
+                raise ImageError(f"image {name} has a compressed tile of more than the {most} bytes that a tile takes")
+
+
+def _cells(data: bytes, unit: Any, column: Any, count: int, name: object) -> Iterator[memoryview]:
+    """The streams of a column of the first `count` tiles, where they lie in the file."""
+    header: Mapping[str, Any] = unit.header
+    start, rows = unit.fileinfo()["datLoc"], int(header["NAXIS2"])
+    kind = unit.columns.dtype.newbyteorder(">")
+    form = column.format.removeprefix("1")
+    if form[:1] not in "PQ" or form[1:2] not in _BYTES_OF or kind.itemsize != int(header["NAXIS1"]):
+        raise ImageError(f"image {name} has compressed tiles in a column of the form {column.format}")
+    heap = start + int(header.get("THEAP", kind.itemsize * rows))
+    places = np.frombuffer(data, kind, min(rows, count), start)[column.name]
+    whole = memoryview(data)
+    for size, offset in places.reshape(len(places), 2).tolist():
+        end = heap + offset + size * _BYTES_OF[form[1]]
+        if size < 0 or offset < 0 or (size and end > len(data)):
+            raise ImageError(f"image {name} has a compressed tile that lies outside the file")
+        yield whole[heap + offset : end] if size else whole[:0]
+
+
+def _unpacks_to_more(stream: memoryview, most: int) -> bool:
+    left = most
+    with gzip.GzipFile(fileobj=io.BytesIO(stream)) as unpacked:
+        while piece := unpacked.read(_CHUNK):
+            left -= len(piece)
+            if left < 0:
+                return True
+    return False

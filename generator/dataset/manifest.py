@@ -101,7 +101,7 @@ def manifest_of(target: Target) -> Manifest | None:
     if size is None or size > LARGEST_MANIFEST_BYTES:
         return None
     try:
-        return _parsed(target.read(MANIFEST) or b"", target.name)
+        return _parsed(target.read(MANIFEST, LARGEST_MANIFEST_BYTES) or b"", target.name)
     except GeneratorError:
         return None
 

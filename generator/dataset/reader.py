@@ -34,7 +34,7 @@ from generator.dataset.layout import CODECS, IMU, MANIFEST, TABLES
 from generator.dataset.manifest import Manifest, read_manifest
 from generator.dataset.target import open_target
 from generator.errors import GeneratorError
-from generator.files import path_within, write_bytes
+from generator.files import linked_within, write_bytes
 from generator.frame.manifest import FRAMES_MANIFEST
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
@@ -42,7 +42,7 @@ from generator.imu.table import IMU_SCHEMA
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape, read_record
 from generator.reading.table import read_table
-from generator.stored_files import StoredFile, stored_file
+from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_file
 
 Sample = TypeVar("Sample")
 NEVER_NULL = ("index", "frame_id", "scenario", "scenario_sha256", "width_px", "height_px", "shard", "image")
@@ -192,7 +192,10 @@ class Dataset:
                     f"{folder}: holds frames of `skybench render`; a dataset is what `skybench generate` writes"
                 )
             return cls(folder, read_manifest(folder))
-        content = open_target(str(place)).read(MANIFEST)
+        try:
+            content = open_target(str(place)).read(MANIFEST, LARGEST_MANIFEST_BYTES)
+        except OSError as error:
+            raise GeneratorError(f"{place}/{MANIFEST}: cannot be read ({error.strerror or error})") from error
         if content is None:
             raise GeneratorError(f"{place}/{MANIFEST}: missing; the run is unfinished: run `skybench generate` again")
         kept = cache or platformdirs.user_cache_path("skybench") / "datasets"
@@ -233,7 +236,7 @@ class Dataset:
 
     def paths(self, table: str) -> list[Path]:
         """Files of a table (one of TABLES, or IMU) or of the images (``data``), in the order of the shards."""
-        return [self._local(file) for file in self._listed(table)]
+        return [self.local(file) for file in self._listed(table)]
 
     def table(self, name: str, columns: Collection[str] | None = None) -> pa.Table:
         """The whole table ``frames``, ``stars``, ``objects`` or ``imu``, or those of its columns that there are.
@@ -298,21 +301,21 @@ class Dataset:
         file = self._by_shard.get((table, stem))
         if file is None:
             raise GeneratorError(f"{self.folder}: the manifest lists no {table} of {stem}; run `skybench verify`")
-        return self._local(file)
+        return self.local(file)
 
     @functools.cached_property
     def _by_shard(self) -> dict[tuple[str, str], StoredFile]:
         """The manifest's files by table and shard."""
         return {(Path(file.path).parts[0], Path(file.path).stem): file for file in self.manifest.files}
 
-    def _local(self, file: StoredFile) -> Path:
-        """The file on this machine, fetched if necessary."""
-        path = path_within(self.folder, file.path)
+    def local(self, file: StoredFile) -> Path:
+        """A file that the manifest lists, on this machine; fetched if necessary. Raises GeneratorError."""
+        path = linked_within(self.folder, file.path)
         if not self.url or path.is_file():
             return path
         try:
             with tempfile.TemporaryDirectory(dir=self.folder, prefix=".fetching-") as scratch:
-                found = open_target(self.url).fetch(file.path, Path(scratch))
+                found = open_target(self.url).fetch(file.path, Path(scratch), file.bytes)
                 if stored_file(Path(scratch), file.path) != file:
                     raise GeneratorError(f"{self.url}: {file.path} is not what its manifest says; it is not used")
                 path.parent.mkdir(parents=True, exist_ok=True)

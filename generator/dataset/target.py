@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from generator.errors import GeneratorError
-from generator.files import atomic_path, path_within
+from generator.files import atomic_path, path_within, read_at_most
 
 INCOMING_PREFIX = ".incoming-"
+LARGEST_READ_BYTES = 200_000_000
+"""Of what is read whole: manifests, receipts, and files that a scenario names."""
 BLOCK_BYTES = 1 << 16
 """Of an object that is read in parts: more than the footer of most tables."""
 
@@ -25,8 +27,8 @@ class Target(Protocol):
     def name(self) -> str:
         """Name for messages."""
 
-    def read(self, place: str) -> bytes | None:
-        """Contents of a file, or None when it is not there."""
+    def read(self, place: str, most: int = LARGEST_READ_BYTES) -> bytes | None:
+        """Contents of a file of at most so many bytes, or None when it is not there."""
 
     def size(self, place: str) -> int | None:
         """Size of a file in bytes, or None when it is not there."""
@@ -37,8 +39,11 @@ class Target(Protocol):
     def remove(self, place: str) -> None:
         """Remove a file if it exists."""
 
-    def fetch(self, place: str, scratch: Path) -> Path:
-        """A local file with the contents of a stored one, copied into the folder `scratch` if necessary."""
+    def fetch(self, place: str, scratch: Path, most: int | None = None) -> Path:
+        """A local file with the contents of a stored one, copied into the folder `scratch` if necessary.
+
+        Of what is copied, no more than `most` bytes; a larger one raises OSError.
+        """
 
     def open(self, place: str) -> AbstractContextManager[BinaryIO]:
         """A stored file to read parts of."""
@@ -61,10 +66,10 @@ class LocalTarget:
         """Name for messages."""
         return str(self.folder)
 
-    def read(self, place: str) -> bytes | None:
+    def read(self, place: str, most: int = LARGEST_READ_BYTES) -> bytes | None:
         """Contents of a file, or None."""
         try:
-            return path_within(self.folder, place).read_bytes()
+            return read_at_most(path_within(self.folder, place), most)
         except (FileNotFoundError, NotADirectoryError):
             return None
 
@@ -82,7 +87,7 @@ class LocalTarget:
         """Remove a file."""
         path_within(self.folder, place).unlink(missing_ok=True)
 
-    def fetch(self, place: str, scratch: Path) -> Path:
+    def fetch(self, place: str, scratch: Path, most: int | None = None) -> Path:
         """The file itself."""
         return path_within(self.folder, place)
 
@@ -111,6 +116,11 @@ class RemoteTarget:
         """Name for messages."""
         return self.url
 
+    @property
+    def _is_http(self) -> bool:
+        """Whether the length of an object is what a server of anybody's says it is, and need not hold."""
+        return self.url.startswith(("http://", "https://"))
+
     @contextmanager
     def _open(self, place: str) -> Iterator[tuple[Any, str]]:
         """File system and path of an object; whatever the store raises comes as an OSError that names the object."""
@@ -128,10 +138,13 @@ class RemoteTarget:
             url = f"{self.url}/{place}" if place else self.url
             raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
 
-    def read(self, place: str) -> bytes | None:
+    def read(self, place: str, most: int = LARGEST_READ_BYTES) -> bytes | None:
         """Contents of an object, or None."""
         try:
             with self._open(place) as (system, path):
+                if self._is_http:
+                    return b"".join(_pieces(system, path, most))
+                _check_size(system, path, most)
                 return bytes(system.cat_file(path))
         except FileNotFoundError:
             return None
@@ -157,13 +170,18 @@ class RemoteTarget:
             if system.exists(path):
                 system.rm_file(path)
 
-    def fetch(self, place: str, scratch: Path) -> Path:
+    def fetch(self, place: str, scratch: Path, most: int | None = None) -> Path:
         """Download an object, once."""
         local = path_within(scratch, place)
         if not local.exists():
             local.parent.mkdir(parents=True, exist_ok=True)
             with atomic_path(local) as waiting, self._open(place) as (system, path):
-                system.get_file(path, str(waiting))
+                if self._is_http and most is not None:
+                    with waiting.open("wb") as stream:
+                        stream.writelines(_pieces(system, path, most))
+                else:
+                    _check_size(system, path, most)
+                    system.get_file(path, str(waiting))
         return local
 
     @contextmanager
@@ -192,6 +210,26 @@ class RemoteTarget:
                 return sorted(Path(entry).name for entry in system.ls(path, detail=False))
         except FileNotFoundError:
             return []
+
+
+def _pieces(system: Any, path: str, most: int) -> Iterator[bytes]:
+    """An answer of a web server as it comes; raises OSError once it is larger than it may be, whatever it said before."""
+    with system.open(path, "rb", block_size=0) as stream:  # 0: one answer, not one for every block
+        left = most
+        while piece := stream.read(BLOCK_BYTES):
+            left -= len(piece)
+            if left < 0:
+                raise OSError(errno.EINVAL, f"larger than {most} bytes, and not read", path)
+            yield piece
+
+
+def _check_size(system: Any, path: str, most: int | None) -> None:
+    """Refuse an object of a store by the size that the store has of it. Raises OSError."""
+    if most is None:
+        return
+    system.invalidate_cache()
+    if int(system.info(path)["size"]) > most:
+        raise OSError(errno.EINVAL, f"larger than {most} bytes, and not read", path)
 
 
 def open_target(out: str) -> Target:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from generator.dataset.archive import TooLargeError, check_holes
+from generator.dataset.archive import check_holes
 from generator.dataset.images import PHOTOS, photo
 from generator.dataset.layout import CROISSANT, IMU, MANIFEST, SCENARIO_COPY, TABLES, DatasetSpec, divide, imu_places
 from generator.dataset.manifest import Manifest, read_manifest
@@ -19,6 +19,7 @@ from generator.dataset.reader import Dataset, checked_table, read_shard
 from generator.dataset.receipt import read_receipt
 from generator.dataset.target import LocalTarget
 from generator.errors import GeneratorError
+from generator.files import linked_within
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape
 from generator.scenario.file import load_scenario
@@ -94,6 +95,9 @@ def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[
         except GeneratorError as error:
             found.append(str(error))
             continue
+        except OSError as error:
+            found.append(f"{shard.receipt}: cannot be read ({error.strerror})")
+            continue
         if files is None or any(listed.get(file.path) != file for file in files):
             found.append(f"{shard.receipt}: damaged, or not of the files that the manifest lists")
     return {shard.receipt for shard in shards}, found
@@ -102,9 +106,10 @@ def _receipt_problems(folder: Path, manifest: Manifest) -> tuple[set[str], list[
 def _file_problem(folder: Path, listed: StoredFile) -> str:
     path = folder / listed.path
     try:
+        linked_within(folder, listed.path)
         if path.suffix == ".tar" and path.is_file() and path.stat().st_size == listed.bytes:
             check_holes(path)
-    except TooLargeError as error:
+    except GeneratorError as error:
         return str(error)
     except OSError as error:
         return f"{listed.path}: cannot be read ({error.strerror})"

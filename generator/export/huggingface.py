@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,16 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import yaml
 
-from generator.dataset.layout import CARD, CROISSANT, FIGURES, IMU, MANIFEST, SCENARIO_COPY, TABLES
-from generator.dataset.manifest import Manifest, read_manifest
+from generator.dataset.layout import CARD, IMU, MANIFEST, SCENARIO_COPY, TABLES
+from generator.dataset.manifest import Manifest, read_manifest, write_manifest
 from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
 from generator.export.form import ExportOptions, Progress
 from generator.export.plain_files import raw_png
 from generator.export.zenodo import ZENODO, write_zenodo
-from generator.files import atomic_path, path_within, write_bytes
+from generator.files import atomic_path, linked_within, path_within, write_bytes
+from generator.scenario.file import load_scenario
+from generator.stored_files import StoredFile, file_problem
 
 EVAL, RECIPE, TASK_CARD_PREFIX = "eval.yaml", "recipe", "task-"
 OWN_NAMES = {CARD, EVAL, ZENODO, RECIPE, IMU, *TABLES, ".git", ".gitattributes"}
@@ -50,6 +52,8 @@ SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_
 def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, progress: Progress) -> None:
     """Write a split, and the card of all splits in the folder.
 
+    The manifest among the split's recipe comes last and marks it as whole; what a killed run has left is written anew.
+
     Raises
     ------
     GeneratorError
@@ -57,12 +61,16 @@ def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, prog
     """
     del options
     split = dataset.manifest.split
-    names = {path.name for path in out.iterdir() if not path.name.startswith(TASK_CARD_PREFIX)}
+    recipe = out / RECIPE / split
+    unfinished = {path for place in (CARD, ZENODO) for path in out.glob(f".{Path(place).stem}-*{Path(place).suffix}")}
+    names = {path.name for path in set(out.iterdir()) - unfinished if not path.name.startswith(TASK_CARD_PREFIX)}
     strangers = sorted(names - OWN_NAMES)
     if strangers:
         raise GeneratorError(f"{out}: holds other files ({strangers[0]}, …); choose an empty folder")
-    if (out / RECIPE / split).exists():
+    if (recipe / MANIFEST).exists():
         raise GeneratorError(f"{out}: has the split '{split}' already; choose another folder, or generate with --split")
+    for path in (*unfinished, *_leftovers(out, split)):
+        path.unlink()
     paths = dataset.paths("data")
     for number, path in enumerate(paths):
         part = f"{split}-{number:05d}-of-{len(paths):05d}.parquet"
@@ -73,10 +81,21 @@ def export_huggingface(dataset: Dataset, out: Path, options: ExportOptions, prog
         if rows.num_rows:
             with atomic_path(out / table / f"{split}-00000-of-00001.parquet") as temporary:
                 pq.write_table(rows, temporary, compression="zstd")
-    _keep_recipe(dataset, out / RECIPE / split)
-    manifests = [read_manifest(folder) for folder in sorted((out / RECIPE).iterdir())]
+    _keep_recipe(dataset, recipe)
+    others = [read_manifest(path.parent) for path in (out / RECIPE).glob(f"*/{MANIFEST}")]
+    manifests = sorted((dataset.manifest, *others), key=lambda manifest: manifest.split)
     write_bytes(out / CARD, card(out, manifests).encode())
     write_zenodo(out, manifests)
+    write_manifest(recipe, dataset.manifest)
+
+
+def _leftovers(out: Path, split: str) -> list[Path]:
+    """What a killed run has left of a split that is not whole: its parts, and files under temporary names."""
+    found = [path for path in (out / RECIPE / split).rglob(".*-*") if path.is_file()]
+    for table in (*TABLES, IMU):
+        found += (out / table).glob(f"{split}-?????-of-?????.parquet")
+        found += (out / table).glob(f".{split}-*.parquet")
+    return found
 
 
 def _write_frames(dataset: Dataset, stem: str, path: Path, progress: Progress) -> None:
@@ -111,15 +130,27 @@ def _groups(dataset: Dataset, stem: str, progress: Progress) -> Iterator[tuple[i
 
 
 def _keep_recipe(dataset: Dataset, folder: Path) -> None:
-    """Copy the scenario, the files that it names, and the manifest of the dataset."""
-    made = (*TABLES, IMU, "data", FIGURES, CARD, CROISSANT)
-    for file in dataset.manifest.files:
-        if file.path.split("/", 1)[0] in made:
-            continue
-        target = path_within(folder, file.path)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path_within(dataset.folder, file.path), target)
-    shutil.copyfile(dataset.folder / MANIFEST, folder / MANIFEST)
+    """Copy the scenario and the files that it names: what else a stranger's manifest lists is not published.
+
+    Raises
+    ------
+    GeneratorError
+        One of them is not listed, not as listed, or a link that leads out of the dataset.
+    """
+    listed = {file.path: file for file in dataset.manifest.files}
+    _copy(dataset, listed, SCENARIO_COPY, folder)
+    for file in load_scenario(dataset.folder / SCENARIO_COPY).files:
+        _copy(dataset, listed, file.path, folder)
+
+
+def _copy(dataset: Dataset, listed: Mapping[str, StoredFile], place: str, folder: Path) -> None:
+    """Copy a file of the recipe, if it is what the manifest says."""
+    if place not in listed:
+        raise GeneratorError(f"{dataset.folder}: the manifest does not list {place}; run `skybench verify`")
+    if problem := file_problem(dataset.folder, listed[place]):
+        raise GeneratorError(f"{dataset.folder}: {problem}; run `skybench verify`")
+    with atomic_path(path_within(folder, place)) as temporary:
+        shutil.copyfile(linked_within(dataset.folder, place), temporary)
 
 
 def card(out: Path, manifests: list[Manifest]) -> str:

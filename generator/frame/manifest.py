@@ -10,7 +10,7 @@ from typing import Any
 
 from generator import __version__
 from generator.errors import GeneratorError
-from generator.files import path_within, write_bytes
+from generator.files import path_within, read_at_most, write_bytes
 from generator.reading.json_text import strict_json
 from generator.scenario.file import Scenario
 from generator.stored_files import (
@@ -107,8 +107,6 @@ def write_frame_receipt(path: Path, files: list[StoredFile]) -> None:
 def read_frame_receipt(path: Path) -> tuple[StoredFile, ...]:
     """Files of a frame as its receipt lists them; none where there is no whole receipt."""
     try:
-        if path.stat().st_size > LARGEST_RECEIPT_BYTES:
-            return ()
-        return listed_files(strict_json(path.read_bytes(), path.name, LARGEST_RECEIPT_BYTES))
+        return listed_files(strict_json(read_at_most(path, LARGEST_RECEIPT_BYTES), path.name, LARGEST_RECEIPT_BYTES))
     except (OSError, GeneratorError, KeyError, TypeError, AttributeError):
         return ()

@@ -57,6 +57,11 @@ def read_linear(location: Path, name: str, most: float | None) -> LinearPicture:
 
     try:
         with OpenEXR.File(str(location), separate_channels=True, header_only=True) as file:
+            # All parts are decoded, whatever the first one says.
+            if len(file.parts) != 1:
+                raise PictureError(
+                    f"'{name}' has {len(file.parts)} parts, expected one picture; save it as a single part"
+                )
             _check(file.header(), name, OpenEXR)
         with OpenEXR.File(str(location), separate_channels=True) as file:
             found = {

@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 from generator import __version__
 from generator.errors import ScenarioError
+from generator.files import read_text_at_most
 from generator.identity.revision import generator_revision
 from generator.reading.strict_yaml import StrictLoader
 from generator.scenario.messages import HEADER_KEYS, message
@@ -279,9 +280,7 @@ def load_scenario(path: Path) -> Scenario:
         With the file, the key, what was found and what is allowed.
     """
     try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise ScenarioError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes, which no scenario is")
-        text = path.read_text(encoding="utf-8")
+        text = read_text_at_most(path, LARGEST_FILE_BYTES)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

@@ -61,8 +61,11 @@ def _opened(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
         return value
     context = info.context or {}
-    folder = Path(context.get("folder", ".")).resolve()
-    location = (folder / value).resolve()
+    try:
+        folder = Path(context.get("folder", ".")).resolve()
+        location = (folder / value).resolve()
+    except (OSError, RuntimeError) as error:  # Python up to 3.12 raises RuntimeError of links that go in a circle
+        raise ValueError(f"found {value!r}, which cannot be read (a link that leads nowhere)") from error
     if Path(value).is_absolute() or not location.is_relative_to(folder):
         raise ValueError(f"found {value!r}, which leaves the scenario's folder")
     try:

@@ -16,10 +16,11 @@ from generator.dataset.images import decode, picture
 from generator.dataset.layout import MANIFEST
 from generator.dataset.reader import Dataset
 from generator.errors import GeneratorError
+from generator.files import read_at_most
 from generator.frame.folder import OBJECTS_FILE, STARS_FILE
 from generator.frame.object_table import OBJECT_SCHEMA
 from generator.frame.record import STAR_SCHEMA
-from generator.reading.record import read_record
+from generator.reading.record import LARGEST_RECORD_BYTES, read_record
 from generator.reading.stars import read_stars
 from generator.reading.table import read_table
 
@@ -168,7 +169,7 @@ class FolderSource:
         """Record of a frame."""
         path = self.folder / f"{self.frames.iloc[position]['frame_id']}.json"
         with damage_named(path):
-            return read_record(path.read_bytes(), str(path), path.stem)
+            return read_record(read_at_most(path, LARGEST_RECORD_BYTES), str(path), path.stem)
 
     def stars(self, position: int) -> pd.DataFrame:
         """Truth of stars."""
@@ -188,7 +189,7 @@ class FolderSource:
 
 def _record_row(path: Path) -> dict[str, Any]:
     with damage_named(path):
-        record = read_record(path.read_bytes(), str(path), path.stem)
+        record = read_record(read_at_most(path, LARGEST_RECORD_BYTES), str(path), path.stem)
         return frame_row(record, "", "", f"{path.stem}.png", b"")
 
 

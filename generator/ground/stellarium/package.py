@@ -7,6 +7,7 @@ limit, whatever its header says.
 from __future__ import annotations
 
 import configparser
+import lzma
 import math
 import posixpath
 import zipfile
@@ -96,6 +97,7 @@ class Package:
             NotImplementedError,
             zipfile.BadZipFile,
             zlib.error,
+            lzma.LZMAError,
             EOFError,
             ValueError,
         ) as error:

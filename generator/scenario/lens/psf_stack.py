@@ -45,8 +45,9 @@ def read_stack(file: InputFile, oversampling: int) -> NDArray[np.float64]:
         stack = read(name, oversampling)
     except StackError:
         raise
-    except (OSError, RuntimeError, TypeError, KeyError, ValueError) as error:
-        raise StackError(f"found '{file.path}', which cannot be read as FITS or EXR ({error})") from error
+    except (OSError, RuntimeError, TypeError, KeyError, ValueError, OverflowError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise StackError(f"found '{file.path}', which cannot be read as FITS or EXR ({reason})") from error
     if not np.isfinite(stack).all() or stack.min() < 0 or (stack.sum(axis=(1, 2)) <= 0).any():
         raise StackError("found values that are negative or not finite, or a function without light")
     return stack / stack.sum(axis=(1, 2), keepdims=True)
@@ -70,7 +71,10 @@ def _read_fits(name: Path, oversampling: int) -> NDArray[np.float64]:
             raise StackError("found a file that does not begin as FITS does; compressed files are not read")
         file.seek(0)
         header = fits.Header.fromfile(file)
-    stated = tuple(int(header[f"NAXIS{axis}"]) for axis in range(int(header["NAXIS"]), 0, -1))
+    try:
+        stated = tuple(int(header[f"NAXIS{axis}"]) for axis in range(int(header["NAXIS"]), 0, -1))
+    except fits.VerifyError as error:
+        raise ValueError(error) from error
     shape = (1, *stated) if len(stated) == 2 else stated
     _check_shape(shape, oversampling)
     with fits.open(name, memmap=False, disable_image_compression=True) as content:
@@ -81,6 +85,9 @@ def _read_exr(name: Path, oversampling: int) -> NDArray[np.float64]:
     import OpenEXR
 
     with OpenEXR.File(str(name), separate_channels=True, header_only=True) as content:
+        # All parts are decoded, whatever the first one says.
+        if len(content.parts) != 1:
+            raise StackError(f"found {len(content.parts)} parts, expected one with a channel per function")
         header = content.header()
         (left, top), (right, bottom) = header["dataWindow"]
         _check_shape((len(header["channels"]), int(bottom - top + 1), int(right - left + 1)), oversampling)

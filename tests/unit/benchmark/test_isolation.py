@@ -21,6 +21,7 @@ from benchmark.run.sessions import SessionPool, isolation_of
 from benchmark.solvers.definition import SolverFolder, SolverSpec
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
 from benchmark.solvers.messages import request_of
+from benchmark.solvers.namespaces import MOST_FILES, MOST_WRITTEN_BYTES
 from benchmark.solvers.program import Limits, ProgramFailedError, ProgramSession
 from benchmark.solvers.registry import solver_folder
 
@@ -75,6 +76,20 @@ def test_a_spy_finds_nothing_but_the_image(place, monkeypatch) -> None:
     assert not Path("/tmp/spy.txt").exists()
     # Without isolation the same program reaches what it tries to.
     assert free == {"truth": "52.0 N", "network": "connected", "caller": "reached", "image": "stars"}
+
+
+def test_what_a_program_writes_counts_against_a_limit(place) -> None:
+    """Files lie in memory too, which the limit of the address space does not count."""
+    command, folders = [sys.executable, "hoarder.py"], ["/", "/tmp", "/dev/shm"]
+    places = visible_places(command, place / "solver", [place / "frame"])
+    for memory_mib in (200, 900):
+        limits = Limits(time_s=30.0, memory_mib=memory_mib, start_s=60.0)
+        with ProgramSession(command, place / "solver", limits, places=places) as session:
+            session.start()
+            seen = session.ask({"type": "solve", "folders": folders}).message
+        most = min(memory_mib * 2**20, MOST_WRITTEN_BYTES)
+        for folder in folders:
+            assert seen[folder] == [most, MOST_FILES, "No space left on device"]
 
 
 @pytest.fixture(scope="module")

@@ -84,6 +84,10 @@ def test_cards_are_those_of_the_tasks() -> None:
         assert load_task(name).sha256 in made
 
 
+# A thousand million texts in lists of lists, of three hundred bytes.
+ALIASES = "a0: &a0 [1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10))
+
+
 def test_formatting_does_not_count_but_meaning_does(tmp_path):
     for file in FOLDER.glob("bortle.*"):
         shutil.copy(file, tmp_path)
@@ -109,6 +113,33 @@ def test_formatting_does_not_count_but_meaning_does(tmp_path):
         ("scenario", "name: task-bortle", "name: task-bortle\nseed: 3", "comes from the task"),
         ("scenario", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "[1, 2, 3, 4, 5, 6, 7, 8, 8]", "differs from the task's"),
         ("scenario", "hfov_deg: 60", "hfov_deg: -60", "hfov_deg"),
+        (
+            "scenario",
+            "name: task-bortle",
+            f"{ALIASES}name: task-bortle",
+            r"bortle\.scenario\.yaml: .*aliases are not allowed",
+        ),
+        ("task", "name: bortle\n", f"{ALIASES}name: bortle\n", r"bortle\.task\.yaml: .*aliases are not allowed"),
+        (
+            "scenario",
+            "name: task-bortle",
+            "name: x\nname: task-bortle",
+            r"bortle\.scenario\.yaml: .*'name' is given twice",
+        ),
+        (
+            "scenario",
+            "name: task-bortle",
+            f"x: {'[' * 2000}",
+            r"bortle\.scenario\.yaml: cannot be read \(nested too deep",
+        ),
+        ("task", "revision: 1", f"x: {'[' * 2000}", r"bortle\.task\.yaml: cannot be read \(nested too deep"),
+        ("task", "revision: 1", f"revision: {'1' * 5000}", r"bortle\.task\.yaml: cannot be read \(.*digits"),
+        (
+            "scenario",
+            "name: task-bortle",
+            f"# {'x' * 100_000}",
+            r"bortle\.scenario\.yaml: cannot be read \(larger than",
+        ),
     ],
 )
 def test_a_wrong_task_is_refused_by_key(tmp_path, file, old, new, message):

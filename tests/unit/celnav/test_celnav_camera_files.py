@@ -115,6 +115,12 @@ def test_the_field_gives_the_focal_length(tmp_path, model, hfov_deg, k) -> None:
     assert 2 * np.degrees(np.arctan2(x, z)) == pytest.approx(hfov_deg, abs=1e-5)
 
 
+# A billion numbers in lists of lists, of three hundred bytes.
+ALIASES = (
+    "a0: &a0 [1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)) + "K: *a9\n"
+)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -131,6 +137,11 @@ def test_the_field_gives_the_focal_length(tmp_path, model, hfov_deg, k) -> None:
         ('{"model": "pinhole", "hfov_deg": 90, "width": -1, "height": 48}', "width"),
         ('{"model": "pinhole", "hfov_deg": 90, "width": null, "height": 48}', "lacks width"),
         ("{1: 2, model: pinhole, width: 64, height: 48, hfov_deg: 90}", "unknown keys 1"),
+        (ALIASES, r"the alias \*a0 is not read: write its value in its place in line 2"),
+        (
+            "{image_width: 64, image_height: 48, K: " + str([[[1.0] * 10] * 10] * 11) + "}",
+            "K has more than 1000 numbers",
+        ),
         ('{"camera": 3}', "camera must be an object"),
         ("{image_width: 64, image_height: 48, K: [1, 2]}", "3 x 3"),
         ("{image_width: 64, image_height: 48, K: [1, .5, 0, 0, 1, 0, 0, 0, 1]}", "skew"),
