@@ -37,8 +37,6 @@ def finite_number(
 
 def real_array(values: ArrayLike, what: str, error: type[CelnavError]) -> NDArray[np.float64]:
     """Return numbers as a new array of floats, of the shape that they have; raises `error`, which names `what`."""
-    if np.ma.is_masked(values):
-        raise error(f"{what} has masked entries, which have no value: leave them out")
     try:
         array = np.array(values)
         if np.iscomplexobj(array):
@@ -52,7 +50,7 @@ def real_array(values: ArrayLike, what: str, error: type[CelnavError]) -> NDArra
 
 def real_rows(values: ArrayLike, columns: int, what: str, error: type[CelnavError]) -> NDArray[np.float64]:
     """Return numbers as floats of shape (n, columns), one row allowed without its brackets; raises `error`."""
-    given = type(values) is np.ndarray and values.dtype == np.float64
+    given = isinstance(values, np.ndarray) and values.dtype == np.float64
     array = np.asarray(values) if given else real_array(values, what, error)
     if array.shape[-1:] not in ((columns,), (0,)):
         raise error(f"{what} has shape {array.shape}; it must be (n, {columns})")

@@ -376,7 +376,7 @@ def _saturated_stars(light: F4, cores: Cores, shape: StarShape, config: Detectio
 
 def as_positions(uv: ArrayLike) -> F8:
     """Return pixel positions as an (n, 2) array of finite numbers; raises `DetectionError` otherwise."""
-    positions = real_array(uv, "detections", DetectionError)
+    positions = _unmasked("detections", uv)
     if positions.size == 0:
         return np.empty((0, 2))
     if positions.ndim != 2 or positions.shape[1] != 2:
@@ -415,8 +415,15 @@ def as_detections(detections: Detections | ArrayLike, flux: ArrayLike | None = N
     return Detections(positions, brightness, shape, sigma, streak, across)
 
 
+def _unmasked(name: str, values: ArrayLike) -> F8:
+    """Return numbers as a new array of floats; raises `DetectionError` where some have no value."""
+    if np.ma.is_masked(values):
+        raise DetectionError(f"{name} has masked entries, which have no value: leave them out")
+    return real_array(values, name, DetectionError)
+
+
 def _column(name: str, values: ArrayLike, n: int) -> F8:
-    column = real_array(values, name, DetectionError)
+    column = _unmasked(name, values)
     if column.shape != (n,):
         raise DetectionError(f"{name} has shape {column.shape}; it must be ({n},), one per detection")
     if not np.isfinite(column).all():
