@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,11 @@ Mask = NDArray[np.bool_]
 Pixels = NDArray[np.generic]
 # A hundred million pixels: beyond any night-sky camera, and less than 1 GB while it is worked on.
 MAX_PIXELS = 100_000_000
+# Progressive pictures have some ten; each scan of coefficients in its own bits makes less than a hundred.
+_MOST_SCANS = 100
+# In the data of a scan, 0xFF is followed by zero or a restart; else it begins a marker (ITU-T T.81, B.1.1).
+_MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
+_START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
 
 
@@ -55,6 +61,8 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
                 _refuse_large(path, image.width, image.height)
                 if image.mode not in _MODES:
                     raise ImageError(f"image {path} has the pixel format {image.mode}; save it as grey or RGB PNG")
+                if image.format == "JPEG":
+                    _refuse_scans(path)
                 image.load()
                 converted = image.convert("RGB") if image.mode in ("RGBA", "P", "LA") else image
                 return np.array(converted.convert("L") if image.mode == "1" else converted)
@@ -73,6 +81,21 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
 def _refuse_large(path: str | Path, width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         raise ImageError(f"image {path} has {width} x {height} pixels; the limit is 100 million")
+
+
+def _refuse_scans(path: str | Path) -> None:
+    """Refuse a JPEG of more scans than any program writes: each of them costs a pass over all pixels."""
+    data, place = Path(path).read_bytes(), 2
+    for _ in range(_MOST_SCANS + 1):
+        # Segments up to the next scan, whose length they state.
+        while (marker := _MARKER.search(data, place)) and data[marker.end() - 1] != _START_OF_SCAN:
+            if data[marker.end() - 1] == _END_OF_IMAGE:
+                return
+            place = marker.end() + max(2, int.from_bytes(data[marker.end() : marker.end() + 2], "big"))
+        if marker is None:
+            return
+        place = marker.end()
+    raise ImageError(f"image {path} has more than {_MOST_SCANS} scans: save it anew")
 
 
 def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:
