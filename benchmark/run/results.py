@@ -30,7 +30,7 @@ from benchmark.stats.metrics import DEFINITIONS, Summary, by_bortle, summarise
 from generator.errors import GeneratorError
 from generator.files import read_at_most, write_bytes
 from generator.reading.json_text import strict_json
-from generator.reading.table import read_own_table
+from generator.reading.table import check_claims
 
 RESULT_FORMAT = "skybench-result/2"
 SUMMARY_NAME = "summary.json"
@@ -147,8 +147,9 @@ def read_summary(path: Path) -> StoredSummary:
 def read_table(path: Path) -> pa.Table:
     """Read a table of a result. Raises ResultsError where it is missing or damaged."""
     try:
-        return read_own_table(path)
-    except GeneratorError as error:
+        check_claims(path)
+        return pq.read_table(path)
+    except (GeneratorError, pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); {RUN_AGAIN}") from error
 
 

@@ -89,16 +89,6 @@ def read_table(
     return table.replace_schema_metadata(found.metadata)
 
 
-def read_own_table(path: Path) -> pa.Table:
-    """Read a flat table by the schema that it has itself, within the limits of size alone. Raises GeneratorError."""
-    try:
-        with _opened(path) as file:
-            schema = file.schema_arrow
-    except (OSError, pa.ArrowException, ValueError) as error:
-        raise GeneratorError(f"{path}: not a readable Parquet file ({str(error)[:300]})") from error
-    return read_table(path, schema)
-
-
 def check_claims(path: Path) -> None:
     """Judge by its footer and its pages a table of any form, before it is read.
 

@@ -28,14 +28,13 @@ def bomb(tmp_path, monkeypatch):
 
 
 def test_tables_that_claim_more_than_they_hold_are_not_read(bomb, monkeypatch) -> None:
-    with pytest.raises(ResultsError, match=r"part\.parquet: claims 1000000 rows"):
-        read_table(bomb)
     digest = hashlib.sha256(bomb.read_bytes()).hexdigest()
     listing = bomb.with_suffix(".json")
     listing.write_text(json.dumps({"format": "skybench-packed/1", "table_sha256": digest, "rows": []}))
     monkeypatch.setattr(pq, "read_table", lambda *arguments: pytest.fail("the table was read"))
-    with pytest.raises(ResultsError, match=r"part\.parquet: claims 8 MB in a file of"):
-        read_packed(listing)
+    for read, path in ((read_packed, listing), (read_table, bomb)):
+        with pytest.raises(ResultsError, match=r"part\.parquet: claims 8 MB in a file of"):
+            read(path)
 
 
 @pytest.mark.parametrize("text", [DEEP, '{"format": 1, "overall": {"n_frames": 1e400}}'])
