@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from celnav.command.answer import json_of, text_of
+from celnav.command.answer import json_of, printable, text_of
 from celnav.command.arguments import parser
 from celnav.command.solving import answer
 from celnav.errors import CelnavError
@@ -31,10 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             text = (json_of if arguments.json else text_of)(found, arguments.matches)
             status = EXIT_FIX if found.fix.ok else EXIT_REFUSAL
     except CelnavError as error:
-        print(f"celnav: {error}", file=sys.stderr)
+        print(printable(f"celnav: {error}"), file=sys.stderr)
         return EXIT_BAD_INPUT
     try:
-        print(text, flush=True)
+        print(printable(text), flush=True)
     except BrokenPipeError:
         # The reader closed the pipe. The rest must not be written again when the interpreter ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from benchmark.cli import interrupt
+from benchmark.cli.output import printable
 
 EXIT_BAD_INPUT = 2
 _OF_THE_MACHINE = frozenset(
@@ -21,7 +22,7 @@ _OF_THE_MACHINE = frozenset(
 
 def fail(error: Exception) -> NoReturn:
     """Print an error as it is and exit 2."""
-    typer.echo(f"skybench: {error}", err=True)
+    typer.echo(printable(f"skybench: {error}"), err=True)
     raise typer.Exit(EXIT_BAD_INPUT)
 
 

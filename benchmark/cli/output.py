@@ -41,7 +41,28 @@ def print_warnings(sentences: Iterable[str]) -> None:
     from rich.markup import escape
 
     for sentence in sentences:
-        Console(stderr=True).print(f"[yellow]warning:[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+        Console(stderr=True).print(
+            f"[yellow]warning:[/] {escape(printable(sentence))}", soft_wrap=True, highlight=False
+        )
+
+
+def printable(text: str, kept: str = "\n") -> str:
+    r"""Write every character that is not printable as Python does (``\x1b``), but for those that are kept.
+
+    `celnav.command.answer.printable` for commands that load no solver.
+
+    Parameters
+    ----------
+    text : str
+    kept : str
+        Characters that stay; none, for what is one line whatever the names in it hold.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
 
 
 def _plain(value: Any) -> Any:

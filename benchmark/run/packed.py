@@ -25,8 +25,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
+from generator.errors import GeneratorError
+from generator.files import read_at_most
+from generator.reading.json_text import strict_json
+from generator.reading.table import check_claims
 
 PACK_FORMAT = "skybench-packed/1"
+LARGEST_LISTING_BYTES = 64 * 2**20
+LARGEST_TABLE_BYTES = 2**30
 ANSWERS = "answers"
 _FRAME_COLUMNS = (
     "frame_id",
@@ -175,15 +181,16 @@ def read_packed(listing: Path) -> list[PackedRow]:
     """
     path = listing.with_suffix(".parquet")
     try:
-        tree = json.loads(listing.read_text(encoding="utf-8"))
+        tree = strict_json(read_at_most(listing, LARGEST_LISTING_BYTES), str(listing), LARGEST_LISTING_BYTES)
         if tree["format"] != PACK_FORMAT:
             raise ResultsError(f"{listing}: is {tree['format']!r}, this version reads {PACK_FORMAT!r}")
-        content = path.read_bytes()
+        content = read_at_most(path, LARGEST_TABLE_BYTES)
         if hashlib.sha256(content).hexdigest() != tree["table_sha256"]:
             raise ResultsError(
                 f"{path}: was changed after it was packed ({listing.name} states another SHA-256); restore both, or run "
                 "the solvers again and pack them"
             )
+        check_claims(path)
         table = pq.read_table(io.BytesIO(content))
         listed = [
             (
@@ -207,7 +214,7 @@ def read_packed(listing: Path) -> list[PackedRow]:
             whole = pd.concat([frames, pd.DataFrame(columns)], axis=1)
             kept = whole[mine.is_valid().to_numpy(zero_copy_only=False)].reset_index(drop=True)
             found.append(PackedRow(solver, detections, key, provenance, kept, established))
-    except (ValueError, KeyError, TypeError, AttributeError, OSError, pa.ArrowException) as error:
+    except (GeneratorError, ValueError, KeyError, TypeError, AttributeError, OSError, pa.ArrowException) as error:
         raise ResultsError(f"{listing}: not readable packed results ({error!r}); restore it and {path.name}") from error
     return found
 

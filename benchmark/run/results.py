@@ -28,12 +28,16 @@ from benchmark.run.result_tables import finite, scores_of
 from benchmark.stats.frame_metrics import success_limit_km
 from benchmark.stats.intervals import CONFIDENCE, Estimate
 from benchmark.stats.metrics import DEFINITIONS, Summary, by_bortle, summarise
-from generator.files import write_bytes
+from generator.errors import GeneratorError
+from generator.files import read_at_most, write_bytes
+from generator.reading.json_text import strict_json
+from generator.reading.table import check_claims
 
 RESULT_FORMAT = "skybench-result/2"
 SUMMARY_NAME = "summary.json"
 SAME_COUNTS = ("skybench-metrics/1", DEFINITIONS)
 """Definitions of a summary whose counts of frames, which are all that is read of it, mean the same."""
+LARGEST_SUMMARY_BYTES = 16 * 2**20
 FRAMES_NAME = "frames.parquet"
 MATCHES_NAME = "matches.parquet"
 _SOLVER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@+-]{0,99}")
@@ -121,7 +125,7 @@ def read_summary(path: Path) -> StoredSummary:
         It is damaged, of another format or other definitions, or not of the solver and frames that its path says.
     """
     try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
+        tree = strict_json(read_at_most(path, LARGEST_SUMMARY_BYTES), str(path), LARGEST_SUMMARY_BYTES)
         found, solver = (tree["format"], tree["definitions"]), tree["solver"]
         if found[0] != RESULT_FORMAT or found[1] not in SAME_COUNTS:
             raise ResultsError(f"{path}: is {found}, this version reads {(RESULT_FORMAT, DEFINITIONS)}; {RUN_AGAIN}")
@@ -130,7 +134,7 @@ def read_summary(path: Path) -> StoredSummary:
     except ResultsError as error:
         message = str(error)
         raise ResultsError(message if message.startswith(str(path)) else f"{path}: {message}; {RUN_AGAIN}") from error
-    except (ValueError, KeyError, TypeError, OSError) as error:
+    except (GeneratorError, ValueError, KeyError, TypeError, OSError) as error:
         raise ResultsError(f"{path}: not a readable result ({error!r}); delete it or {RUN_AGAIN}") from error
     folder = path.parent
     if not isinstance(solver, str) or folder.name != f"{solver}-{provenance.key}":
@@ -148,8 +152,9 @@ def read_summary(path: Path) -> StoredSummary:
 def read_table(path: Path) -> pa.Table:
     """Read a table of a result. Raises ResultsError where it is missing or damaged."""
     try:
+        check_claims(path)
         return pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
+    except (GeneratorError, pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); {RUN_AGAIN}") from error
 
 

@@ -300,3 +300,20 @@ def _match_table(answer: Answer) -> list[str]:
         du, dv = row["residual_px"] or (math.nan, math.nan)
         lines.append(f"{row['u_px']:9.2f} {row['v_px']:9.2f} {row['star_id']:9d} {du:7.2f} {dv:7.2f}  {row['name']}")
     return lines
+
+
+def printable(text: str, kept: str = "\n") -> str:
+    r"""Write every character that is not printable as Python does (``\x1b``), but for those that are kept.
+
+    Parameters
+    ----------
+    text : str
+    kept : str
+        Characters that stay; none, for what is one line whatever the names in it hold.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )

@@ -64,11 +64,14 @@ def read_attitude(text: str, up: tuple[float, float, float] | None = None, utc: 
             "azimuth=180,altitude=90,tilt_sigma=1,heading_sigma=1 for zenith-north-up"
         )
     if _ANGLES.match(text) is None:
-        if utc is None:
-            return Attitude.from_json(text)
-        from celnav.calibrating.mount_times import read_attitude_at
+        try:
+            if utc is None:
+                return Attitude.from_json(text)
+            from celnav.calibrating.mount_times import read_attitude_at
 
-        return read_attitude_at(text, parse_utc(utc))
+            return read_attitude_at(text, parse_utc(utc))
+        except RecursionError:
+            raise AttitudeError(f"attitude file {text} is nested too deep") from None
     angles = _angles(text)
     if "altitude" not in angles:
         raise AttitudeError(f"--attitude {text}: the altitude of the boresight is missing, such as altitude=45")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,11 @@ _PNG_SAMPLES = {2: 3, 4: 2, 6: 4}
 _TIFF_BITS, _TIFF_ORIENTATION, _TIFF_SAMPLES, _TIFF_PLANES = 258, 274, 277, 284
 # A file is no larger than so many times its pixels, and so many bytes of tags and profiles.
 _MOST_OVERHEAD, _MOST_TAGS = 2, 64_000_000
+# Progressive pictures have some ten; each scan of coefficients in its own bits makes less than a hundred.
+_MOST_SCANS = 100
+# In the data of a scan, 0xFF is followed by zero or a restart; else it begins a marker (ITU-T T.81, B.1.1).
+_MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
+_START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _MODES = {"L", "I;16", "I;16L", "I;16B", "I", "F", "RGB", "RGBA", "LA", "P", "1"}
 
 
@@ -67,6 +73,8 @@ def read_image(path: str | Path) -> NDArray[np.generic]:
                     raise ImageError(f"image {path} has the pixel format {image.mode}; save it as grey or RGB PNG")
                 if (layout := _deep_colours(image, path)) is not None:
                     return _read_deep(path, layout)
+                if image.format == "JPEG":
+                    _refuse_scans(path)
                 image.load()
                 converted = image.convert("RGB") if image.mode in ("RGBA", "P", "LA") else image
                 return np.array(converted.convert("L") if image.mode == "1" else converted)
@@ -164,6 +172,21 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
 def _refuse_large(path: str | Path, width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         raise ImageError(f"image {path} has {width} x {height} pixels; the limit is 100 million")
+
+
+def _refuse_scans(path: str | Path) -> None:
+    """Refuse a JPEG of more scans than any program writes: each of them costs a pass over all pixels."""
+    data, place = Path(path).read_bytes(), 2
+    for _ in range(_MOST_SCANS + 1):
+        # Segments up to the next scan, whose length they state.
+        while (marker := _MARKER.search(data, place)) and data[marker.end() - 1] != _START_OF_SCAN:
+            if data[marker.end() - 1] == _END_OF_IMAGE:
+                return
+            place = marker.end() + max(2, int.from_bytes(data[marker.end() : marker.end() + 2], "big"))
+        if marker is None:
+            return
+        place = marker.end()
+    raise ImageError(f"image {path} has more than {_MOST_SCANS} scans: save it anew")
 
 
 def read_mask(path: str, shape: tuple[int, ...] | None = None) -> Mask:

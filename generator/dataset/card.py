@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ SHEET = f"{FIGURES}/contact-sheet.png"
 HISTOGRAMS = f"{FIGURES}/histograms.svg"
 FRAMES_ON_SHEET = 12
 
+_MARKUP = re.compile(r"[\\`*_{}\[\]<>#+!|~&]")
 _HISTOGRAMS = (
     ("latitude_deg", "latitude, deg"),
     ("longitude_deg", "longitude, deg"),
@@ -104,6 +106,11 @@ def histograms(frames: pd.DataFrame) -> str:
     return draw_histograms([(title, values.to_numpy(np.float64)) for title, values in varying], "frames")
 
 
+def _plain_words(text: str) -> str:
+    """A scenario's words as one paragraph of Markdown that has neither markup nor HTML in it."""
+    return _MARKUP.sub(r"\\\g<0>", " ".join(text.split()))
+
+
 def card_text(
     scenario: Scenario, spec: DatasetSpec, first: int, stop: int, frames: pd.DataFrame, counts: dict[str, int]
 ) -> str:
@@ -148,7 +155,7 @@ configs:
 
 # {scenario.name}
 
-{scenario.description or "Synthetic night-sky frames."}
+{_plain_words(scenario.description) or "Synthetic night-sky frames."}
 
 {stop - first} frames with {frames["n_visible"].sum()} stars and planets of SNR ≥ {VISIBLE_SNR:g}, among
 {counts["stars"]} rows of the catalogue{objects}, rendered by skybench {__version__}.

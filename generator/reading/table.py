@@ -25,6 +25,7 @@ LONGEST_TEXT_BYTES = 1000
 _USUAL_TEXT_BYTES = 100
 MOST_LIST_ITEMS = 32
 """Of a cell on average: a matrix has 9 numbers, the coefficients of a lens at most 32."""
+_VALUE_BYTES = 8
 _LARGEST_FOOTER_BYTES = 10_000_000
 _MOST_FOOTER_ITEMS = 1_000_000
 
@@ -86,6 +87,30 @@ def read_table(
         if table[name].null_count and (name in never_null or not schema.field(name).nullable):
             raise GeneratorError(f"{path}: column {name} has {table[name].null_count} empty cells; it may have none")
     return table.replace_schema_metadata(found.metadata)
+
+
+def check_claims(path: Path) -> None:
+    """Judge by its footer and its pages a table of any form, before it is read.
+
+    Raises
+    ------
+    GeneratorError
+        It claims more values than a file of its size may hold, or is damaged.
+    """
+    try:
+        with _opened(path) as file:
+            claimed, names = file.metadata, file.schema_arrow.names
+        groups = [claimed.row_group(group) for group in range(claimed.num_row_groups)]
+        columns = [group.column(place) for group in groups for place in range(group.num_columns)]
+        unpacked = sum(max(column.total_uncompressed_size, _VALUE_BYTES * column.num_values) for column in columns)
+        size = path.stat().st_size
+        if unpacked > 2 * _most_bytes(size):
+            raise GeneratorError(
+                f"{path}: claims {unpacked // 10**6} MB in a file of {size / 1e6:.1f} MB; it is not read"
+            )
+        check_pages(path, claimed, names)
+    except (OSError, pa.ArrowException, ValueError, OverflowError) as error:
+        raise GeneratorError(f"{path}: not a readable Parquet file ({str(error)[:300]})") from error
 
 
 def row_count(path: Path) -> int:

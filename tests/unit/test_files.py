@@ -5,7 +5,7 @@ import os
 import pytest
 
 from generator.errors import GeneratorError
-from generator.files import atomic_path, linked_within, path_within, read_at_most, write_bytes
+from generator.files import _umask, atomic_path, linked_within, path_within, read_at_most, write_bytes
 
 
 def test_success_replaces_and_leaves_nothing_else(tmp_path) -> None:
@@ -105,3 +105,14 @@ def test_links_are_followed_within_the_folder_alone(tmp_path) -> None:
             linked_within(folder, place)
     (tmp_path / "link").symlink_to("set")
     assert linked_within(tmp_path / "link", "inner/a") == tmp_path / "link/inner/a"
+
+
+def test_files_are_kept_from_whom_the_umask_keeps_them(tmp_path) -> None:
+    before = os.umask(0o077)
+    _umask.cache_clear()
+    try:
+        write_bytes(tmp_path / "a", b"1")
+    finally:
+        os.umask(before)
+        _umask.cache_clear()
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o600

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from benchmark.cli.output import AsJson, print_json
+from benchmark.cli.output import AsJson, print_json, printable
 from benchmark.cli.progress import working
 
 
@@ -32,7 +32,7 @@ def verify(
         print_json({"folder": folder, "whole": not found, "problems": found})
         raise typer.Exit(1 if found else 0)
     for problem in found:
-        typer.echo(problem)
+        typer.echo(printable(problem, kept=""))
     if not found:
         typer.echo(f"{folder}: whole" + ("" if of_frames else f" (not covered: {NOT_COVERED}/)"))
     raise typer.Exit(1 if found else 0)

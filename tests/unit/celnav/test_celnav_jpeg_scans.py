@@ -1,0 +1,33 @@
+"""JPEG pictures whose scans are repeated, each a pass over all pixels."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from celnav.detecting.image_file import read_image
+from celnav.errors import ImageError
+
+
+def picture(**options: object) -> bytes:
+    made = io.BytesIO()
+    noise = np.random.default_rng(1).integers(0, 255, (64, 80, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(made, "JPEG", **options)
+    return made.getvalue()
+
+
+@pytest.mark.parametrize("options", [{}, {"progressive": True}, {"quality": 100, "comment": b"\xff\xda" * 300}])
+def test_pictures_as_programs_write_them_are_read(tmp_path, options) -> None:
+    # What follows a picture, as a telephone's film does, is none of its scans.
+    (tmp_path / "a.jpg").write_bytes(picture(**options) + b"\xff\xda" * 300)
+    assert read_image(tmp_path / "a.jpg").shape == (64, 80, 3)
+
+
+def test_a_picture_of_hundreds_of_scans_is_refused(tmp_path, monkeypatch) -> None:
+    data = picture(progressive=True)
+    last = data.rindex(b"\xff\xda")
+    (tmp_path / "a.jpg").write_bytes(data[:last] + data[last:-2] * 200 + b"\xff\xd9")
+    monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("the picture was decoded"))
+    with pytest.raises(ImageError, match=r"a\.jpg has more than 100 scans: save it anew"):
+        read_image(tmp_path / "a.jpg")
