@@ -245,8 +245,8 @@ def test_rows_of_the_table_run(tmp_path, monkeypatch) -> None:
 @pytest.mark.parametrize("name", TAKE_LONG)
 def test_rows_of_the_table_that_take_long_run(name: str, tmp_path, monkeypatch) -> None:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
-    for name in ("a", "b"):  # photographs are few here
-        shutil.copyfile(ROOT / "tests/data/allsky/005.fits.bz2", tmp_path / f"{name}.fits.bz2")
+    for photograph in ("a", "b"):  # photographs are few here
+        shutil.copyfile(ROOT / "tests/data/allsky/005.fits.bz2", tmp_path / f"{photograph}.fits.bz2")
     monkeypatch.chdir(tmp_path)
     assert refusal(TAKE_LONG[name]) is None
     assert run(TAKE_LONG[name]) == 0
