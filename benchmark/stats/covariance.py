@@ -12,10 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate
+from benchmark.stats.clustered import Resamples, proportion_estimate
 from benchmark.stats.frame_metrics import UNDEFINED, Metric, column, fixed, identified
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import SUCCESS_KM
+from benchmark.stats.skewed_means import skewed_mean_estimate
 
 F8 = NDArray[np.float64]
 
@@ -40,7 +41,8 @@ def nees_values(frames: pd.DataFrame) -> F8:
 def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
     """Mean of `nees_values` over the fixes that are `identified`; undefined where none comes with a covariance.
 
-    An honest covariance gives 2, one that is too small more. The interval resamples sites and supposes no distribution.
+    An honest covariance gives 2, one that is too small more. The interval is that of `skewed_mean_estimate`: a few fixes may
+    have most of the sum.
 
     References
     ----------
@@ -52,7 +54,7 @@ def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: flo
         return UNDEFINED
     if np.isinf(values).any():
         return Estimate(math.inf, math.nan, math.nan, n)
-    return mean_estimate(values, resamples, (0.0, math.inf))
+    return skewed_mean_estimate(values, resamples)
 
 
 def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:

@@ -22,6 +22,7 @@ from benchmark.errors import ResultsError
 from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate, quantile_estimate
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import FIX, SUCCESS_KM
+from benchmark.stats.within_conditions import share_within_conditions
 
 F8 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -122,12 +123,13 @@ def identified(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> Bools:
 
 def success(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
     """Share of all frames with a fix and an error below the limit."""
-    return proportion_estimate(succeeded(frames, limit_km), np.ones(len(frames)), resamples)
+    return share_within_conditions(succeeded(frames, limit_km), column(frames, "condition"), resamples)
 
 
 def wrong_and_confident(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
     """Share of all frames with a fix that is off by the limit of success or more."""
-    return proportion_estimate(fixed(frames) & ~succeeded(frames, limit_km), np.ones(len(frames)), resamples)
+    wrong = fixed(frames) & ~succeeded(frames, limit_km)
+    return share_within_conditions(wrong, column(frames, "condition"), resamples)
 
 
 def error_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Estimate:
