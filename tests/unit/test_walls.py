@@ -15,6 +15,8 @@ THE_COMMAND_MAY_IMPORT = {"yaml", "matplotlib"}
 THE_FITS_READER_MAY_IMPORT = {"astropy"}
 # Of the reader of HEIF images alone, when it is given one.
 THE_HEIF_READER_MAY_IMPORT = {"pillow_heif"}
+# Of the reader of pictures alone, for PNG and TIFF of 16 bits in colours, of which Pillow keeps 8.
+THE_IMAGE_READER_MAY_IMPORT = {"imagecodecs"}
 FORBIDDEN = {
     "celnav": {"mitsuba", "drjit", "generator", "benchmark"},
     "generator": {"celnav", "benchmark"},
@@ -54,6 +56,8 @@ def test_celnav_needs_only_its_few_dependencies() -> None:
             allowed |= THE_FITS_READER_MAY_IMPORT
         if path.name == "heif_file.py":
             allowed |= THE_HEIF_READER_MAY_IMPORT
+        if path.name == "image_file.py":
+            allowed |= THE_IMAGE_READER_MAY_IMPORT
         if names - allowed:
             strangers[path.name] = names - allowed
     assert strangers == {}
