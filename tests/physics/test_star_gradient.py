@@ -8,10 +8,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from small_scenes import small_scenario
 
-from benchmark.studies.calibration.camera_by_gradient import difference, recover_camera, spoiled
+from benchmark.studies.calibration.camera_by_gradient import difference, passed_share, recover_camera, spoiled
 from generator import plugins
 from generator.frame.plan import plan_frame
-from generator.frame.scene import scene_dict
+from generator.frame.scene import render_expected, scene_dict
 
 LENS = {"model": "brown_conrady", "width": 270, "height": 180, "f_px": 180.0, "k": [-0.1], "aperture_mm": 4}
 
@@ -53,6 +53,27 @@ def test_it_renders_what_the_renderer_does(mi, lens, exposure_s, rolling) -> Non
     assert expected.max() > 500
     assert np.abs(found - expected).max() < 1e-4 * expected.max()
     assert found.sum() == pytest.approx(expected.sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "astray",
+    [
+        {},
+        {"veiling_glare": 0.03, "haze": 0.02, "dew": {"share": 0.1}, "dust": {"specks": 40}},
+    ],
+    ids=["by default", "dewy and dusty"],
+)
+def test_the_light_of_a_frame_is_the_sky_and_what_the_lens_passes_of_the_stars(mi, astray) -> None:
+    """The recovery's prediction is the frame without noise, to 1e-4 of the brightest pixel: it takes the rest for noise."""
+    from generator.plugins.star_gradient import DifferentiableStars
+
+    plan = plan_frame(small_scenario(camera=LENS | astray), 0)
+    expected = render_expected(plan)
+    stars = DifferentiableStars(load(mi, plan)).image(np.zeros(5), derivatives=False).electrons
+    assert plan.spec.camera.direct_share < 0.95
+    largest = 1e-4 * stars.max()
+    assert np.abs(passed_share(plan) * stars + expected.sky_electrons - expected.electrons).max() < largest
+    assert np.abs(stars + expected.sky_electrons - expected.electrons).max() > 100 * largest
 
 
 def test_a_changed_camera_is_the_renderer_s_with_those_numbers(mi) -> None:

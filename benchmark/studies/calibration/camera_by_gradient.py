@@ -5,8 +5,8 @@ distortion and attitude, renders the stars through it with derivatives, and corr
 noise: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
 steps look at both images through a wide Gaussian, and the last at the pixels themselves.
 
-Known are the names and light of the stars, the sky behind them, and the noise. The bound is that of the five camera
-parameters with all of this known.
+Known are the names and light of the stars, the sky behind them, what the lens scatters, and the noise. The bound is that of
+the five camera parameters with all of this known.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from benchmark.studies.common.progress import Advance
 from generator import plugins
 from generator.frame.plan import FramePlan
 from generator.frame.render import RenderedFrame, render_frame
+from generator.frame.scattered_light import dust_of
 from generator.frame.scene import scene_dict
 from generator.optics.psf import equivalent_sigma_px
 from generator.scenario.camera_spec import CameraSpec
@@ -98,6 +99,7 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     declared = spoiled(plan, start)
     stars = DifferentiableStars(mi.load_dict(scene_dict(declared, _black())))
     observed, background, noise_variance = _electrons(rendered)
+    passed, full_e = passed_share(plan), saturation_e(plan.spec.sensor, plan.spec.time.exposure_s)
     rays = _rays(plan, rendered)
     steps, path = 0, [_distance_px(plan, declared, np.zeros(5), rays)]
     values = np.zeros(5)
@@ -105,8 +107,8 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     for blur_px in BLURS_PX:
         for _ in range(COARSE_STEPS if blur_px else MOST_STEPS):
             model = stars.image(values, blur_px)
-            step, information = _score(model.electrons, model.derivatives, observed, background, noise_variance,
-                                       saturation_e(plan.spec.sensor, plan.spec.time.exposure_s), blur_px)  # fmt: skip
+            step, information = _score(passed * model.electrons, passed * model.derivatives, observed, background,
+                                       noise_variance, full_e, blur_px)  # fmt: skip
             moved = _distance_px(spoiled(declared, values), declared, values + step, rays)
             values = values + step * min(1.0, LONGEST_STEP_PX / max(moved, 1e-9))
             steps += 1
@@ -128,13 +130,23 @@ def gradient_scenario(scenario: Scenario, camera: CameraSpec, n_frames: int) -> 
         raise ValueError(f"{camera.model} has no k1")
     left_out = ("hfov_deg", "focal_length_mm", "psf", "bloom", "ghosts")
     section = {key: value for key, value in scenario.template["camera"].items() if key not in left_out}
-    # The recovery's model of a star is its point spread alone.
+    # Wings and glare count as known, though they depend on the camera too.
     section |= {"bloom": {"share": 0.0}, "veiling_glare": 0.0}
     section |= {"model": lens.model, "f_px": lens.f_px, "k": list(lens.k), "p": list(lens.p)}
     if camera.psf is not None:
         section |= {"psf": None, "psf_sigma_px": min(20.0, max(0.2, equivalent_sigma_px(camera)))}
     stars = {**scenario.template.get("stars", {}), "scintillation": False}
     return changed_scenario(scenario, "gradient", n_frames, camera=section, stars=stars, foreground={})
+
+
+def passed_share(plan: FramePlan) -> F8:
+    """Part of the stars' light in each pixel that the lens does not scatter and dust does not stop, shape (height, width).
+
+    The differentiable pass renders all of the light; the renderer puts what is scattered into the light of the sky.
+    """
+    camera = plan.spec.camera
+    passed = np.full((camera.height, camera.width), camera.direct_share)
+    return passed if camera.dust is None else passed * dust_of(plan)[:, :, 0]
 
 
 def starting_sigma(camera: CameraSpec) -> F8:
