@@ -15,6 +15,11 @@ def own_site(frame: Frame) -> str:
     return site_of(where.latitude_deg, where.longitude_deg, frame.observation.utc)
 
 
+def counted_site(frame: Frame) -> str:
+    """The place and night that a frame is counted with."""
+    return own_site(frame) if frame.site is None else frame.site
+
+
 def with_sites(frames: Iterable[Frame]) -> list[Frame]:
     """Frames that know the site they are counted with: of a sequence that of its first frame.
 

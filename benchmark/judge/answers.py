@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmark.frames.dataset import Frame
 from benchmark.frames.identity import UNKNOWN, FrameIdentity
-from benchmark.frames.sites import own_site
+from benchmark.frames.sites import counted_site
 from benchmark.judge.geodesy import east_north_km, geodesic_km
 from benchmark.judge.outcome import DetectionRow, FrameDetails, SolverOutcome
 from benchmark.judge.star_id import score_matches
@@ -145,7 +145,7 @@ def judge_answer(
         DetectionRow(frame.frame_id, i, float(u), float(v), _known(response.flux[i]), *claims.get(i, (None, None)))
         for i, (u, v) in enumerate(response.uv)
     )
-    site = own_site(frame) if frame.site is None else frame.site
+    site = counted_site(frame)
     score = FrameScore(
         frame_id=frame.frame_id,
         index=frame.index,

@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.frames.conditions import site_of
 from benchmark.frames.dataset import Frame
 from benchmark.frames.identity import UNKNOWN, FrameIdentity
+from benchmark.frames.sites import counted_site
 from benchmark.judge.outcome import FrameDetails, SolverOutcome
 from benchmark.run.identities import identities_in
 from benchmark.run.packed import PackedRow, read_packed
@@ -88,7 +88,7 @@ def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identit
     """
     (answer,) = row.frames.loc[row.frames["frame_id"] == frame.frame_id].to_dict("records")
     error_km, conditions = _number(answer["error_km"]), frame.conditions
-    covariance = tuple(_number(answer[name]) for name in ("cov_ee_km2", "cov_en_km2", "cov_nn_km2"))
+    ee, en, nn = (_number(answer[name]) for name in ("cov_ee_km2", "cov_en_km2", "cov_nn_km2"))
     score = FrameScore(
         frame_id=frame.frame_id,
         index=frame.index,
@@ -105,9 +105,10 @@ def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identit
         n_matches=int(answer["n_matches"]),
         n_correct=int(answer["n_correct"]),
         time_ms=float(answer["time_ms"]),
+        site=counted_site(frame),
     )
     details = FrameDetails(
-        cov_km2=None if None in covariance else covariance,  # type: ignore[arg-type]
+        cov_km2=None if ee is None or en is None or nn is None else (ee, en, nn),
         confidence=_number(answer["confidence"]),
         detect_ms=math.nan,
         solve_ms=math.nan,
@@ -115,7 +116,7 @@ def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identit
         utc=frame.observation.utc,
         conditions=conditions,
         condition=frame.condition,
-        site=site_of(conditions.latitude_deg, conditions.longitude_deg, frame.observation.utc),
+        site=counted_site(frame),
         error_east_km=_number(answer["error_east_km"]),
         error_north_km=_number(answer["error_north_km"]),
         crlb_km=bound_km,

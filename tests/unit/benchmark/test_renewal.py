@@ -19,6 +19,7 @@ from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
 from benchmark.frames.dataset import open_dataset
 from benchmark.frames.frame_set import FrameSet, ungraded
+from benchmark.frames.identity import UNKNOWN
 from benchmark.frames.task_frames import FrameChoice, make_task_frames
 from benchmark.protocol import SequencePlace
 from benchmark.report.site.boards import make_board
@@ -28,6 +29,7 @@ from benchmark.run import engine
 from benchmark.run.contestants import contestant_of
 from benchmark.run.packed import PackedRow, read_packed
 from benchmark.run.packing import pack_tree, write_packed
+from benchmark.run.renewal import outcome_before
 from benchmark.tasks.definition import load_task_file
 from generator.identity.revision import GENERATOR_REVISION
 from generator.scenario import file as scenario_file
@@ -181,6 +183,14 @@ def test_of_a_sequence_with_a_changed_frame_all_are_solved_again_in_order(folder
     assert asked == [frame.observation.utc for frame in night(folder, LATER, 3).frames[3:]]
     pack_tree(out)
     assert_as_a_complete_run(out, folder, tmp_path / "whole", length=3)
+
+
+def test_kept_answers_are_counted_with_the_site_of_their_frame(folder, tmp_path):
+    """Frames of one flight are one site, though each is at a place of its own."""
+    packed(tmp_path, folder)
+    frame = dataclasses.replace(night(folder, LATER).frames[2], site="a flight")
+    kept = outcome_before(rows_of(tmp_path)["truth"], frame, None, UNKNOWN)
+    assert (kept.score.site, kept.details.site) == ("a flight", "a flight")
 
 
 def test_answers_of_another_revision_of_the_solver_are_not_kept(folder, tmp_path):
