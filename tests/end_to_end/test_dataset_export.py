@@ -54,6 +54,17 @@ def test_plain_files(dataset, tmp_path) -> None:
     assert len(pd.read_parquet(tmp_path / "out/stars.parquet")) == Dataset.open(dataset).stars().num_rows
 
 
+def test_a_disk_that_is_full_is_named_whoever_writes(dataset, tmp_path, monkeypatch) -> None:
+    """astropy raises an OSError of words alone, without the system's number and name of the error."""
+
+    def full(*arguments, **options):
+        raise OSError("No space left on device: requested 100, available 0")
+
+    monkeypatch.setattr(fits.HDUList, "writeto", full)
+    with pytest.raises(GeneratorError, match=r"writing failed \(No space left on device.*\); choose another folder"):
+        export(dataset, "fits", tmp_path / "out")
+
+
 def test_plain_files_of_jpeg_xl_are_png_and_the_table_names_them(small_set, tmp_path) -> None:
     text = (small_set / "scenario.yaml").read_text()
     generate(parse_scenario(text, "set.yaml"), text, tmp_path / "jxl", DatasetSpec(shard_size=2, codec="jxl"))
