@@ -57,7 +57,20 @@ class Attitude:
 
     @classmethod
     def up(cls, vector_in_camera_frame: ArrayLike, tilt_deg: float = 0.0) -> Attitude:
-        """Only the vertical is known: the zenith's direction in the camera frame, any length; heading unknown."""
+        """Only the vertical is known: the zenith's direction in the camera frame, any length; heading unknown.
+
+        Parameters
+        ----------
+        vector_in_camera_frame : array_like, shape (3,)
+            Along the camera's axes: right, down, boresight.
+        tilt_deg : float
+            Standard deviation of each of its two angles.
+
+        Raises
+        ------
+        AttitudeError
+            No direction, or no standard deviation.
+        """
         vector = _finite(vector_in_camera_frame, (3,), "up vector")
         length = float(np.linalg.norm(vector))
         if length == 0.0:

@@ -99,7 +99,13 @@ class Camera:
 
     @classmethod
     def pinhole(cls, width: int, height: int, hfov_deg: float) -> Camera:
-        """Make a pinhole camera from its size and its horizontal field of view, edge to edge, in degrees."""
+        """Make a pinhole camera from its size and its horizontal field of view, edge to edge, in degrees.
+
+        Raises
+        ------
+        CameraError
+            A size or a field of view that no pinhole has.
+        """
         hfov_deg = finite_number(hfov_deg, "hfov_deg", CameraError)
         if not 0 < hfov_deg < 180:
             raise CameraError(f"hfov_deg = {hfov_deg:g} must lie between 0 and 180 degrees for a pinhole")
@@ -108,7 +114,13 @@ class Camera:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Camera:
-        """Make a camera from the keys of the frame record's ``camera`` object."""
+        """Make a camera from the keys of the frame record's ``camera`` object.
+
+        Raises
+        ------
+        CameraError
+            A key is missing, unknown, or holds what no camera has.
+        """
         if missing := [name for name in _NAMES[:4] if name not in record]:
             raise CameraError(f"camera lacks {', '.join(missing)}; see docs/dataset_format.md")
         allowed = (*_NAMES, "uncertainty")
@@ -121,7 +133,13 @@ class Camera:
 
     @classmethod
     def from_json(cls, path: str | Path) -> Camera:
-        """Read a camera from a JSON file: a bare camera object, or a frame record that holds it under ``camera``."""
+        """Read a camera from a JSON file: a bare camera object, or a frame record that holds it under ``camera``.
+
+        Raises
+        ------
+        CameraError
+            The file cannot be read, or holds no camera; names the key.
+        """
         try:
             record = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:

@@ -14,6 +14,7 @@ from benchmark.cli.progress import progress_bars, working
 from benchmark.cli.rendering import SCENARIO_HELP
 from benchmark.errors import BenchmarkError
 from generator.errors import GeneratorError
+from generator.folder_lock import only_writer
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,7 +74,7 @@ def _render_and_solve(loaded: Scenario, frames: Path, out: Path, overwrite: bool
     for obstacle in left_out.values():
         typer.echo(f"left out: {obstacle}", err=True)
     solvers = (*SOLVERS, *(name for name in RIVALS if name not in left_out))
-    with progress_bars() as bar:
+    with only_writer(frames), progress_bars() as bar:
         line = bar.add_task("rendering", total=loaded.frame_count)
         render_dataset(loaded, frames, lambda index: bar.advance(line), overwrite=overwrite)
     _, runs = run_solvers(Request([str(frames)], solvers, FrameChoice(), "own", out, 1), lambda words: None)

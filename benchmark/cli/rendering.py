@@ -12,6 +12,7 @@ from benchmark.cli.errors import fail
 from benchmark.cli.output import AsJson, print_json, print_warnings
 from benchmark.cli.progress import progress_bars, working
 from generator.errors import GeneratorError
+from generator.folder_lock import only_writer
 
 SCENARIO_HELP = "Scenario file (YAML), or the name of a scenario that comes with skybench (`skybench scenes`)."
 Scenario = Annotated[Path, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completion.scenarios)]
@@ -57,7 +58,7 @@ def render(
         print_warnings(contradictions_of(loaded))
         from generator.frame.render import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
 
-        with progress_bars() as progress:
+        with only_writer(out), progress_bars() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
             mended = render_dataset(
                 loaded, out, lambda index: progress.advance(task), layers=layers, exr=exr, overwrite=overwrite

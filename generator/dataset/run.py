@@ -122,6 +122,9 @@ def open_dataset_target(target: Target, scenario: Scenario, text: str) -> list[s
 
 def _store_scenario(target: Target, scenario: Scenario, text: str, ours: bool) -> list[str]:
     copy = target.read(SCENARIO_COPY)
+    others = [] if copy is not None or ours else [name for name in target.listing() if not name.startswith(".")]
+    if SCENARIO_COPY in others:  # another job of the dataset began between the two questions
+        copy = target.read(SCENARIO_COPY)
     if copy == text.encode():
         return []
     if copy is not None or ours:
@@ -135,7 +138,6 @@ def _store_scenario(target: Target, scenario: Scenario, text: str, ours: bool) -
             raise GeneratorError(f"{target.name}: holds another scenario's dataset; choose another folder")
         _put_text(target, text)
         return [SCENARIO_COPY]
-    others = [name for name in target.listing() if not name.startswith(".")]
     if others:
         raise GeneratorError(f"{target.name}: holds other files ({others[0]}, …); choose an empty folder")
     _put_text(target, text)

@@ -8,6 +8,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -17,7 +18,7 @@ import pyarrow as pa
 from generator.dataset.frame_columns import FRAME_SCHEMA, frame_row
 from generator.dataset.images import encode
 from generator.dataset.layout import DatasetSpec, Shard
-from generator.dataset.receipt import damaged_files, read_receipt, write_receipt
+from generator.dataset.receipt import damaged_files, finished_files, read_receipt, write_receipt
 from generator.dataset.table_writer import TableWriter, table_writer, write_table
 from generator.dataset.target import LocalTarget, Target
 from generator.errors import GeneratorError
@@ -121,6 +122,11 @@ def render_shard(
                 target.put(Path(scratch) / place, place)
         return replace(report, damaged=damaged)
     except OSError as error:
+        with suppress(OSError):
+            # A second job of the same shards, at its end, takes temporary files for those of killed ones.
+            made = finished_files(target, shard, scenario, spec)
+            if made is not None and not damaged_files(target, made):
+                return ShardReport(shard, made, ())
         raise GeneratorError(
             f"{error.filename or target.name}: reading or writing failed ({error.strerror or error}); "
             f"{shard.stem} is left out. Mend it and run the same command again: finished shards are kept"

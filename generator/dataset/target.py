@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import shutil
+import stat
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -14,6 +15,7 @@ from generator.errors import GeneratorError
 from generator.files import atomic_path, path_within, read_at_most
 
 INCOMING_PREFIX = ".incoming-"
+TRIES_PER_PUT = 3
 LARGEST_READ_BYTES = 200_000_000
 """Of what is read whole: manifests, receipts, and files that a scenario names."""
 BLOCK_BYTES = 1 << 16
@@ -79,9 +81,16 @@ class LocalTarget:
         return path.stat().st_size if path.is_file() else None
 
     def put(self, local: Path, place: str) -> None:
-        """Move a file here, from the same file system or another."""
-        with atomic_path(path_within(self.folder, place), prefix=INCOMING_PREFIX) as waiting:
-            shutil.move(local, waiting)
+        """Copy a file here, from the same file system or another."""
+        for tries_left in reversed(range(TRIES_PER_PUT)):
+            try:
+                with atomic_path(path_within(self.folder, place), prefix=INCOMING_PREFIX) as waiting:
+                    shutil.copyfile(local, waiting)
+                return
+            except FileNotFoundError:
+                # Another job of the dataset, at its end, takes temporary files for those of killed ones.
+                if not tries_left or not local.exists():
+                    raise
 
     def remove(self, place: str) -> None:
         """Remove a file."""
@@ -97,8 +106,13 @@ class LocalTarget:
 
     def sizes(self, folder: str) -> dict[str, int]:
         """Sizes of the files under a folder."""
-        files = (path for path in path_within(self.folder, folder).rglob("*") if path.is_file())
-        return {path.relative_to(self.folder).as_posix(): path.stat().st_size for path in files}
+        sizes = {}
+        for path in path_within(self.folder, folder).rglob("*"):
+            with suppress(FileNotFoundError):  # temporary files of other jobs come and go
+                status = path.stat()
+                if stat.S_ISREG(status.st_mode):
+                    sizes[path.relative_to(self.folder).as_posix()] = status.st_size
+        return sizes
 
     def listing(self) -> list[str]:
         """Names at the root."""

@@ -6,6 +6,7 @@ agree with the manifest where they are.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from generator.errors import GeneratorError
 from generator.files import linked_within
 from generator.reading.png_header import check_png
 from generator.reading.record import image_shape
+from generator.reading.stars import missing_rows
 from generator.scenario.file import load_scenario
 from generator.stored_files import StoredFile, file_problem, problems_of_files, strange_files
 
@@ -135,12 +137,15 @@ def _shard_problems(dataset: Dataset, archive: Path) -> list[str]:
     table = archive.parents[2] / "frames" / archive.parent.name / f"{archive.stem}.parquet"
     rows = checked_table("frames", table, dataset.manifest.shard_size)["frame_id"].to_pylist()
     wanted = {dataset.manifest.codec, "json"} | ({"exr"} if dataset.manifest.exr else set())
-    found, stored = [], []
+    found: list[str] = []
+    stored: list[str] = []
+    stars_of: dict[int, int] = {}
     for frame in read_shard(archive):
         stored.append(frame.frame_id)
         if not wanted <= set(frame.members) <= wanted | OPTIONAL_MEMBERS:
             found.append(f"{archive.stem}: {frame.frame_id} has {sorted(frame.members)}, expected {sorted(wanted)}")
             continue
+        stars_of[frame.index] = frame.record["stars"]["n_in_field"]
         if frame.record["scenario"]["sha256"] != dataset.manifest.scenario_sha256:
             found.append(f"{archive.stem}: {frame.frame_id} belongs to another scenario")
         for suffix in sorted(set(frame.members) & PNG_MEMBERS):
@@ -155,4 +160,6 @@ def _shard_problems(dataset: Dataset, archive: Path) -> list[str]:
                 found.append(f"{archive.stem}: {frame.frame_id}.{suffix} is {error}")
     if rows != stored:
         found.append(f"{table.relative_to(dataset.folder)}: the table lists other frames than the shard holds")
-    return found
+    stars = table.parents[2] / "stars" / archive.parent.name / table.name
+    listed = Counter(checked_table("stars", stars, columns=["index"])["index"].to_pylist())
+    return found or list(missing_rows(stars.relative_to(dataset.folder).as_posix(), stars_of, listed))

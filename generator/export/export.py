@@ -73,5 +73,5 @@ def export(
         ) from error
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or out}: writing failed ({error.strerror}); choose another folder"
+            f"{error.filename or out}: writing failed ({error.strerror or error}); choose another folder"
         ) from error

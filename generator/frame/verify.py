@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from generator.errors import GeneratorError
 from generator.frame.folder import IMU_FILE, SCHEMAS, STARS_FILE, UNFINISHED, frame_id
@@ -11,7 +13,7 @@ from generator.frame.manifest import FRAMES_MANIFEST, FramesManifest, frame_inde
 from generator.imu.table import IMU_SCHEMA
 from generator.reading.png_header import PNG_HEADER_BYTES, check_png
 from generator.reading.record import LARGEST_RECORD_BYTES, image_shape, read_record
-from generator.reading.stars import read_stars
+from generator.reading.stars import missing_rows, read_stars
 from generator.reading.table import read_table
 from generator.stored_files import problems_of_files, strange_files
 
@@ -54,26 +56,33 @@ def _wanted(manifest: FramesManifest) -> Iterator[str]:
 
 def _content_problems(folder: Path, manifest: FramesManifest) -> Iterator[str]:
     """Disagreements between records, images and tables whose bytes are as listed."""
+    stars_of: dict[int, int] = {}
+    refused = False
     for file in manifest.files:
         index = frame_index(file.path)
         if index is not None and index >= manifest.frames:
             yield f"{file.path}: the manifest says that there are {manifest.frames} frames"
         elif file.path.endswith(".json"):
             try:
-                _check_frame(folder, file.path, file.bytes, manifest)
+                record = _checked_record(folder, file.path, file.bytes, manifest)
+                stars_of[record["index"]] = record["stars"]["n_in_field"]
             except GeneratorError as error:
+                refused = True
                 yield str(error)
     schemas = SCHEMAS | {IMU_FILE: IMU_SCHEMA}
     for name in sorted(schemas.keys() & {file.path for file in manifest.files}):
         try:
             read = read_stars if name == STARS_FILE else read_table
-            read(folder / name, schemas[name], needed=schemas[name].names)
+            table = read(folder / name, schemas[name], needed=schemas[name].names)
         except GeneratorError as error:
             yield str(error)
+            continue
+        if name == STARS_FILE and not refused:
+            yield from missing_rows(STARS_FILE, stars_of, Counter(table["index"].to_pylist()))
 
 
-def _check_frame(folder: Path, place: str, size: int, manifest: FramesManifest) -> None:
-    """Compare a record with the manifest, and the images beside it with the record. Raises GeneratorError."""
+def _checked_record(folder: Path, place: str, size: int, manifest: FramesManifest) -> dict[str, Any]:
+    """A record, compared with the manifest, and the images beside it with the record. Raises GeneratorError."""
     path = folder / place
     if size > LARGEST_RECORD_BYTES:
         raise GeneratorError(f"{path}: {size} bytes, larger than any frame record")
@@ -88,3 +97,4 @@ def _check_frame(folder: Path, place: str, size: int, manifest: FramesManifest) 
                 check_png(header, image_shape(record))
             except GeneratorError as error:
                 raise GeneratorError(f"{image}: is {error}") from error
+    return record

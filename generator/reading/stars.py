@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import pyarrow as pa
@@ -52,3 +52,20 @@ def read_stars(
         if empty := table[name].null_count:
             raise GeneratorError(f"{path}: column {name} has {empty} empty cells; it may have none")
     return table
+
+
+def missing_rows(place: str, stated: Mapping[int, int], rows: Mapping[int, int]) -> Iterator[str]:
+    """Disagreements between frame records and a table of stars, a line each.
+
+    Parameters
+    ----------
+    place : str
+        The table's name for messages.
+    stated : mapping of int to int
+        ``stars.n_in_field`` of the frame records, by frame indices.
+    rows : mapping of int to int
+        Rows of the table, by frame indices.
+    """
+    for index in sorted(stated.keys() | rows.keys()):
+        if (have := rows.get(index, 0)) != (want := stated.get(index, 0)):
+            yield f"{place}: has {have} rows of frame-{index:05d}, its record says {want}; make the frames anew"

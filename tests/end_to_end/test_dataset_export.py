@@ -54,6 +54,30 @@ def test_plain_files(dataset, tmp_path) -> None:
     assert len(pd.read_parquet(tmp_path / "out/stars.parquet")) == Dataset.open(dataset).stars().num_rows
 
 
+def test_a_disk_that_is_full_is_named_whoever_writes(dataset, tmp_path, monkeypatch) -> None:
+    """astropy raises an OSError of words alone, without the system's number and name of the error."""
+
+    def full(*arguments, **options):
+        raise OSError("No space left on device: requested 100, available 0")
+
+    monkeypatch.setattr(fits.HDUList, "writeto", full)
+    with pytest.raises(GeneratorError, match=r"writing failed \(No space left on device.*\); choose another folder"):
+        export(dataset, "fits", tmp_path / "out")
+
+
+def test_plain_files_of_jpeg_xl_are_png_and_the_table_names_them(small_set, tmp_path) -> None:
+    text = (small_set / "scenario.yaml").read_text()
+    generate(parse_scenario(text, "set.yaml"), text, tmp_path / "jxl", DatasetSpec(shard_size=2, codec="jxl"))
+    export(tmp_path / "jxl", "files", tmp_path / "out")
+    frames = pd.read_parquet(tmp_path / "out/frames.parquet")
+    assert frames["image"].tolist() == ["frame-00000.png", "frame-00001.png"]
+    for name, digest, frame in zip(frames["image"], frames["image_sha256"], Dataset.open(small_set), strict=True):
+        written = (tmp_path / "out" / name).read_bytes()
+        assert hashlib.sha256(written).hexdigest() == digest
+        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(written))), frame.image)
+    assert not [*(tmp_path / "out").glob("*.jxl")]
+
+
 @pytest.fixture(scope="module")
 def coco(small_set, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("coco") / "out"

@@ -122,7 +122,7 @@ def write_page(
         write_bytes(out / PAGE, page)
     except OSError as error:
         raise GeneratorError(
-            f"{error.filename or out}: writing failed ({error.strerror}); choose another --out"
+            f"{error.filename or out}: writing failed ({error.strerror or error}); choose another --out"
         ) from error
     return Written(out / PAGE, len(positions), len(source.frames), size + len(page))
 
