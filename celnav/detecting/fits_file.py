@@ -1,8 +1,8 @@
 """FITS images, plain or compressed (gzip, bzip2, tiles), read within bounds; and what their header says.
 
 Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, `celnav.sky.fits_times`; for the word ROWORDER, which cameras'
-programs write, https://free-astro.org/index.php?title=Siril:FITS_orientation. Without that word rows are taken in the order of
-the file, which most programs write from the top down.
+programs write, https://free-astro.org/index.php?title=Siril:FITS_orientation. Without that word rows are taken in the order
+of the file, which most programs write from the top down.
 """
 
 from __future__ import annotations
