@@ -7,19 +7,17 @@ nobody has calibrated.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from celnav.calibrating.beside_axis import STARTS, SUSPECT, grow_beside, is_patterned
+from celnav.calibrating.beside_axis import follows, lens_outwards, scatter_px
 from celnav.calibrating.blind_start import PASSES, Pass, find_start, is_mirrored, is_narrow
-from celnav.calibrating.bundle import Bundle
 from celnav.calibrating.frames import DEEP_MAG, FAINTEST_MAG, CalibrationFrame, Site, Sky
 from celnav.calibrating.growth import grow
-from celnav.calibrating.joint_fit import MOST_LOG10_CHANCE, Field, JointFit, NothingNamedError, refine
+from celnav.calibrating.joint_fit import NothingNamedError
 from celnav.camera import Camera
 from celnav.detection import DetectionConfig, Detections, detect
 from celnav.errors import CalibrationError
@@ -35,14 +33,6 @@ WIDER_SIGMAS_PX = (1.6, 3.0)
 """Standard deviations of star images that are tried where the usual detection leads to nothing. A picture that was
 interpolated from a colour mosaic, or smoothed, has hot pixels as wide as sharp stars; where they outnumber the stars, their
 width is measured."""
-# Of the frame's longer side: in a narrow field the principal point is one with the orientation, and is left in the middle.
-_NARROW_CENTRE = 0.002
-# Beyond it the lens does not follow the stars.
-_MOST_SCATTER_PX = 1.0
-# Where residuals are a pattern and this large, names may be chance's, which scatter by 0.75 px within a radius of 1.5.
-_PATTERN_SCATTER_PX = 0.4
-# Of the standard deviations that detection gave.
-_SUSPECT_SIGMAS = 3.0
 _NO_AIR = Site(0.0, 0.0, Weather(0.0, 0.0))
 
 
@@ -129,68 +119,16 @@ def _found(frame: CalibrationFrame, sky: Sky, passes: tuple[Pass, ...]) -> Found
     start = find_start(frame, sky, passes)
     if start is None:
         return None
-    narrow = is_narrow(start.camera)
-    if narrow:
+    if is_narrow(start.camera):
         sky = whole_sky(frame.utc, DEEP_MAG)
-    fit = _fitted(frame, sky, grow(frame, sky, start), narrow)
-    most_log10 = MOST_LOG10_CHANCE
-    if fit is not None and _is_suspect(frame, fit):
-        fit = _decentred(frame, sky, fit)
-    if not narrow and (fit is None or _is_suspect(frame, fit)):
-        beside = _fitted(frame, sky, grow_beside(frame, sky, start), narrow)
-        tries_log10 = math.log10(1 + STARTS)
-        if fit is None or (beside is not None and _log10_chance(beside) + tries_log10 < _log10_chance(fit)):
-            fit, most_log10 = beside, most_log10 - tries_log10
-    if fit is None or _log10_chance(fit) > most_log10:
+    fit, _ = lens_outwards(frame, sky, start, grow(frame, sky, start))
+    if fit is None:
         return None
-    scatter = _scatter(fit)
-    usual = _SUSPECT_SIGMAS * _usual_sigma(frame.detections)
-    if scatter > max(_MOST_SCATTER_PX, usual) or (scatter > max(_PATTERN_SCATTER_PX, usual) and is_patterned(fit)):
+    scatter = scatter_px(fit)
+    if not follows(fit, frame):
         raise NothingNamedError(
             f"{len(fit.seen)} stars are identified near the middle, but no lens follows them outwards "
             f"({scatter:.1f} px): is the picture cut from one side of a larger one, or put together of several?"
         )
     camera = fit.bundle.form.camera(fit.bundle.values, frame.size)
     return FoundCamera(camera, fit.bundle.rotations[0], frame.detections, len(fit.seen), scatter)
-
-
-def _fitted(frame: CalibrationFrame, sky: Sky, begun: Bundle, narrow: bool) -> JointFit | None:
-    """Match and adjust what has grown; None where that names too few stars, or no more than chance."""
-    if narrow:
-        begun = replace(begun, centre_sigma_px=_NARROW_CENTRE * max(frame.size))
-    field = Field([frame], [sky], [np.ones(len(frame.uv), dtype=bool)])
-    try:
-        fit = refine(field, begun, np.zeros(1, dtype=np.intp), held_back=True)
-    except CalibrationError:
-        return None
-    return None if _log10_chance(fit) > MOST_LOG10_CHANCE else fit
-
-
-def _decentred(frame: CalibrationFrame, sky: Sky, fit: JointFit) -> JointFit:
-    """Let the lens be decentred, which a plain one of many stars may be seen to need; the better of the two."""
-    plain = fit.bundle
-    form, values = replace(plain.form, decentring=True), np.append(plain.values, [0.0, 0.0])
-    bundle = replace(plain, form=form, values=values, cov=None, turn_cov=None, turn_by_lens=None)
-    narrow = math.isfinite(plain.centre_sigma_px)
-    other = _fitted(frame, sky, bundle, narrow)
-    return fit if other is None or is_patterned(other) else other
-
-
-def _is_suspect(frame: CalibrationFrame, fit: JointFit) -> bool:
-    """Tell whether another lens may fit better: a pattern is left, or stars scatter as wrong names do, not as detected."""
-    return is_patterned(fit, SUSPECT) or _scatter(fit) > _SUSPECT_SIGMAS * _usual_sigma(frame.detections)
-
-
-def _scatter(fit: JointFit) -> float:
-    """Root mean square of the residuals along an axis, pixels."""
-    return math.sqrt(float((fit.residual_px**2).mean()))
-
-
-def _log10_chance(fit: JointFit) -> float:
-    """Logarithm of the probability that chance names as many stars."""
-    return fit.matches[0].log10_chance
-
-
-def _usual_sigma(detections: Detections) -> float:
-    """Median of the standard deviations that detection gave the positions, pixels."""
-    return 0.0 if detections.sigma_px is None else float(np.median(detections.sigma_px))

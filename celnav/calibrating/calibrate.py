@@ -10,11 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from celnav.calibrating.all_frames import fit_all
 from celnav.calibrating.blind_start import Start
 from celnav.calibrating.bundle import adjust
 from celnav.calibrating.calibration import CameraCalibration, FrameAttitude, Residuals
 from celnav.calibrating.frames import CalibrationFrame, Site, nights_of, sky_over
-from celnav.calibrating.joint_fit import Field, JointFit, fit_all, refine
+from celnav.calibrating.joint_fit import Field, JointFit, refine
 from celnav.calibrating.lens_form import LAWS, LensForm
 from celnav.calibrating.model_choice import Judged, choose_form, in_opencv, started
 from celnav.calibrating.mount import LEAST_CHANCE, drift_chance, mean_rotation, mount_of

@@ -1,7 +1,8 @@
 """FITS images, plain or compressed (gzip, bzip2, tiles), read within bounds; and what their header says.
 
-Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, `celnav.sky.fits_times`. Rows are taken in the order of
-the file.
+Source: Pence et al. 2010, A&A 524, A42 (FITS 3.0); for time, `celnav.sky.fits_times`; for the word ROWORDER, which cameras'
+programs write, https://free-astro.org/index.php?title=Siril:FITS_orientation. Without that word rows are taken in the order
+of the file, which most programs write from the top down.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ _GZIP_BESIDE = "GZIP_COMPRESSED_DATA"
 _BYTES_OF = {"B": 1, "I": 2, "J": 4}
 # The mean of a block of video frames, as the Global Meteor Network's stations write it.
 _MEAN_OF_BLOCK = "AVEPIXEL"
+_ROWS_UPWARDS = "BOTTOM-UP"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class FitsImage:
     Attributes
     ----------
     pixels : ndarray, shape (height, width) or (height, width, 3)
-        Values; NaN where it has none.
+        Values; NaN where it has none. The first row is the top one where the header says which is.
     exposure : ExposureInHeader
         When it was taken, where the header says it.
     header : mapping
@@ -98,8 +100,11 @@ def read_fits(path: str | Path) -> FitsImage:
         raise ImageError(f"image {path} is a damaged FITS file: {text}") from None
     if pixels.ndim == 3 and pixels.shape[2] != 3:
         pixels = np.moveaxis(pixels, 0, 2)
+    words = first | header
+    if str(words.get("ROWORDER", "")).strip().upper() == _ROWS_UPWARDS:
+        pixels = pixels[::-1]
     native = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder("="), copy=False))
-    return FitsImage(native, exposure_in(header, first, Path(path).name), first | header)
+    return FitsImage(native, exposure_in(header, first, Path(path).name), words)
 
 
 def _image_unit(units: Any, path: str | Path) -> tuple[Any, tuple[int, ...]]:

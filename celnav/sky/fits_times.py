@@ -82,8 +82,8 @@ def _of(part: Header, length_s: float | None) -> ExposureInHeader | None:
     if length_s is not None:
         return ExposureInHeader(begun, begun + timedelta(seconds=length_s / 2), length_s)
     ended = _moment(part, "DATE-END", "MJD-END")
-    if ended is not None:
-        return ExposureInHeader(begun, begun + (ended - begun) / 2, None)
+    if ended is not None and 0 <= (took_s := (ended - begun).total_seconds()) <= LONGEST_S:
+        return ExposureInHeader(begun, begun + timedelta(seconds=took_s / 2), took_s)
     return ExposureInHeader(begun, None, None, "its header has no EXPTIME")
 
 

@@ -5,12 +5,12 @@ import pytest
 
 import celnav
 from celnav import unknown_camera
-from celnav.calibrating import beside_axis, blind_start
+from celnav.calibrating import all_frames, beside_axis, blind_start
 from celnav.calibrating.beside_axis import FALSE_ALARM, patterned, starts_beside
 from celnav.calibrating.blind_start import WORK, Pass, Start
 from celnav.camera import Camera
 from celnav.errors import CalibrationError
-from tests.calibration_sky import apparent_stars
+from tests.calibration_sky import LAT_DEG, LON_DEG, apparent_stars
 from tests.star_images import add_star
 
 UTC = "2021-08-05T05:30:00Z"
@@ -39,7 +39,7 @@ def window():
 
 @pytest.fixture
 def short_search(monkeypatch):
-    for module in (blind_start, unknown_camera):
+    for module in (all_frames, blind_start, unknown_camera):
         monkeypatch.setattr(module, "PASSES", (Pass(0.35, 1.6, 2.0, 1.12, WORK, 1),))
 
 
@@ -60,6 +60,29 @@ def test_without_other_starts_it_is_refused(monkeypatch) -> None:
     monkeypatch.setattr(beside_axis, "_AWAY_RAD", (0.0001,))
     with pytest.raises(CalibrationError, match="stars are identified near the middle"):
         celnav.find_camera(window()[0], UTC)
+
+
+def calibration_of_window():
+    image, camera = window()
+    frame = celnav.CalibrationFrame(celnav.detect(image), UTC, (SIZE, SIZE), "window")
+    return celnav.calibrate([frame], LAT_DEG, LON_DEG, models=("kannala_brandt", "equidistant")), camera
+
+
+@pytest.mark.usefixtures("short_search")
+def test_a_calibration_finds_the_axis_beside_the_picture() -> None:
+    found, camera = calibration_of_window()
+    assert found.rms_px < 0.3
+    points = np.array([[0.5, 0.5], [0.2, 0.2], [0.8, 0.2], [0.2, 0.8], [0.8, 0.8]]) * SIZE
+    # The axis of the true camera is in the zenith, with the same axes as the place: east, north, up.
+    turns = found.camera.to_rays(points) @ found.mount.R_cam
+    assert np.degrees(np.arccos(np.clip((turns * camera.to_rays(points)).sum(axis=1), -1, 1))).max() < 0.1
+
+
+@pytest.mark.usefixtures("short_search")
+def test_without_other_starts_a_calibration_is_refused(monkeypatch) -> None:
+    monkeypatch.setattr(beside_axis, "_AWAY_RAD", (0.0001,))
+    with pytest.raises(CalibrationError, match="no lens follows them outwards"):
+        calibration_of_window()
 
 
 @pytest.mark.parametrize("stars", [20, 60, 400])

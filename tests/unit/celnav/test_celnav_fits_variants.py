@@ -80,6 +80,25 @@ def test_a_start_without_a_length_is_named_as_such(tmp_path):
     assert "no stated length" in found.assumed[1]
 
 
+def test_an_exposure_ends_where_its_header_says_so(tmp_path):
+    path = tmp_path / "frame.fits"
+    ends = {"DATE-OBS": "2018-09-14T11:53:22.844", "DATE-END": "2018-09-14T11:54:22.844"}
+    fits.PrimaryHDU(PIXELS, fits.Header(ends)).writeto(path)
+    assert read_fits(path).exposure.length_s == 60.0
+    assert exposure_time(read_tags(path), None, None).utc == "2018-09-14T11:53:52.844Z"
+    assert exposure_in(ends | {"DATE-END": "2018-09-14T11:52:00"}, {}, "a.fits").middle is None
+
+
+@pytest.mark.parametrize(("order", "turned"), [("BOTTOM-UP", True), ("bottom-up ", True), ("TOP-DOWN", False)])
+def test_rows_that_are_said_to_run_upwards_are_turned_over(tmp_path, order, turned):
+    path = tmp_path / "frame.fits"
+    for image in (PIXELS, np.stack([PIXELS, PIXELS + 1, PIXELS + 2])):
+        fits.PrimaryHDU(image, fits.Header({"ROWORDER": order})).writeto(path, overwrite=True)
+        found = celnav.read_image(path)
+        first = found if found.ndim == 2 else found[:, :, 0]
+        assert (first == (PIXELS[::-1] if turned else PIXELS)).all()
+
+
 @pytest.mark.parametrize("order", [(3, 20, 30), (20, 30, 3), (1, 3, 20, 30)])
 def test_three_planes_are_colours(tmp_path, order):
     colours = np.stack([PIXELS, PIXELS + 1, PIXELS + 2])
