@@ -345,6 +345,8 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if emitter.id() == "moon":
             moon = moon.joined(between_lit_ends(truth, tracks, emitter.dark_at_ends).together())
             integrator.forget(emitter)
+            # Unevaluated, the sum keeps the points of every block.
+            dr.eval(image)
             continue
         truths[emitter.id()] = truth
     if strays:
