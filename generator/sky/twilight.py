@@ -39,8 +39,8 @@ NIGHT_DEPRESSION_DEG = 22.0
 GROUND_ALBEDO = BakedAir().ground_albedo
 RANK = 10
 _NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
-_AZIMUTHS_DEG: Floats = np.array([0, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
-_ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 240])
+_AZIMUTHS_DEG: Floats = np.array([0, 2, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
+_ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 230, 240])
 """Of the sky's grid, closer where the light is steeper: near the horizon."""
 
 
