@@ -172,7 +172,8 @@ def test_moving_light_is_that_of_what_moves_alone() -> None:
     lit = {"trails": [meteor], "lamps": [lamp], "landscape": {"skyline": ["street"], "variant": 1}}
     dark, street = (plan_frame(small_scenario(**common, foreground=what), 0) for what in ({"trails": [meteor]}, lit))
     alone, beside = moving_light(dark, 0.25, 0.5), moving_light(street, 0.25, 0.5)
-    assert alone is not None and beside is not None
+    assert alone is not None
+    assert beside is not None
     assert alone.max() > 100.0
     np.testing.assert_allclose(beside, alone, rtol=1e-5, atol=1e-4 * alone.max())
     assert beside.sum() == pytest.approx(alone.sum(), rel=1e-3)
