@@ -1,4 +1,4 @@
-"""Make generator/data/tycho2/stars.xz: python tools/build_tycho2.py tycho2_2.orig.tar.xz.
+"""Make generator/data/tycho2/stars.xz and near_brighter.csv: python tools/build_tycho2.py tycho2_2.orig.tar.xz.
 
 The archive is the source of Debian's package astrometry-data-tycho2: `apt-get source --download-only tycho2`.
 """
@@ -14,7 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from generator.places.catalogue import ASSUMED_BV_MAG, StarCatalogue, load_catalogue, propagate, tangent_frame
+from generator.places.catalogue import (
+    ASSUMED_BV_MAG,
+    StarCatalogue,
+    merge,
+    propagate,
+    read_hip2,
+    read_hipparcos,
+    read_ybsc,
+    tangent_frame,
+)
+from generator.places.near_brighter import COLUMNS, NEAR_BRIGHTER_PATH
 from generator.places.packed_stars import Stars, packed
 from generator.places.tycho2 import FAINTEST_V_MAG, TYCHO2_PATH, johnson_from_tycho
 
@@ -29,6 +39,11 @@ SUPPLEMENT = {"ra": (15, 27), "dec": (28, 40), "pm_ra": (41, 48), "pm_dec": (49,
 MEAN_LINE_BYTES, SUPPLEMENT_LINE_BYTES = 207, 123
 YEARS_FROM_HIPPARCOS = 8.75
 SAME_STAR_ARCSEC, SAME_STAR_MAG = 5.0, 1.5
+YALE_ARCSEC, YALE_MAG = 10.0, 0.5
+"""Of stars whose places are the Yale catalogue's, which gives parts of a pair one place (sigma CrB B is 5.6 arcsec off)."""
+FIELD_ARCSEC, EXCESS_MAG, BRIGHTER_MAG, MEASURED_MAG = 45.0, 0.4, 0.3, 12.5
+"""How near a brighter star is, by how much Hipparcos' V is below Tycho-2's, by how much the other is brighter, and to which V
+Tycho-2 measures."""
 
 
 def numbers(data: bytes, line_bytes: int, fields: dict[str, tuple[int, int]]) -> dict[str, Floats]:
@@ -78,9 +93,32 @@ def read(archive: Path) -> tuple[Stars, NDArray[np.int64]]:
     return stars, np.nan_to_num(columns["hip"]).astype(int)
 
 
+def near_brighter(stars: Stars, hip: NDArray[np.int64]) -> Floats:
+    """Hipparcos stars to which Hipparcos gives light of a brighter one beside them, as rows of COLUMNS by Tycho-2."""
+    table = read_hip2()
+    numbers, v_mag = table["hip"].to_numpy(), table["v_mag"].to_numpy()
+    light = np.where(hip > 0, 10 ** (-0.4 * stars.v_mag), 0.0)
+    length = max(int(hip.max()), int(numbers.max())) + 1
+    total = np.bincount(hip, light, length)[numbers]
+    tycho_v = np.where(total > 0, -2.5 * np.log10(np.where(total > 0, total, 1.0)), np.nan)
+    place = tangent_frame(table["ra_deg"].to_numpy(), table["dec_deg"].to_numpy())[0].T
+    first, second = cKDTree(place).query_pairs(np.radians(FIELD_ARCSEC / 3600), output_type="ndarray").T
+    star, other = np.concatenate([first, second]), np.concatenate([second, first])
+    other_v = np.where(np.isnan(tycho_v), v_mag, tycho_v)[other]
+    chosen = (v_mag[star] < tycho_v[star] - EXCESS_MAG) & (other_v < tycho_v[star] - BRIGHTER_MAG)
+    chosen &= tycho_v[star] < MEASURED_MAG
+    rows = []
+    for row in np.unique(star[chosen]):
+        own = hip == numbers[row]
+        means = [np.average(getattr(stars, name)[own], weights=light[own]) for name in COLUMNS[1:5]]
+        rows.append([numbers[row], *means, tycho_v[row]])
+    return np.array(rows)
+
+
 def known(stars: Stars, hip: NDArray[np.int64], base: StarCatalogue) -> NDArray[np.bool_]:
     """Which of n stars a catalogue has: within SAME_STAR_ARCSEC, at J2000 or 1991.25, of a star that is within SAME_STAR_MAG
-    or has the same Hipparcos number (variable stars, and companions whose light Hipparcos has with the star's)."""
+    or has the same Hipparcos number (variable stars, and companions whose light Hipparcos has with the star's); or within
+    YALE_ARCSEC and YALE_MAG of one without Hipparcos number."""
     place = tangent_frame(stars.ra_deg, stars.dec_deg)[0].T
     reach = float(np.radians(SAME_STAR_ARCSEC / 3600))
     v_mag, number = np.append(base.v_mag, np.inf), np.append(np.where(base.hip > 0, base.hip, -1), -1)
@@ -90,7 +128,9 @@ def known(stars: Stars, hip: NDArray[np.int64], base: StarCatalogue) -> NDArray[
         distance, row = tree.query(place, k=2, distance_upper_bound=reach)
         same = (np.abs(v_mag[row] - stars.v_mag[:, None]) < SAME_STAR_MAG) | (number[row] == hip[:, None])
         found |= (np.isfinite(distance) & same).any(axis=1)
-    return found
+    yale = base[base.hip == 0]
+    distance, row = cKDTree(yale.icrs).query(place, distance_upper_bound=float(np.radians(YALE_ARCSEC / 3600)))
+    return found | (np.abs(np.append(yale.v_mag, np.inf)[row] - stars.v_mag) < YALE_MAG)
 
 
 def chosen(stars: Stars, rows: NDArray[np.bool_]) -> Stars:
@@ -99,10 +139,12 @@ def chosen(stars: Stars, rows: NDArray[np.bool_]) -> Stars:
 
 def main(archive: Path) -> None:
     stars, hip = read(archive)
+    TYCHO2_PATH.parent.mkdir(exist_ok=True)
+    formats = ["%d", "%.6f", "%.6f", "%.1f", "%.1f", "%.2f"]
+    np.savetxt(NEAR_BRIGHTER_PATH, near_brighter(stars, hip), formats, ",", header=",".join(COLUMNS), comments="")
     bright = stars.v_mag <= FAINTEST_V_MAG
     stars, hip = chosen(stars, bright), hip[bright]
-    rest = chosen(stars, ~known(stars, hip, load_catalogue()))
-    TYCHO2_PATH.parent.mkdir(exist_ok=True)
+    rest = chosen(stars, ~known(stars, hip, merge(read_ybsc(), read_hipparcos())))
     TYCHO2_PATH.write_bytes(packed(rest))
     print(f"{len(hip)} stars to V {FAINTEST_V_MAG}, {len(rest.v_mag)} of them in {TYCHO2_PATH}")
 

@@ -23,6 +23,8 @@ I4 = NDArray[np.int32]
 
 HIPPARCOS_EPOCH_JYEAR = 1991.25
 CROSS_MATCH_ARCSEC = 10.0
+# The Bright Star Catalogue's places are off by up to so many years of proper motion (61 Cygni A by three).
+CROSS_MATCH_YEARS = 4.0
 # Hipparcos gives a variable star's median, the Bright Star Catalogue often its maximum, and a close pair one magnitude
 # in the one and two in the other; beyond this difference a neighbour is taken for another star.
 CROSS_MATCH_MAG = 1.5
@@ -193,8 +195,8 @@ def read_hipparcos(data: bytes) -> dict[str, NDArray[np.generic]]:
 def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArray[np.generic]]) -> NDArray[np.intp]:
     """Match Bright Star Catalogue stars to Hipparcos, one to one.
 
-    Candidates lie within 10 arcsec at J2000 and within 1.5 mag; the pairs are taken in the order of
-    ``(separation / 2")^2 + (difference in V / 0.3 mag)^2``, so that the components of a double star find their own.
+    Candidates lie within 10 arcsec and four years of proper motion at J2000 and within 1.5 mag; the pairs are taken in the
+    order of ``(separation / 2")^2 + (difference in V / 0.3 mag)^2``, so that the components of a double star find their own.
     What is left over within 5 arcsec of each other, whatever the magnitudes, are variable stars (the Bright Star
     Catalogue gives T CrB the 2.0 of its outbursts).
 
@@ -211,9 +213,10 @@ def cross_match(ybsc: Mapping[str, NDArray[np.generic]], hip: Mapping[str, NDArr
     years = np.full(len(ra), 2000.0 - HIPPARCOS_EPOCH_JYEAR)
     hip_2000 = propagate(unit_vectors(ra, dec), motion_vectors(ra, dec, pm_ra, pm_dec), years)
     ybsc_2000 = unit_vectors(ybsc["ra_rad"].astype(np.float64), ybsc["dec_rad"].astype(np.float64))
-    pairs = cKDTree(ybsc_2000).sparse_distance_matrix(
-        cKDTree(hip_2000), np.radians(CROSS_MATCH_ARCSEC / 3600), output_type="ndarray"
-    )
+    ybsc_motion = np.hypot(ybsc["pm_ra_mas_yr"].astype(np.float64), ybsc["pm_dec_mas_yr"].astype(np.float64)) / 1000
+    reach = np.radians((CROSS_MATCH_ARCSEC + CROSS_MATCH_YEARS * ybsc_motion) / 3600)
+    pairs = cKDTree(ybsc_2000).sparse_distance_matrix(cKDTree(hip_2000), reach.max(), output_type="ndarray")
+    pairs = pairs[pairs["v"] <= reach[pairs["i"]]]
     ybsc_v, hip_v = ybsc["v_mag"].astype(np.float64), hip["v_mag"].astype(np.float64)
     difference = np.abs(ybsc_v[pairs["i"]] - hip_v[pairs["j"]])
     separation_arcsec = np.degrees(pairs["v"]) * 3600

@@ -122,7 +122,7 @@ def frame_layers(plan: FramePlan) -> dict[str, SkyTable]:
     """Components of a frame's diffuse sky, by name."""
     with blas_threads().limit(limits=1, user_api="blas"):
         atmosphere = dimming_atmosphere(plan.spec.atmosphere)
-        layers = sky_layers(plan.spec.sky, plan.spec.stars, atmosphere, plan.sky)
+        layers = sky_layers(plan.spec.sky, plan.spec.stars, atmosphere, plan.sky, plan.horizon.altitude_deg)
         return down_to_the_horizon(layers, plan.horizon, atmosphere)
 
 
@@ -345,6 +345,8 @@ def render_expected(plan: FramePlan, layers: bool = False, channels: bool = True
         if emitter.id() == "moon":
             moon = moon.joined(between_lit_ends(truth, tracks, emitter.dark_at_ends).together())
             integrator.forget(emitter)
+            # Unevaluated, the sum keeps the points of every block.
+            dr.eval(image)
             continue
         truths[emitter.id()] = truth
     if strays:

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 from generator.errors import DataFileError
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import WAVELENGTHS_NM, BakedAir, CityGrid, GroundGrid, MoonGrid, content_hash
+from generator.light.single_scattering import moon_single
 
 Floats = NDArray[np.float64]
 FOLDER = Path(__file__).parents[1] / "data" / "baked"
@@ -67,17 +68,22 @@ def ground_map(part: str = "values") -> Floats:
 
 
 @functools.cache
-def _log_moon() -> RegularGridInterpolator:
-    """Logarithm of :func:`moon_map` over (view altitude, azimuth), by those of aerosol depth, wavelength, Moon's altitude."""
-    grid = MoonGrid()
-    axes = (np.log(grid.aerosol_tau_550), np.log(grid.wavelength_nm), np.log(grid.moon_altitude_deg))
-    return RegularGridInterpolator(axes, np.ascontiguousarray(np.log(np.swapaxes(moon_map(), 2, 3))))
+def _log_moon() -> tuple[RegularGridInterpolator, CubicSpline]:
+    """Logarithm of moonlight scattered more than once over the measure of :func:`moon_multiple`.
 
-
-def _linear(nodes: Floats, at: Floats) -> Floats:
-    """Matrix (m, n) of linear interpolation from n nodes to m places among them."""
-    place = np.interp(at, nodes, np.arange(len(nodes)))
-    return np.maximum(1 - np.abs(place[:, None] - np.arange(len(nodes))), 0)
+    By the logarithms of aerosol depth and wavelength, and as a cubic in that of the Moon's altitude: a function of these two
+    with the values at the Moon's altitudes, and the cubic's weights.
+    """
+    grid, air = MoonGrid(), BakedAir()
+    wavelength = np.array(grid.wavelength_nm)
+    rayleigh = rayleigh_optical_depth(wavelength, air.pressure_hpa)[:, None, None]
+    aerosol = np.array([aerosol_optical_depth(wavelength, tau, air.angstrom_exponent) for tau in grid.aerosol_tau_550])
+    to_moon, view = (1 / np.sin(np.radians(at)) for at in (grid.moon_altitude_deg, grid.view_altitude_deg))
+    measure = moon_single(rayleigh, aerosol[..., None, None], to_moon, view[:, None], 0.0, air)
+    light = np.log(moon_map("walked") / measure[..., None])
+    by_air = RegularGridInterpolator((np.log(grid.aerosol_tau_550), np.log(wavelength)), light)
+    moon = np.log(grid.moon_altitude_deg)
+    return by_air, CubicSpline(moon, np.eye(len(moon)), bc_type="natural")
 
 
 @functools.cache
@@ -102,23 +108,28 @@ def baked_equivalent(wavelength_nm: Floats, atmosphere: Atmosphere) -> tuple[Flo
     return same, aerosol / aerosol_optical_depth(same, 1.0, air.angstrom_exponent)
 
 
-def moon_ratio(atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats) -> Floats:
-    """All moonlight over light scattered once, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
+def moon_multiple(
+    atmosphere: Atmosphere, moon_altitude_deg: float, altitude_deg: Floats, azimuth_deg: Floats
+) -> Floats:
+    """Moonlight scattered more than once, (w, m, k) array for wavelengths x view altitudes x azimuths from the Moon.
 
-    Linear in the logarithm between the grid's points; outside them the nearest value holds (aerosol depths beyond 0.03 to
-    0.3, Moon below 3 deg, lines of sight below 2 deg).
+    In light scattered once at right angles in closed form (:func:`generator.light.single_scattering.moon_single`). Without
+    the light scattered once, whose aureole is narrower than the grid, it is smooth: its logarithm is a cubic between the
+    grid's altitudes and azimuths. Outside the grid the nearest value holds (aerosol depths beyond 0.03 to 0.3, Moon below
+    3 deg, lines of sight below 2 deg).
     """
     grid = MoonGrid()
     wavelength, tau = baked_equivalent(np.array(WAVELENGTHS_NM), atmosphere)
     wavelength = np.clip(wavelength, grid.wavelength_nm[0], grid.wavelength_nm[-1])
     tau = np.clip(tau, grid.aerosol_tau_550[0], grid.aerosol_tau_550[-1])
-    moon = np.log(np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1]))
+    by_air, by_moon = _log_moon()
+    moon = by_moon(np.log(np.clip(moon_altitude_deg, grid.moon_altitude_deg[0], grid.moon_altitude_deg[-1])))
+    light = np.einsum("wvma,m->wva", by_air(np.stack([np.log(tau), np.log(wavelength)], axis=-1)), moon)
     view = np.log(np.clip(altitude_deg, grid.view_altitude_deg[0], 90.0))
     relative = np.abs((azimuth_deg + 180) % 360 - 180)
-    points = np.stack([np.log(tau), np.log(wavelength), np.full_like(tau, moon)], axis=-1)
-    by_view = _linear(np.log(grid.view_altitude_deg), view)
-    by_azimuth = _linear(np.array(grid.relative_azimuth_deg), relative)
-    return np.exp(by_view @ _log_moon()(points) @ by_azimuth.T)
+    down = CubicSpline(np.log(grid.view_altitude_deg), light, axis=1, bc_type="natural")(view)
+    # The light is the same on both sides of the Moon.
+    return np.exp(CubicSpline(grid.relative_azimuth_deg, down, axis=2, bc_type="clamped")(relative))
 
 
 def city_kernel(atmosphere: Atmosphere) -> Floats:

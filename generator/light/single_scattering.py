@@ -15,6 +15,8 @@ from generator.light.bake_grids import BakedAir
 from generator.light.emission import PATTERNS, lamp_patterns
 
 Floats = NDArray[np.float64]
+LAYER_NODES = 64
+"""Of Gauss' quadrature through the layers; at the horizon the light is right to 1e-6."""
 
 LAMP_HEIGHT_KM = 0.0005
 
@@ -167,6 +169,36 @@ def moon_single(
     small = np.abs(excess) < 1e-6
     share = np.where(small, 1.0, -np.expm1(-np.where(small, 1.0, excess)) / np.where(small, 1.0, excess))
     return scattering * view * np.exp(-depth * moon) * share
+
+
+def moon_single_by_layer(
+    air: BakedAir, rayleigh_depth: Floats, aerosol_depth: Floats, moon_airmass: float, view_airmass: Floats
+) -> tuple[Floats, Floats]:
+    """What the two exponential layers of the bake scatter once without their phase functions: of molecules, of aerosol.
+
+    Parameters
+    ----------
+    air : BakedAir
+        For the layers' heights and the aerosol's albedo.
+    rayleigh_depth, aerosol_depth : (n,) arrays
+        Vertical optical depths.
+    moon_airmass : float
+    view_airmass : (m,) array
+
+    Returns
+    -------
+    molecules, aerosol : (n, m) arrays
+        To be multiplied with the phase functions; sr^-1 per unit irradiance above the air.
+    """
+    node, weight = np.polynomial.legendre.leggauss(LAYER_NODES)
+    edge, weight = (node + 1) / 2, weight / 2
+    ratio = air.rayleigh_height_km / air.aerosol_height_km
+    above = rayleigh_depth[:, None] * edge + aerosol_depth[:, None] * edge**ratio
+    below = (rayleigh_depth + aerosol_depth)[:, None] - above
+    dimmed = np.exp(-above * moon_airmass)[:, None] * np.exp(-below[:, None] * view_airmass[:, None])
+    molecules = rayleigh_depth[:, None] * view_airmass * (dimmed @ weight)
+    aerosol = aerosol_depth[:, None] * view_airmass * (dimmed @ (weight * ratio * edge ** (ratio - 1)))
+    return molecules, air.aerosol_albedo * aerosol
 
 
 def moon_single_in_layers(

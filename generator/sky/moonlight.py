@@ -1,4 +1,4 @@
-"""Scattered moonlight: single scattering in closed form times the baked ratio of all light to it, and the Moon's twilight."""
+"""Scattered moonlight: light scattered once by quadrature, more often by the baked map, and the Moon's twilight."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from generator.light.atmosphere import (
     rayleigh_optical_depth,
 )
 from generator.light.bake_grids import DEFAULT_ALBEDO, VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
-from generator.light.baked_maps import moon_ratio
+from generator.light.baked_maps import moon_multiple
 from generator.light.ground import Albedo, albedo_at, ground_glow, ground_light, spherical_albedo
 from generator.light.photometry import GRID_NM, GRID_START_NM, GRID_STOP_NM
-from generator.light.single_scattering import aerosol_phase, moon_single, rayleigh_phase
+from generator.light.single_scattering import aerosol_phase, moon_single, moon_single_by_layer, rayleigh_phase
 from generator.sky.component import SkyTable, black_sky, total
 from generator.sky.directions import irradiance_weights, sky_grid
 from generator.sky.moon_irradiance import moon_spectrum
@@ -67,7 +67,7 @@ def moonlight(
     rows = np.unique(np.append(np.arange(0, grid.shape[0], 6), grid.shape[0] - 1))
     columns = np.arange(0, grid.shape[1], 6)
     azimuth = float(np.degrees(np.arctan2(moon_enu[0], moon_enu[1])))
-    ratio = moon_ratio(atmosphere, altitude, grid.altitude_deg[rows], grid.azimuth_deg[columns] - azimuth)
+    multiple = moon_multiple(atmosphere, altitude, grid.altitude_deg[rows], grid.azimuth_deg[columns] - azimuth)
     baked = np.clip(np.arange(len(NODES_NM)) - 1, 0, len(WAVELENGTHS_NM) - 1)
     rayleigh = rayleigh_optical_depth(GRID_NM, atmosphere.pressure_hpa)
     aerosol = aerosol_optical_depth(GRID_NM, atmosphere.aerosol_tau_550, atmosphere.angstrom_exponent)
@@ -76,24 +76,19 @@ def moonlight(
     moon = float(airmass(altitude))
     cosine = (grid.enu @ moon_enu).astype(np.float32)
     phases = [np.asarray(phase(cosine), np.float32) for phase in (rayleigh_phase, aerosol_phase)]
-    # moon_single is linear in the two phase functions: without them it gives the path factor of each wavelength and row.
-    isotropic = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
-    path = (
-        isotropic / (at_node[0] * rayleigh_phase(0.0) + at_node[1] * air.aerosol_albedo * aerosol_phase(0.0))[:, None]
-    )
-    # The ratio is smooth: few of its columns make up all.
-    fine = (upsampled_rows(ratio[baked], rows, grid.shape[0]) * path[:, :, None]).astype(np.float32)
-    scattering = (at_node[0], air.aerosol_albedo * at_node[1])
-    parts = [fine * depth[:, None, None].astype(np.float32) for depth in scattering]
+    once = moon_single_by_layer(air, at_node[0], at_node[1], moon, airmass(grid.altitude_deg))
+    parts = [np.broadcast_to(part[:, :, None].astype(np.float32), (*part.shape, len(columns))) for part in once]
+    # Light scattered more often is smooth: few columns make up all.
+    measure = moon_single(at_node[0][:, None], at_node[1][:, None], moon, view, 0.0, air)
+    parts.append((upsampled_rows(multiple[baked], rows, grid.shape[0]) * measure[:, :, None]).astype(np.float32))
+    phases.append(np.ones_like(cosine))
     across = column_weights(columns, grid.shape[1])
     if albedo != DEFAULT_ALBEDO:
         direct = np.sin(np.radians(altitude)) * np.exp(-moon * (at_node[0] + at_node[1]))
         around = sum(
             np.einsum("nrm,rm->nr", part, phase @ across.T) for part, phase in zip(parts, phases, strict=True)
         ) / len(grid.azimuth_deg)
-        level = from_ground(around, direct, atmosphere, albedo).astype(np.float32)
-        parts.append(np.broadcast_to(level[:, :, None], parts[0].shape))
-        phases.append(np.ones_like(cosine))
+        parts[-1] = parts[-1] + from_ground(around, direct, atmosphere, albedo).astype(np.float32)[:, :, None]
     # Between nodes the light follows the scattering optical depth, which takes most of the curvature out.
     depth = rayleigh + aerosol
     irradiance = moon_spectrum(v_mag, phase_angle_deg)

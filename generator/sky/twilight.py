@@ -39,8 +39,8 @@ NIGHT_DEPRESSION_DEG = 22.0
 GROUND_ALBEDO = BakedAir().ground_albedo
 RANK = 10
 _NODES_NM = (350, 375, 400, 425, 450, 480, 510, 540, 570, 600, 630, 660, 700, 750, 800, 900, 1000, 1100)
-_AZIMUTHS_DEG: Floats = np.array([0, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
-_ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 240])
+_AZIMUTHS_DEG: Floats = np.array([0, 2, 4, 8, 13, 20, 28, 38, 50, 65, 80, 95, 110, 125, 140, 160, 180], float)
+_ROWS = np.array([0, 2, 4, 7, 10, 14, 19, 25, 32, 40, 50, 60, 80, 100, 120, 140, 160, 180, 200, 220, 230, 240])
 """Of the sky's grid, closer where the light is steeper: near the horizon."""
 
 
@@ -141,6 +141,7 @@ def twilight(
     height_m: float,
     sun_distance_au: float = 1.0,
     ground_albedo: ArrayLike = GROUND_ALBEDO,
+    horizon_deg: float = 0.0,
 ) -> SkyTable:
     """Twilight at the observer; black without air that scatters, and with the Sun NIGHT_DEPRESSION_DEG or more down.
 
@@ -156,6 +157,8 @@ def twilight(
     sun_distance_au : float
     ground_albedo : float or (n,) array
         At :func:`nodes_nm`.
+    horizon_deg : float
+        Apparent altitude of the horizon, which dips below an observer in the air.
 
     Raises
     ------
@@ -165,10 +168,11 @@ def twilight(
     if atmosphere is None or not atmosphere.scatters or depression_deg >= NIGHT_DEPRESSION_DEG:
         return black_sky()
     altitude = float(np.degrees(np.arcsin(sun_enu[2])))
-    if altitude > 0:
+    if altitude > horizon_deg:
+        dip = f", which lies {-horizon_deg:.1f} deg below the horizontal," if horizon_deg < 0 else ""
         raise GeneratorError(
-            f"the Sun is {altitude:.1f} deg above the horizon at this time and place; choose a time between sunset and "
-            "sunrise, or leave 'twilight' out of sky.components"
+            f"the Sun is {altitude - horizon_deg:.1f} deg above the horizon{dip} at this time and place; choose a time "
+            "between sunset and sunrise, or leave 'twilight' out of sky.components"
         )
     sun = star_spectra([SUN_V_MAG + 5 * np.log10(sun_distance_au)], [SUN_BV_MAG])[0]
     return light_from_below(sun_enu, depression_deg, sun, atmosphere, height_m, ground_albedo)

@@ -10,6 +10,7 @@ from scipy.integrate import quad, simpson
 from generator.gallery.light_plots import krisciunas_schaefer
 from generator.light.atmosphere import Atmosphere, aerosol_optical_depth, airmass, optical_depth, rayleigh_optical_depth
 from generator.light.bake_grids import VIEW_ALTITUDES_DEG, WAVELENGTHS_NM, BakedAir
+from generator.light.baked_maps import moon_multiple
 from generator.light.disk_scattering import disk_nodes, disk_single
 from generator.light.emission import (
     DIRECT_SHARE,
@@ -22,7 +23,14 @@ from generator.light.emission import (
 )
 from generator.light.lamps import City, lamp_spectra, mixed_lamps
 from generator.light.photometry import ARCSEC2_PER_SR, BESSELL_B, BESSELL_V, GRID_NM
-from generator.light.single_scattering import aerosol_phase, city_single
+from generator.light.single_scattering import (
+    aerosol_phase,
+    city_single,
+    moon_single,
+    moon_single_by_layer,
+    moon_single_in_layers,
+    rayleigh_phase,
+)
 from generator.light.stellar_spectra import colours, star_spectra
 from generator.light.view_directions import view_directions
 from generator.sky.city_light import STANDARD_AIR, bortle_city, city_radiance, city_table
@@ -244,6 +252,47 @@ def test_aureole_of_the_moon(rho, least, most) -> None:
     g, cosine = 0.69, math.cos(math.radians(3))
     henyey_greenstein = (1 - g * g) / (4 * math.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
     assert henyey_greenstein < 0.5 * float(aerosol_phase(cosine))
+
+
+@pytest.mark.parametrize(
+    ("view_deg", "moon_deg", "azimuth_deg", "walked"),
+    [
+        (6.633, 24.5, 7.5, (0.20811, 0.25219)),
+        (23.238, 24.5, 7.5, (0.21930, 0.21537)),
+        (9.381, 45.0, 90.0, (0.07196, 0.04158)),
+        (54.553, 52.0, 160.0, (0.03298, 0.01246)),
+    ],
+)
+def test_moonlight_between_the_map_s_nodes_is_what_walks_give_there(view_deg, moon_deg, azimuth_deg, walked) -> None:
+    """Light at 430 and 580 nm, sr^-1 per unit irradiance, within 0.7 % of random walks to these very directions (262,144
+    paths of :func:`generator.bake.tallies.moon_piece`, within 0.3 %, and :func:`moon_single_in_layers`)."""
+    air = BakedAir()
+    rayleigh = rayleigh_optical_depth(np.array(WAVELENGTHS_NM), air.pressure_hpa)
+    aerosol = aerosol_optical_depth(np.array(WAVELENGTHS_NM), 0.1, air.angstrom_exponent)
+    moon, view = np.radians(moon_deg), np.radians(view_deg)
+    cosine = np.sin(moon) * np.sin(view) + np.cos(moon) * np.cos(view) * np.cos(np.radians(azimuth_deg))
+    path = 1 / np.sin(moon), 1 / np.sin(view)
+    molecules, particles = moon_single_by_layer(air, rayleigh, aerosol, path[0], np.array([path[1]]))
+    light = molecules[:, 0] * rayleigh_phase(cosine) + particles[:, 0] * aerosol_phase(cosine)
+    more = moon_multiple(
+        Atmosphere(air.pressure_hpa, 0.1, air.angstrom_exponent, 0.0),
+        moon_deg,
+        np.array([view_deg]),
+        np.array([azimuth_deg]),
+    )
+    light += more[:, 0, 0] * moon_single(rayleigh, aerosol, *path, 0.0, air)
+    judged = [WAVELENGTHS_NM.index(nm) for nm in (430.0, 580.0)]
+    assert light[judged] == pytest.approx(walked, rel=0.007)
+
+
+@pytest.mark.parametrize("view_deg", [0.3, 5.0, 60.0])
+def test_moonlight_scattered_once_by_layers_is_the_fine_quadrature(view_deg) -> None:
+    air, depth = BakedAir(), np.array([0.7])
+    molecules, particles = moon_single_by_layer(air, depth, depth / 2, 2.0, 1 / np.sin(np.radians([view_deg])))
+    cosine = np.array([[0.3]])
+    fine = moon_single_in_layers(air, 0.7, 0.35, np.array([30.0]), view_deg, cosine, steps=100_000)
+    light = molecules * rayleigh_phase(cosine) + particles * aerosol_phase(cosine)
+    assert light == pytest.approx(fine, rel=1e-3)
 
 
 def test_full_moon_lights_the_ground_with_a_quarter_lux() -> None:

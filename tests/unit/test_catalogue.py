@@ -11,9 +11,11 @@ from generator.places.catalogue import (
     match_ybsc_to_hipparcos,
     merge,
     propagate,
+    read_hip2,
     read_hipparcos,
     read_ybsc,
 )
+from generator.places.near_brighter import read_near_brighter
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +34,9 @@ def test_ybsc_counts(ybsc) -> None:
     assert [(ybsc["v_mag"] <= limit).sum() for limit in (5, 6, 6.5)] == [1630, 5080, 8404]
 
 
-def test_hipparcos_counts(hipparcos) -> None:
+def test_hipparcos_counts() -> None:
     """117,955 stars; V from Hp <= 6: 5019, <= 7: 15484, <= 8: 41225, within 0.1 %."""
+    hipparcos = read_hip2()
     assert len(hipparcos) == 117955
     counts = [(hipparcos["v_mag"] <= limit).sum() for limit in (6, 7, 8)]
     np.testing.assert_allclose(counts, [5019, 15484, 41225], rtol=1e-3)
@@ -70,6 +73,32 @@ def test_each_star_appears_once(ybsc, hipparcos) -> None:
     assert ((merged.hip > 0) | (merged.hr > 0)).all()
     for hip, hr in [(32349, 2491), (91262, 7001), (11767, 424), (27989, 2061), (71683, 5459), (71681, 5460)]:
         assert merged.hr[merged.hip == hip].tolist() == [hr]
+
+
+def test_no_star_is_there_from_both_catalogues(ybsc, hipparcos) -> None:
+    """What one catalogue alone has is not beside what the other alone has: 61 Cygni A moves by 5.3 arcsec a year, and
+    the Yale catalogue's place is 15 arcsec off."""
+    merged = merge(ybsc, hipparcos)
+    motion = np.stack([merged.pm_ra_mas_yr, merged.pm_dec_mas_yr], axis=1)
+    yale, other = np.flatnonzero(merged.hip == 0), np.flatnonzero(merged.hr == 0)
+    for row in yale:
+        near = np.linalg.norm(merged.icrs[other] - merged.icrs[row], axis=1) < np.radians(120 / 3600)
+        alike = np.abs(merged.v_mag[other] - merged.v_mag[row]) < 0.75
+        together = np.linalg.norm(motion[other] - motion[row], axis=1) < 20 + 0.1 * np.linalg.norm(motion[row])
+        assert not (near & alike & together).any(), merged.hr[row]
+    assert merged.hr[merged.hip == 104214].tolist() == [8085]
+    assert merged.hr[merged.hip == 104217].tolist() == [8086]
+
+
+def test_stars_beside_brighter_ones_have_their_own_light(ybsc, hipparcos) -> None:
+    """The Trapezium's A, B and D by the Yale catalogue (6.73, 7.96, 6.70; A varies), sigma Ori D by Tycho-2
+    (6.57); Hipparcos had 4.86, none, 4.75 and 3.77."""
+    merged = merge(ybsc, hipparcos)
+    for hr, v_mag in ((1893, 6.73), (1894, 7.96), (1895, 5.13), (1896, 6.70)):
+        assert merged.v_mag[merged.hr == hr].tolist() == [v_mag]
+    assert merged.hip[np.isin(merged.hr, [1893, 1896])].tolist() == [26224, 26220]
+    assert merged.v_mag[merged.hip == 26551] == pytest.approx(6.57, abs=0.02)
+    assert len(read_near_brighter()) == 56
 
 
 def test_pairs_are_not_counted_twice(ybsc, hipparcos) -> None:

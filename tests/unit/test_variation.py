@@ -171,3 +171,9 @@ def test_a_sweep_of_more_values_than_anybody_checks_is_refused() -> None:
 def test_a_number_of_more_digits_than_can_be_printed_gets_its_message() -> None:
     assert describe(16**5000) == "int of more than 50 digits"
     assert describe(12) == "int 12"
+
+
+@pytest.mark.parametrize("limits", [[2, 3], [-3, -2]])
+def test_limits_without_a_part_of_the_gaussian_are_refused(limits) -> None:
+    with pytest.raises(ScenarioError, match=r"sky.airglow_factor.limits: .*more than 6 sigma"):
+        small_scenario(sky__airglow_factor={"normal": [0, 0.1], "limits": limits})

@@ -12,7 +12,7 @@ from generator.frame.plan import plan_frame
 from generator.frame.render import render_frame
 from generator.frame.scene import render_expected
 from generator.frame.video.codec import decode, encode
-from generator.frame.video.exposures import plan_part, video_frames
+from generator.frame.video.exposures import moving_light, plan_part, video_frames
 from generator.frame.video.stack import PICTURES, fits_bytes, stack
 from generator.scenario.processing.video_spec import H264Spec, SharpenSpec, VideoDenoiseSpec
 from generator.sensor.processing import averaged, denoised, sharpened
@@ -159,6 +159,24 @@ def test_a_frame_of_video_is_a_stack_of_its_frames() -> None:
     expected = np.median(frame.expected.electrons + 4.0 * frame.plan.spec.sensor.mean_dark_e_s)
     gain = 40 * 2.0 * 1023 / 255
     assert (np.median(frames.mean(axis=0)) - 20 * 255 / 1023) * gain == pytest.approx(expected, rel=0.1, abs=0.1 * gain)
+
+
+def test_moving_light_is_that_of_what_moves_alone() -> None:
+    """A lamp, lit windows and stars too faint for the truth shine once: they are among what stands still."""
+    meteor = {
+        "kind": "meteor", "v_mag": -2, "start_s": 0.0, "end_s": 4.0,
+        "start": {"azimuth_deg": 80, "altitude_deg": 70}, "end": {"azimuth_deg": 90, "altitude_deg": 70},
+    }  # fmt: skip
+    lamp = {"azimuth_deg": 100, "altitude_deg": 60, "distance_m": 60, "intensity_cd": 60, "kind": "HPS"}
+    common = {"time__exposure_s": 4.0, "sensor": VIDEO, "stars__listed_magnitude": 5.0}
+    lit = {"trails": [meteor], "lamps": [lamp], "landscape": {"skyline": ["street"], "variant": 1}}
+    dark, street = (plan_frame(small_scenario(**common, foreground=what), 0) for what in ({"trails": [meteor]}, lit))
+    alone, beside = moving_light(dark, 0.25, 0.5), moving_light(street, 0.25, 0.5)
+    assert alone is not None
+    assert beside is not None
+    assert alone.max() > 100.0
+    np.testing.assert_allclose(beside, alone, rtol=1e-5, atol=1e-4 * alone.max())
+    assert beside.sum() == pytest.approx(alone.sum(), rel=1e-3)
 
 
 REFUSED = {

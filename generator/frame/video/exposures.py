@@ -64,7 +64,7 @@ def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
             current = part
             if balance is None and sensor.colour is not None:
                 balance = grey_sky(light, sensor.colour.pattern)
-        moving = _moving_light(plan, number / count, (number + 1) / count)
+        moving = moving_light(plan, number / count, (number + 1) / count)
         electrons = light if moving is None else light + moving
         stream = _frame_stream(seed, index, number)
         exposure = Exposure(frame_s, stream, sensing.unit, plan.start_s + number * frame_s)
@@ -138,7 +138,7 @@ def _motion_within(motion: Motion, start: float, stop: float, exposure_s: float)
     return replace(motion, time_s=exposure_s * share, R_cam=turned, R_mid=follow([(start + stop) / 2]).as_matrix()[0])
 
 
-def _moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
+def moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
     """Expected electrons of flying objects in a part of the exposure; None where none shines."""
     if not len(plan.objects):
         return None
@@ -158,8 +158,10 @@ def _moving_light(plan: FramePlan, start: float, stop: float) -> Floats | None:
         cloud_optical_depth=part.cloud_optical_depth[none],
         cloud_transmission=part.cloud_transmission[none],
         scintillation=part.scintillation[none],
+        unlisted=None,
     )
-    return render_expected(alone, channels=False).electrons
+    # Lamps, windows and the landscape's own light are among the standing light.
+    return render_expected(alone, layers=True, channels=False).layers.get("objects")
 
 
 def _frame_stream(seed: int, index: int, number: int) -> Callable[[str], np.random.Generator]:

@@ -46,6 +46,13 @@ def test_components_of_a_double_star_keep_their_magnitudes():
     assert first != second
 
 
+def test_fast_stars_are_there_once():
+    """The Bright Star Catalogue's places of alpha Cen B and 61 Cyg A are 10.4 and 15.0 arcsec off (three years' motion)."""
+    catalog = load_catalog()
+    for hr, hip in ((5459, 71683), (5460, 71681), (8085, 104214), (8086, 104217)):
+        assert catalog.hip[catalog.hr == hr].tolist() == [hip]
+
+
 def test_v_from_hp_against_the_fits_check_values():
     """Median Hp - V of Bright Star Catalogue stars at V-I of 0, 0.5, 1 and 1.5.
 
