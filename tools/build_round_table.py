@@ -1,7 +1,8 @@
 """Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
 Of the latest round two questions on the same frames: who finds the place with a detector of its own, and who does when all
-are given the same detections. Of earlier ones the first, without times, which are of busy machines. `--check` writes nothing and fails where a page has another table.
+are given the same detections. Of earlier ones the first, without times, which are of busy machines. `--check` writes nothing
+and fails where a page has another table.
 """
 
 from __future__ import annotations
