@@ -109,7 +109,7 @@ def test_an_adapter_that_searches_by_the_clock_is_told_the_limit_too(frame):
     assert json.loads(replies.getvalue())["reason"] == "4.5 s"
 
 
-@pytest.mark.parametrize(("limit_s", "search_s"), [(10.0, 9.0), (6.0, 5.0), (2.0, 1.0), (0.3, 0.25)])
+@pytest.mark.parametrize(("limit_s", "search_s"), [(10.0, 8.0), (6.0, 4.5), (2.0, 0.75), (0.3, 0.25)])
 def test_ruststartracker_searches_as_long_as_its_table_leaves(limit_s, search_s):
     assert search_time_s(RustStarTracker().within(limit_s).ends_s) == search_s
 
