@@ -92,7 +92,7 @@ def test_ruststartracker_as_its_readme_processes_an_image():
     from benchmark.solvers.ruststartracker.adapter import tracker
 
     image = np.clip((image_of(observation).astype(float) - 400.0) / 40.0, 0.0, 255.0).astype(np.uint8)
-    own = tracker(PINHOLE.f_px, PINHOLE.width, PINHOLE.height, solver.min_matches)
+    own = tracker(PINHOLE.f_px, PINHOLE.width, PINHOLE.height, solver.min_matches, 1.0)
     threshold = get_threshold_from_histogram(image, fraction=0.99)
     readme = own.process_image(image, threshold=threshold)
     uv = own.get_centroids(image, threshold=threshold)
