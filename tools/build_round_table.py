@@ -1,14 +1,15 @@
-"""Write the tables of the latest round into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
+"""Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
-Two questions on the same frames: who finds the place with a detector of its own, and who does when all are given the same
-detections. `--check` writes nothing and fails where a page has another table.
+Of the latest round two questions on the same frames: who finds the place with a detector of its own, and who does when all
+are given the same detections. Of earlier ones the first, without times, which are of busy machines. `--check` writes nothing
+and fails where a page has another table.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from build_board_tables import with_tables
@@ -19,6 +20,7 @@ from benchmark.report.site.tree import read_tree
 
 ROOT = Path(__file__).parents[1]
 LATEST = "open-sky-2026-11f"
+EARLIER = ("open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # of thousands
 TABLE = "the latest round"
@@ -36,20 +38,34 @@ def table(boards: Mapping[str, Board]) -> str:
         "solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %", "median time, ms",
         "success with shared detections, %", "wrong and confident there, %",
     )  # fmt: skip
-    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+    rows = []
     for entry in boards["own"].entries:
         other = shared.get(entry.label)
-        cells = [
-            entry.label,
-            _with_interval(SUCCESS, entry),
-            _value(BOUND, entry),
-            _with_interval(NEES, entry),
-            _value(WRONG, entry),
-            _value(TIME, entry),
-            *(("-", "-") if other is None else (_with_interval(SUCCESS, other), _value(WRONG, other))),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        there = ("-", "-") if other is None else (_with_interval(SUCCESS, other), _value(WRONG, other))
+        rows.append([*_cells(entry), _value(TIME, entry), *there])
+    return _markdown(columns, rows)
+
+
+def table_of_earlier(boards: Mapping[str, Board]) -> str:
+    """Whole systems in the order of their rank."""
+    columns = ("solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %")
+    return _markdown(columns, [_cells(entry) for entry in boards["own"].entries])
+
+
+def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
+
+
+def _cells(entry: Entry) -> list[str]:
+    """What a round's table says of a solver whatever else it says."""
+    return [
+        entry.label,
+        _with_interval(SUCCESS, entry),
+        _value(BOUND, entry),
+        _with_interval(NEES, entry),
+        _value(WRONG, entry),
+    ]
 
 
 def _value(column: Column, entry: Entry) -> str:
@@ -63,20 +79,28 @@ def _with_interval(column: Column, entry: Entry) -> str:
     return f"{value} ({numbers[0]} to {numbers[1]})" if len(numbers) == 2 and value != "-" else value
 
 
+def tables(rounds: Path) -> dict[str, str]:
+    """All tables by their names, from the folder that holds the rounds."""
+    earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
+    return {TABLE: table(boards_of(rounds / LATEST / "results")), **earlier}
+
+
 def main(arguments: Iterable[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--results", type=Path, default=ROOT / "results" / "rounds" / LATEST / "results")
+    parser.add_argument("--rounds", type=Path, default=ROOT / "results" / "rounds")
     parser.add_argument("--pages", type=Path, nargs="+", default=PAGES)
     parser.add_argument("--check", action="store_true")
     asked = parser.parse_args(None if arguments is None else list(arguments))
-    made = table(boards_of(asked.results))
+    made = tables(asked.rounds)
     for page in asked.pages:
         before = page.read_text(encoding="utf-8")
-        after = with_tables(before, {TABLE: made}, page.name)
+        # A page has the latest round, and those before it that it marks.
+        marked = {name: each for name, each in made.items() if name == TABLE or f"<!-- table: {name} -->" in before}
+        after = with_tables(before, marked, page.name)
         if not asked.check:
             page.write_text(after, encoding="utf-8")
         elif before != after:
-            raise SystemExit(f"{page}: its table is not of {asked.results}; run python tools/build_round_table.py")
+            raise SystemExit(f"{page}: its tables are not of {asked.rounds}; run python tools/build_round_table.py")
 
 
 if __name__ == "__main__":

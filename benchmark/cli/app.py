@@ -6,6 +6,7 @@ The modules of commands import what they need when they run, so that help, versi
 from __future__ import annotations
 
 import gc
+import sys
 from typing import Annotated
 
 import typer
@@ -13,7 +14,7 @@ import typer
 from benchmark.cli import bench, demo, rendering, scenes, speed, studies, twins
 from benchmark.cli.datasets import exporting, generating, planning, showing, verifying
 from benchmark.cli.errors import InterruptibleGroup
-from benchmark.cli.output import AsJson, print_json, print_tables
+from benchmark.cli.output import AsJson, let_print, print_json, print_tables
 from benchmark.cli.photographs import fetching, importing
 from benchmark.cli.progress import working
 
@@ -78,6 +79,7 @@ def main() -> None:
     """Entry point of the command."""
     # Loading modules makes a hundred thousand objects; to look for garbage after each 700 of them takes a tenth of the start.
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    let_print(sys.stdout, sys.stderr)
     try:
         app()
     finally:

@@ -160,21 +160,22 @@ def _document(found: Plan, request: BoardsRequest) -> dict[str, object]:
 
 
 def _print_plan(found: Plan, request: BoardsRequest) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.markup import escape
     from rich.table import Table
 
     from benchmark.report.formatting import duration
     from benchmark.report.refresh import missing_frames
 
-    table = Table(title="Rows to be made", title_justify="left")
-    for heading in ("task", "detections", "solver", "why", "frames to solve", "estimate"):
-        table.add_column(heading, overflow="fold")
+    table = Table(title="Rows to be made", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("task, solver", "why", "frames", "estimate"):
+        table.add_column(heading, overflow="fold", no_wrap=heading != "why")
     for job in found.jobs:
         place = job.place
+        shared = "" if place.detections == "own" else f"\n[dim]{place.detections} detections[/dim]"
         table.add_row(
-            place.task,
-            place.detections,
-            place.solver,
-            job.why,
+            f"{escape(place.task)}\n{escape(place.solver)}{shared}",
+            escape(job.why),
             f"{job.n_frames - job.n_as_before} of {job.n_frames}",
             duration(job.seconds / request.jobs),
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from benchmark.real_tasks.definition import load_real_task, real_task_names
@@ -99,45 +101,51 @@ def listed_solvers() -> list[ListedSolver]:
 
 
 def task_table(tasks: Sequence[ListedTask]) -> Table:
-    """The tasks as a table."""
-    table = Table(
-        title="Tasks (metric: part of the frames with a fix nearer than the task's limit; higher is better)",
-        title_justify="left",
+    """The tasks as a table that a terminal of 80 letters holds."""
+    table = _table(
+        "Tasks (metric: part of the frames with a fix nearer than the limit; higher is better)",
+        ("task", "asks; graded, from easy to hard", "limit, frames", "\u00b1 points"),
     )
-    for heading in ("task", "asks", "graded", "from easy to hard", "limit", "frames", "at one condition", "over all"):
-        table.add_column(heading, overflow="fold", no_wrap=heading == "task")
     for task in tasks:
         table.add_row(
             task.task,
-            task.title,
-            task.condition,
-            " ".join(f"{value:g}" for value in task.values) + (f" {task.unit}" if task.unit else ""),
-            f"{task.limit_km:.4g} km",
-            f"{len(task.values)} x {task.frames_per_condition}",
-            f"± {task.half_width_points:.1f} points",
-            f"± {task.half_width_over_all_points:.1f} points",
+            f"{escape(task.title)}\n[dim]{_graded(task)}[/dim]",
+            f"{task.limit_km:.4g} km\n{len(task.values)} x {task.frames_per_condition}",
+            f"{task.half_width_points:.1f} each\n{task.half_width_over_all_points:.1f} all",
         )
+    table.caption = "\u00b1 points: half of the 95 % interval at one condition, and over all."
+    table.caption_justify = "left"
     return table
 
 
 def real_task_table(tasks: Sequence[ListedRealTask]) -> Table:
     """The tasks of photographs as a table."""
-    table = Table(title="Tasks of photographs (skybench fetch TASK brings them)", title_justify="left")
-    for heading in ("task", "asks", "graded", "from easy to hard", "frames", "licence"):
-        table.add_column(heading, overflow="fold", no_wrap=heading == "task")
+    table = _table(
+        "Tasks of photographs (skybench fetch TASK brings them)",
+        ("task", "asks; graded, from easy to hard", "frames", "licence"),
+    )
     for task in tasks:
-        values = " ".join(f"{value:g}" for value in task.values)
-        table.add_row(
-            task.task, task.title, task.condition, f"{values} {task.unit}", str(task.photographs), task.licence
-        )
+        asks = f"{escape(task.title)}\n[dim]{_graded(task)}[/dim]"
+        table.add_row(task.task, asks, str(task.photographs), escape(task.licence))
     return table
 
 
 def solver_table(solvers: Sequence[ListedSolver]) -> Table:
-    """The solvers as a table."""
-    table = Table(title="Solvers", title_justify="left")
-    for heading in ("solver", "what it is", "licence", "here"):
-        table.add_column(heading, overflow="fold", no_wrap=heading == "solver")
+    """The solvers as a table; under each what it needs where it cannot run here."""
+    table = _table("Solvers", ("solver", "what it is", "licence"))
     for solver in solvers:
-        table.add_row(solver.solver, solver.title, solver.licence, solver.obstacle or "ready")
+        obstacle = f"\n[dim]not ready: {escape(solver.obstacle)}[/dim]" if solver.obstacle else ""
+        table.add_row(solver.solver, f"{escape(solver.title)}{obstacle}", escape(solver.licence))
     return table
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", show_lines=False, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in headings:
+        table.add_column(heading, overflow="fold", no_wrap=heading in ("task", "solver"))
+    return table
+
+
+def _graded(task: ListedTask | ListedRealTask) -> str:
+    values = " ".join(f"{value:g}" for value in task.values)
+    return escape(f"{task.condition}: {values}{f' {task.unit}' if task.unit else ''}")

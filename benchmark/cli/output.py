@@ -5,13 +5,16 @@ Bars, warnings and errors go to standard error.
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
+import io
 import json
 import math
+import unicodedata
 from collections.abc import Iterable, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -19,6 +22,12 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+_HANDLER = "skybench-plain"
+"""Name of the error handler of codecs."""
+_LETTERS = {
+    "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-", "\u2212": "-", "\u2022": "*", "\u00b7": "*",
+    "\u00b1": "+-", "\u00d7": "x", "\u2026": "...", "\u2264": "<=", "\u2265": ">=", "\u00b0": " deg", "\u2192": "->",
+}  # fmt: skip
 
 
 def print_json(document: object) -> None:
@@ -85,3 +94,26 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Iterable):
         return [_plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
+def let_print(*streams: TextIO) -> None:
+    """Let streams take every text: what their encoding lacks, such as dashes and signs, is written in letters that it has."""
+    codecs.register_error(_HANDLER, _in_plain_letters)
+    for stream in streams:
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "backslashreplace"):
+            stream.reconfigure(errors=_HANDLER)
+
+
+def _in_plain_letters(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_letters_for, error.object[error.start : error.end])), error.end
+
+
+def _letters_for(letter: str) -> str:
+    if letter in _LETTERS:
+        return _LETTERS[letter]
+    simple = unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode("ascii")
+    if simple:
+        return simple
+    return letter.encode("ascii", "backslashreplace").decode("ascii")

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameFacts
 from benchmark.frames.identity import UNKNOWN, FrameIdentity
 from benchmark.run.packed import read_packed
-from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary
+from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary, read_table
 
 IDENTITY_COLUMNS = ("image_sha256", "truth_sha256")
 _COLUMNS = ("frame_id", *IDENTITY_COLUMNS)
@@ -67,9 +66,7 @@ def _tables(out: Path, facts: FrameFacts) -> Iterator[tuple[Path, pd.DataFrame]]
     """Tables of results on frames of the same scenario, each with its place."""
     for summary in sorted((out / facts.place).glob(f"*/*/{SUMMARY_NAME}")):
         if read_summary(summary).provenance.frames.scenario_sha256 == facts.scenario_sha256:
-            path = summary.with_name(FRAMES_NAME)
-            columns = [name for name in _COLUMNS if name in pq.read_schema(path).names]
-            yield summary.parent, pq.read_table(path, columns=columns).to_pandas()
+            yield summary.parent, read_table(summary.with_name(FRAMES_NAME), _COLUMNS).to_pandas()
     listing = out / facts.place.with_name(f"{facts.place.name}.json")
     if listing.is_file():
         for row in read_packed(listing):

@@ -12,7 +12,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,11 +149,20 @@ def read_summary(path: Path) -> StoredSummary:
     return StoredSummary(solver, provenance, *counts)
 
 
-def read_table(path: Path) -> pa.Table:
-    """Read a table of a result. Raises ResultsError where it is missing or damaged."""
+def read_table(
+    path: Path, columns: Sequence[str] | None = None, filters: Sequence[tuple[str, str, object]] | None = None
+) -> pa.Table:
+    """Read a table of a result: of those columns that it has, and rows that pass all filters, as Arrow states them.
+
+    Raises
+    ------
+    ResultsError
+        It is missing or damaged, or claims more than a file of its size may hold.
+    """
     try:
         check_claims(path)
-        return pq.read_table(path)
+        known = None if columns is None else [name for name in columns if name in pq.read_schema(path).names]
+        return pq.read_table(path, columns=known, filters=None if filters is None else list(filters))
     except (GeneratorError, pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); {RUN_AGAIN}") from error
 

@@ -28,7 +28,7 @@ from benchmark.errors import DatasetError, SolverError
 from benchmark.frames.dataset import Frame, load_image
 from benchmark.judge.answers import Response, check_answer, check_points, failure
 from benchmark.protocol import Detections, SolverUnderTest
-from benchmark.run.focal_retry import at_other_focal_lengths
+from benchmark.run.focal_retry import at_other_focal_lengths, shares
 from benchmark.run.pinhole_frames import PinholeFrame, as_pinhole, is_centred_pinhole
 from benchmark.solvers.definition import SolverFolder
 from benchmark.solvers.isolation import ISOLATED, NOT_ISOLATED, isolation_obstacle, visible_places
@@ -78,6 +78,14 @@ class _Found:
     flux: NDArray[np.float64] | None
 
 
+@dataclass(frozen=True)
+class _Time:
+    """Of a frame's limit: what a request should take at most, and what those before it have taken."""
+
+    share_s: float
+    spent_s: float = 0.0
+
+
 class PipeSession:
     """A solver's program, started anew after every frame that it did not survive.
 
@@ -110,15 +118,20 @@ class PipeSession:
         """Ask the program; whatever goes wrong is a refusal of this frame.
 
         One that does not search the focal length by itself is asked again where it refuses (`benchmark.run.focal_retry`),
-        with the detections that it has found; the times add up.
+        with the detections that it has found; the times add up, and the frame's limit is that of their sum.
         """
-        first = self._asked_once(frame, shared)
-        if first.status != REFUSED or not self._solver.spec.focal_retries:
+        retries, limit_s = self._solver.spec.focal_retries, self._solver.limits.time_s
+        share, *later = shares(retries)
+        first = self._asked_once(frame, shared, _Time(share * limit_s))
+        if first.status != REFUSED or not retries:
             return first
         found = shared if shared is not None or not len(first.uv) else _Found(first.uv, first.flux)
         responses = [first]
-        for other in at_other_focal_lengths(frame):
-            responses.append(self._asked_once(other, found))
+        for other, share in zip(at_other_focal_lengths(frame), later, strict=True):
+            spent_s = sum(one.detect_ms + one.solve_ms for one in responses) / 1000.0
+            if spent_s >= limit_s:
+                break
+            responses.append(self._asked_once(other, found, _Time(share * (limit_s - spent_s), spent_s)))
             if responses[-1].status == FIX:
                 break
         # The reason of a refusal is that of the told focal length.
@@ -129,17 +142,17 @@ class PipeSession:
             chosen, detect_ms=first.detect_ms, solve_ms=solve_ms, peak_memory_mib=max(memory, default=None)
         )
 
-    def _asked_once(self, frame: Frame, shared: Detections | None) -> Response:
+    def _asked_once(self, frame: Frame, shared: Detections | None, allowed: _Time) -> Response:
         """Ask the program about a frame as it is told; one that knows pinholes only about what a pinhole shows of it."""
         if self._solver.spec.lens == "any" or is_centred_pinhole(frame.observation.camera):
-            return self._put(frame, shared, None)
+            return self._put(frame, shared, None, allowed)
         shown = as_pinhole(frame, shared)
-        return shown.back(self._put(shown.frame, shown.shared, shown), shared)
+        return shown.back(self._put(shown.frame, shown.shared, shown, allowed), shared)
 
-    def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None) -> Response:
+    def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
         """Ask the program; of `shown` it gets the image that a pinhole shows."""
         try:
-            request = request_of(frame, shared, self._shown(frame.image_path, shown))
+            request = request_of(frame, shared, self._shown(frame.image_path, shown), allowed.share_s)
         except OSError as error:
             raise DatasetError(f"{frame.image_path}: cannot be read ({error.strerror})") from error
         try:
@@ -148,8 +161,8 @@ class PipeSession:
                 self.start()
             if not self._warm:
                 self._warm = True
-                self._warm_up(request_of(by_itself(frame), shared, Path(request["image"])))
-            exchange = self._program.ask(request)
+                self._warm_up(request_of(by_itself(frame), shared, Path(request["image"]), allowed.share_s))
+            exchange = self._program.ask(request, allowed.spent_s)
         except ProgramFailedError as error:
             return failure(str(error), error.time_ms)
         except SolverError as error:

@@ -50,7 +50,7 @@ def hello() -> dict[str, Any]:
     return {"type": "hello", "protocol": PROTOCOL}
 
 
-def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str, Any]:
+def request_of(frame: Frame, shared: Detections | None, image: Path, time_limit_s: float = 10.0) -> dict[str, Any]:
     """The request to solve a frame.
 
     Parameters
@@ -60,6 +60,8 @@ def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str
         What it is to use; None to detect by itself.
     image : Path
         The frame's image where the program is to read it.
+    time_limit_s : float
+        What it should take at most, so that further tries have their time.
     """
     seen = frame.observation
     found = None
@@ -79,6 +81,7 @@ def request_of(frame: Frame, shared: Detections | None, image: Path) -> dict[str
         "temperature_c": seen.temperature_c,
         **{name: getattr(seen, name) for name in SIGMAS},
         "detections": found,
+        "time_limit_s": time_limit_s,
         **({} if seen.sequence is None else {"sequence": seen.sequence.as_given()}),
     }
 

@@ -57,7 +57,7 @@ class Limits:
     Attributes
     ----------
     time_s : float
-        Wall time per frame.
+        Wall time per frame, of all requests about it together.
     memory_mib : int
         Address space of each of its processes (RLIMIT_AS).
     start_s : float
@@ -172,8 +172,14 @@ class ProgramSession:
             raise SolverError(f"{' '.join(self._command)}: does not speak {PROTOCOL} (docs/solver_protocol.md)")
         return greeting
 
-    def ask(self, request: Mapping[str, Any]) -> Exchange:
+    def ask(self, request: Mapping[str, Any], spent_s: float = 0.0) -> Exchange:
         """Send a request and wait for the reply.
+
+        Parameters
+        ----------
+        request : mapping of str to object
+        spent_s : float
+            Of the frame's time, on requests before this one.
 
         Raises
         ------
@@ -183,7 +189,7 @@ class ProgramSession:
         assert self._process is not None, "start the program first"
         known = reset_peak(self._pid)
         started = time.perf_counter()
-        message = self._exchange(request, self.limits.time_s)
+        message = self._exchange(request, self.limits.time_s, spent_s)
         elapsed_ms = 1000.0 * (time.perf_counter() - started)
         return Exchange(message, elapsed_ms, peak_mib(self._pid) if known else None)
 
@@ -241,12 +247,13 @@ class ProgramSession:
             line += byte
         return line.decode("ascii")
 
-    def _exchange(self, request: Mapping[str, Any], limit_s: float) -> dict[str, Any]:
+    def _exchange(self, request: Mapping[str, Any], limit_s: float, spent_s: float = 0.0) -> dict[str, Any]:
         started = time.perf_counter()
         try:
             if self._received:
                 raise _MisbehavedError("printed more than its answer")
-            line = self._converse(json.dumps(request, allow_nan=False).encode() + b"\n", started + limit_s, limit_s)
+            words = json.dumps(request, allow_nan=False).encode() + b"\n"
+            line = self._converse(words, started + limit_s - spent_s, limit_s)
             return _json_object(line)
         except _MisbehavedError as error:
             reason = f"error: {error}{self._last_words()}"

@@ -15,6 +15,7 @@ from PIL import Image
 from benchmark.protocol import SIGMAS, CameraRecord, Detections, Observation, SequencePlace, SolverUnderTest
 from benchmark.solvers.messages import PROTOCOL
 from benchmark.solvers.registry import make_solver
+from benchmark.solvers.time_limited import TimeLimited
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ def serve(solver: SolverUnderTest, requests: BinaryIO, replies: BinaryIO) -> Non
             reply = {"type": "hello", "protocol": PROTOCOL, "name": solver.name, "version": solver.version}
         else:
             try:
-                answer = answer_request(solver, request)
+                limited = solver.within(request["time_limit_s"]) if isinstance(solver, TimeLimited) else solver
+                answer = answer_request(limited, request)
             except Exception as error:  # a contestant may raise anything
                 answer = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
             reply = {"type": "fix", "frame_id": request["frame_id"], **answer}

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from benchmark.errors import ResultsError
 from benchmark.stats.clustered import Resamples, mean_estimates
-from benchmark.stats.frame_metrics import errors_km, fixed, sites, succeeded
+from benchmark.stats.frame_metrics import column, errors_km, fixed, sites, succeeded
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import SUCCESS_KM
 from benchmark.stats.paired_tests import PairedTest, holm, mcnemar_clustered, sign_flips, sums_by_cluster
 from benchmark.stats.power import design_effect, minimum_detectable_difference
+from benchmark.stats.within_conditions import difference_within_conditions
 
 F8 = NDArray[np.float64]
 
@@ -89,6 +90,7 @@ class _Answers:
     right: NDArray[np.bool_]
     fixed: NDArray[np.bool_]
     error_km: F8
+    condition: F8
 
 
 def paired(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -158,6 +160,7 @@ def _answers(table: pd.DataFrame, limit_km: float) -> _Answers:
         succeeded(table, limit_km),
         fixed(table),
         np.maximum(errors_km(table), SMALLEST_ERROR_KM),
+        column(table, "condition"),
     )
 
 
@@ -168,12 +171,12 @@ def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]
     gaps = np.column_stack([one.right.astype(np.float64) - other.right for other in others])
     both = [one.fixed & other.fixed for other in others]
     log_ratios = np.full(gaps.shape, math.nan)
-    for column, (known, other) in enumerate(zip(both, others, strict=True)):
-        log_ratios[known, column] = np.log(one.error_km[known] / other.error_km[known])
+    for k, (known, other) in enumerate(zip(both, others, strict=True)):
+        log_ratios[known, k] = np.log(one.error_km[known] / other.error_km[known])
     closer = np.column_stack(
         [np.where(one.error_km == other.error_km, 0.5, one.error_km < other.error_km) for other in others]
     )
-    differences = difference_estimates(gaps, resamples)
+    differences = difference_estimates(gaps, one.condition, resamples)
     ratios = mean_estimates(log_ratios, resamples)
     closest = mean_estimates(closer, resamples, (0.0, 1.0))
     return [
@@ -198,16 +201,17 @@ def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]
     ]
 
 
-def difference_estimate(gap: F8, resamples: Resamples) -> Estimate:
-    """Mean of paired differences -1, 0 or 1 with its clustered bootstrap interval (`difference_estimates`)."""
-    return difference_estimates(np.asarray(gap, dtype=np.float64)[:, None], resamples)[0]
+def difference_estimate(gap: F8, condition: F8, resamples: Resamples) -> Estimate:
+    """Mean of paired differences -1, 0 or 1 with its interval (`difference_estimates`)."""
+    return difference_estimates(np.asarray(gap, dtype=np.float64)[:, None], condition, resamples)[0]
 
 
-def difference_estimates(gaps: F8, resamples: Resamples) -> list[Estimate]:
-    """Means of paired differences -1, 0 or 1, shape (n_frames, k), with their clustered bootstrap intervals.
+def difference_estimates(gaps: F8, condition: F8, resamples: Resamples) -> list[Estimate]:
+    """Means of paired differences -1, 0 or 1, shape (n_frames, k), with their intervals.
 
-    Two frames are added to the resampled ones, on one of which each solver alone succeeds: without them few
-    differences would make the interval too short, and none would make it a point.
+    With conditions that tell it, shape (n_frames,), the variance is that within them (`difference_within_conditions`); else
+    clusters are resampled. Two frames are added to the resampled ones, on one of which each solver alone succeeds: without
+    them few differences would make the interval too short, and none would make it a point.
 
     References
     ----------
@@ -216,6 +220,10 @@ def difference_estimates(gaps: F8, resamples: Resamples) -> list[Estimate]:
     n, k = gaps.shape
     if n == 0:
         return [Estimate(math.nan, math.nan, math.nan, 0)] * k
+    within = [difference_within_conditions(gap, condition, resamples) for gap in gaps.T]
+    known = [estimate for estimate in within if estimate is not None]
+    if len(known) == k:
+        return known
     padded = np.concatenate((gaps, np.full((1, k), 1.0), np.full((1, k), -1.0)))
     cluster = np.concatenate((resamples.cluster, resamples.n_clusters + np.arange(2)))
     widened = Resamples(cluster, resamples.n_clusters + 2, resamples.n_resamples, resamples.seed)

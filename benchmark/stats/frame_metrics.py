@@ -23,6 +23,8 @@ from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estim
 from benchmark.stats.intervals import Estimate
 from benchmark.stats.metrics import FIX, SUCCESS_KM
 from benchmark.stats.within_conditions import share_within_conditions
+from generator.errors import GeneratorError
+from generator.reading.table import check_claims
 
 F8 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -66,9 +68,10 @@ def read_frames(path: Path) -> pd.DataFrame:
     ResultsError
     """
     try:
+        check_claims(path)
         columns = [name for name in pq.read_schema(path).names if name != "stage_ms"]
         table: pd.DataFrame = pq.read_table(path, columns=columns).to_pandas()
-    except (pa.ArrowException, OSError) as error:
+    except (GeneratorError, pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: missing or damaged ({error}); run `skybench bench run` again") from error
     return table
 

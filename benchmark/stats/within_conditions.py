@@ -1,4 +1,4 @@
-"""Shares of frames whose conditions a task fixes: their variance is that within conditions.
+"""Shares of frames whose conditions a task fixes, and differences of shares: their variance is that within conditions.
 
 A task has as many frames at each condition whatever is drawn, so that what the conditions differ by is no part of the
 share's variance. Clusters of frames may lie in one condition or run through several.
@@ -19,6 +19,7 @@ F8 = NDArray[np.float64]
 
 FEWEST_CLUSTERS = 2
 """At each condition; fewer say nothing of the variance within it."""
+_TAIL = 0.5 + CONFIDENCE / 2.0
 
 
 def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: Resamples) -> Estimate:
@@ -42,31 +43,83 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
     C. Franco, R. J. A. Little, T. A. Louis, E. V. Slud, J. Survey Statistics and Methodology 7, 334-364, 2019
     (Wilson's interval with an effective sample size).
     """
-    right, at = np.asarray(flags, dtype=np.float64), np.asarray(condition, dtype=np.float64)
+    right = np.asarray(flags, dtype=np.float64)
     whole = proportion_estimate(right, np.ones(len(right)), resamples)
-    if len(at) == 0 or np.isnan(at).any() or not 0.0 < whole.value < 1.0:
+    strata = _strata(condition, resamples)
+    if strata is None or not 0.0 < whole.value < 1.0:
         return whole
-    _, stratum = np.unique(at, return_inverse=True)
-    n_strata = int(stratum.max()) + 1
-    clusters = np.unique(np.column_stack((stratum, resamples.cluster)), axis=0)[:, 0]
-    n_clusters = np.bincount(clusters, minlength=n_strata)
-    if n_strata < 2 or n_clusters.min() < FEWEST_CLUSTERS:
-        return whole
-    variance = _variance(right, stratum, n_clusters, resamples)
-    tail = 0.5 + CONFIDENCE / 2.0
-    freedom = max(1, resamples.n_clusters - n_strata)
+    variance = _variance(right, *strata, resamples)
     effective = whole.value * (1.0 - whole.value) / variance
-    effective *= float(stats.norm.ppf(tail) / stats.t.ppf(tail, freedom)) ** 2
+    effective *= float(stats.norm.ppf(_TAIL) / _quantile(strata[1], resamples)) ** 2
     low, high = wilson(whole.value * effective, effective)
     return Estimate(whole.value, low, high, whole.n)
 
 
+def difference_within_conditions(gap: ArrayLike, condition: ArrayLike, resamples: Resamples) -> Estimate | None:
+    """Mean of paired differences -1, 0 or 1 of two solvers on the same frames, with the variance within conditions.
+
+    Two frames are added, on one of which each solver alone succeeds: without them few differences would make the interval
+    too short, and none would make it a point. The interval is Wald's about the mean with these, and reaches the mean
+    without them.
+
+    Parameters
+    ----------
+    gap : array_like, shape (n_frames,)
+    condition : array_like, shape (n_frames,)
+        NaN where a frame has none.
+    resamples : Resamples
+        Of the frames' clusters.
+
+    Returns
+    -------
+    Estimate or None
+        None where the conditions tell no variance: there is one, a frame has none, or one has fewer than
+        `FEWEST_CLUSTERS` clusters.
+
+    References
+    ----------
+    D. G. Bonett, R. M. Price, J. Educational and Behavioral Statistics 37, 479-488, 2012 (the adjustment).
+    W. G. Cochran, Sampling Techniques, 3rd ed., 1977, section 5.3 (variance of a stratified mean).
+    """
+    gaps, strata = np.asarray(gap, dtype=np.float64), _strata(condition, resamples)
+    if strata is None:
+        return None
+    n, total = len(gaps), float(gaps.sum())
+    squares = _sum_of_squares(gaps, *strata, resamples) + 2.0
+    middle, half = total / (n + 2), _quantile(strata[1], resamples) * math.sqrt(squares) / (n + 2)
+    value = total / n
+    return Estimate(value, max(-1.0, min(middle - half, value)), min(1.0, max(middle + half, value)), n)
+
+
+def _strata(condition: ArrayLike, resamples: Resamples) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+    """Condition of each frame from 0, and the number of clusters at each; None where they tell no variance."""
+    at = np.asarray(condition, dtype=np.float64)
+    if len(at) == 0 or np.isnan(at).any():
+        return None
+    _, stratum = np.unique(at, return_inverse=True)
+    n_strata = int(stratum.max()) + 1
+    clusters = np.unique(np.column_stack((stratum, resamples.cluster)), axis=0)[:, 0]
+    n_clusters = np.bincount(clusters, minlength=n_strata)
+    return None if n_strata < 2 or n_clusters.min() < FEWEST_CLUSTERS else (stratum, n_clusters)
+
+
+def _quantile(n_clusters: NDArray[np.intp], resamples: Resamples) -> float:
+    """Of Student's t, for a variance that as many clusters tell as there are beside the conditions' means."""
+    return float(stats.t.ppf(_TAIL, max(1, resamples.n_clusters - len(n_clusters))))
+
+
+def _sum_of_squares(values: F8, stratum: NDArray[np.intp], n_clusters: NDArray[np.intp], resamples: Resamples) -> float:
+    """Variance of the sum of the values over all frames, with the number of frames at each condition fixed."""
+    means = np.bincount(stratum, weights=values) / np.bincount(stratum)
+    residual = (values - means[stratum]) * np.sqrt(n_clusters / (n_clusters - 1.0))[stratum]
+    return float(np.square(np.bincount(resamples.cluster, weights=residual)).sum())
+
+
 def _variance(right: F8, stratum: NDArray[np.intp], n_clusters: NDArray[np.intp], resamples: Resamples) -> float:
-    """Variance of the share over all frames, with the number of frames at each condition fixed."""
+    """Variance of the share over all frames."""
     frames = np.bincount(stratum).astype(np.float64)
     share = np.bincount(stratum, weights=right) / frames
-    residual = (right - share[stratum]) * np.sqrt(n_clusters / (n_clusters - 1.0))[stratum]
-    between = float(np.square(np.bincount(resamples.cluster, weights=residual)).sum())
+    between = _sum_of_squares(right, stratum, n_clusters, resamples)
     agree = (share == 0.0) | (share == 1.0)
     p = 0.5 / (n_clusters[agree] + 1.0)
     unseen = float((np.square(frames[agree]) * p * (1.0 - p) / n_clusters[agree]).sum())

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from benchmark.stats.clustered import Resamples, mean_estimate, proportion_estimate
+from benchmark.stats.comparison import difference_estimate
 from benchmark.stats.skewed_means import FEWEST_CLUSTERS, skewed_mean_estimate
 from benchmark.stats.within_conditions import share_within_conditions
 
@@ -120,3 +121,51 @@ def test_where_conditions_tell_no_variance_the_whole_is_asked():
     assert share_within_conditions(right, np.full(12, math.nan), drawn) == whole
     assert share_within_conditions(right, np.minimum(np.arange(12), 1), drawn) == whole  # one frame at the first
     assert share_within_conditions(ones, np.arange(12) % 2, drawn) == proportion_estimate(ones, ones, drawn)
+
+
+# Chances of the first solver, and of the second, at each condition.
+APART = ((1.0, 1.0), (0.99, 0.95), (0.9, 0.7), (0.6, 0.3), (0.2, 0.02), (0.01, 0.0))
+CROSSING = ((0.95, 0.4), (0.8, 0.6), (0.6, 0.8), (0.3, 0.9))
+ALIKE = ((1.0, 1.0), (1.0, 0.99), (0.5, 0.5), (0.0, 0.02), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("chances", [APART, CROSSING, ALIKE])
+def test_differences_over_conditions_that_are_fixed(chances):
+    """40 frames at each, on which both solvers share some luck; conditions that are taken for drawn widen the interval."""
+    first, second = np.array(chances).T
+    rng, condition, found, whole = rng_for(6, 100 * first.sum()), np.repeat(np.arange(len(first)), 40), [], []
+    drawn, nowhere = Resamples.of(np.arange(len(condition)), RESAMPLES), np.full(len(condition), math.nan)
+    for _ in range(2 * TRIALS):
+        luck = rng.standard_normal(len(condition))
+        own = [(math.sqrt(0.5) * luck + math.sqrt(0.5) * rng.standard_normal(len(luck))) for _ in range(2)]
+        gap = (own[0] < stats.norm.ppf(first)[condition]).astype(float) - (own[1] < stats.norm.ppf(second)[condition])
+        found.append(difference_estimate(gap, condition, drawn))
+        whole.append(difference_estimate(gap, nowhere, drawn))
+    truth = float((first - second).mean())
+    assert_covers(covered(found, truth), 2 * TRIALS, 0.935, 0.985)
+    ratio = np.mean([one.high - one.low for one in found]) / np.mean([one.high - one.low for one in whole])
+    assert ratio < {APART: 1.0, CROSSING: 0.85, ALIKE: 1.05}[chances]
+
+
+@pytest.mark.parametrize("crossed", [False, True])
+def test_differences_over_fixed_conditions_of_sites_that_share_luck(crossed):
+    """Sites of four frames at one condition, or with one frame at each."""
+    first, second = np.array([0.95, 0.8, 0.5, 0.2]), np.array([0.6, 0.7, 0.6, 0.1])
+    rng, n_sites, found = rng_for(7, crossed), 80, []
+    site = np.repeat(np.arange(n_sites), 4)
+    condition = np.tile(np.arange(4), n_sites) if crossed else site % 4
+    drawn = Resamples.of(site, RESAMPLES)
+    for _ in range(2 * TRIALS):
+        luck = [
+            math.sqrt(0.3) * rng.standard_normal(n_sites)[site] + math.sqrt(0.7) * rng.standard_normal(len(site))
+            for _ in range(2)
+        ]
+        gap = (luck[0] < stats.norm.ppf(first)[condition]).astype(float) - (luck[1] < stats.norm.ppf(second)[condition])
+        found.append(difference_estimate(gap, condition, drawn))
+    assert_covers(covered(found, float((first - second).mean())), 2 * TRIALS, 0.935, 0.975)
+
+
+def test_two_solvers_that_never_differ_have_an_interval_about_zero():
+    same = difference_estimate(np.zeros(40), np.arange(40) % 4, Resamples.of(np.arange(40)))
+    assert same.value == 0.0
+    assert same.low == -same.high < 0.0

@@ -24,7 +24,9 @@ from benchmark.judge.star_id import TRACE_SNR
 from benchmark.report.site.tree import StoredResult
 from benchmark.run.identities import identities_in
 from benchmark.run.results import RUN_AGAIN
+from generator.errors import GeneratorError
 from generator.identity.pixels import pixels_sha256
+from generator.reading.table import check_claims
 
 MOST_STARS = 200
 # A task that varies what solvers are told has several frame ids to a picture, with the level at their end.
@@ -87,8 +89,9 @@ class FrameSource:
         for path in place.star_tables():
             wanted = [("frame_id", "in", sorted(set(rendered.values()))), ("snr", ">=", TRACE_SNR)]
             try:
+                check_claims(path)
                 tables.append(pq.read_table(path, columns=list(_STAR_COLUMNS), filters=wanted).to_pandas())
-            except (pa.ArrowException, OSError) as error:
+            except (GeneratorError, pa.ArrowException, OSError) as error:
                 raise ResultsError(
                     f"{path}: damaged ({str(error).splitlines()[0]}); delete it and {RUN_AGAIN}"
                 ) from error

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from benchmark.errors import ResultsError
 from benchmark.frames.frame_set import FrameFacts
@@ -22,7 +20,7 @@ from benchmark.judge.outcome import DetectionRow
 from benchmark.run.freshness import Age, age_of, origin_of, today
 from benchmark.run.packed import read_packed
 from benchmark.run.provenance import RunProvenance, read_provenance
-from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary
+from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, RUN_AGAIN, SUMMARY_NAME, read_summary, read_table
 from benchmark.run.superseded import superseded
 from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.stats.frame_metrics import read_frames, success_limit_km
@@ -130,10 +128,7 @@ class StoredResult:
         path = self.folder / MATCHES_NAME
         if not path.is_file() or not frame_ids:
             return {}
-        try:
-            rows = pq.read_table(path, filters=[("frame_id", "in", list(frame_ids))]).to_pylist()
-        except (pa.ArrowException, OSError) as error:
-            raise ResultsError(f"{path}: damaged ({error}); {RUN_AGAIN}") from error
+        rows = read_table(path, filters=[("frame_id", "in", list(frame_ids))]).to_pylist()
         found: dict[str, list[DetectionRow]] = {frame_id: [] for frame_id in frame_ids}
         for row in rows:
             found[row["frame_id"]].append(DetectionRow(**row))

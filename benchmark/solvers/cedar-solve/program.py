@@ -23,7 +23,8 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skyb
 DATABASE_FOVS_DEG = (45.0, 60.0, 90.0, 120.0)
 WIDEST_OF_DEFAULT_DEG = 30.0
 FOV_MAX_ERROR_DEG = 5.0
-TIMEOUT_MS = 2000
+MARGIN, LEAST_MARGIN_S = 0.1, 0.3
+"""Of the time that a request may take: left for the last pattern and for the answer."""
 EXTRACTION: dict[str, Any] = {}
 """Of its detector, beside its defaults; docs/rivals.md has the tries."""
 
@@ -94,10 +95,14 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
     if len(uv) < 4:
         return result | {"status": "refused", "reason": "fewer than 4 detections"}
     fov = math.degrees(2 * math.atan(camera["width"] / 2 / camera["f_px"]))
+    database = database_for(databases, fov)
+    # It verifies with so many of the brightest; the pattern of a fainter one would reach beyond their end (IndexError).
+    brightest = uv[: database.database_properties["verification_stars_per_fov"]]
     # With `lens: pinhole` the principal point is in the middle, as tetra3 takes it to be. Rows come first.
-    found = database_for(databases, fov).solve_from_centroids(
-        uv[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
-        fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=TIMEOUT_MS, return_matches=True,
+    found = database.solve_from_centroids(
+        brightest[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
+        fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=1000 * search_time_s(request["time_limit_s"], started),
+        return_matches=True,
     )  # fmt: skip
     if found["RA"] is None:
         return result | {"status": "refused", "reason": "no match"}
@@ -107,6 +112,11 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
         "confidence": min(max(1.0 - float(found["Prob"]), 0.0), 1.0),
         "match_directions": matches_of(found, uv),
     }
+
+
+def search_time_s(limit_s: float, started: float) -> float:
+    """What the search may take of a request's time, which began at a reading of `time.perf_counter`."""
+    return max(limit_s - max(MARGIN * limit_s, LEAST_MARGIN_S) - (time.perf_counter() - started), 0.0)
 
 
 def database_for(databases: dict[float, Any], fov_deg: float) -> Any:

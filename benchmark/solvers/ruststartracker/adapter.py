@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -21,7 +23,10 @@ from benchmark.solvers.pinhole import pinhole_view
 from benchmark.solvers.star_naming import EPOCH_JYEAR, named_matches
 
 TOLERANCE_PX = 1.5
-TIMEOUT_S = 1.0
+SEARCHES_S = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 8.0)
+"""How long a search may be. A tracker is made for one of them, and its table of angles takes up to a second and 65 MB."""
+MAKING_S = 1.2
+"""Of the time that a frame may take: left for a tracker that has not been made yet, and for the answer."""
 STARS_TO_LOOK_UP = 40.0
 """Expected in the field among those that triangles are looked up of."""
 LOOKUP_MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0)
@@ -54,6 +59,8 @@ class RustStarTracker:
         Of those bytes, above which its detector sees light.
     extraction : mapping
         Settings of its detector beside its defaults.
+    ends_s : float, optional
+        Reading of `time.perf_counter` at which it should have answered; none: its longest search ends by itself.
     """
 
     candidates: int = 30
@@ -61,6 +68,7 @@ class RustStarTracker:
     brightest_quantile: float = 0.9999
     threshold_quantile: float = 0.995
     extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
+    ends_s: float | None = None
     name = "ruststartracker"
     detector = "ruststartracker.StarTracker.get_centroids"
 
@@ -68,6 +76,10 @@ class RustStarTracker:
     def version(self) -> str:
         """Of the installed package."""
         return version("ruststartracker")
+
+    def within(self, time_limit_s: float) -> RustStarTracker:
+        """The same, to answer within so many seconds from now."""
+        return dataclasses.replace(self, ends_s=time.perf_counter() + time_limit_s)
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
         """Detect with its own detector, in 8 bits from the sky's level up."""
@@ -81,7 +93,7 @@ class RustStarTracker:
             # It sorts by brightness and does not tell it. Any focal length does: it only checks the image's size. Its own
             # threshold is given, since what works it out first does not run with OpenCV 5.
             threshold = get_threshold_from_histogram(bytes_, fraction=self.threshold_quantile)
-            uv = tracker(float(width), width, height, self.min_matches).get_centroids(
+            uv = tracker(float(width), width, height, self.min_matches, SEARCHES_S[0]).get_centroids(
                 bytes_, n_candidates=self.candidates, threshold=threshold, **self.extraction
             )
         except StarTrackerError:  # fewer than three
@@ -96,8 +108,9 @@ class RustStarTracker:
         view = pinhole_view(uv, observation.camera)
         if len(view.rows) < 3:
             return Answer(ok=False, reason="fewer than 3 detections")
+        asked = tracker(view.f_px, view.width, view.height, self.min_matches, search_time_s(self.ends_s))
         try:
-            found = tracker(view.f_px, view.width, view.height, self.min_matches).process_observation_vectors(view.rays)
+            found = asked.process_observation_vectors(view.rays)
         except StarTrackerError as error:
             return Answer(ok=False, reason=str(error))
         # Its quaternion takes the camera frame to the sky.
@@ -124,8 +137,16 @@ def magnitudes_for(f_px: float, width: int, height: int) -> tuple[float, float]:
     return lookup, min(lookup + FAINTER_BY, FAINTEST)
 
 
-@lru_cache(maxsize=32)
-def tracker(f_px: float, width: int, height: int, min_matches: int) -> Any:
+def search_time_s(ends_s: float | None) -> float:
+    """How long a search may be that should have ended at a reading of `time.perf_counter`."""
+    if ends_s is None:
+        return SEARCHES_S[-1]
+    left_s = ends_s - time.perf_counter() - MAKING_S
+    return max((each for each in SEARCHES_S if each <= left_s), default=SEARCHES_S[0])
+
+
+@lru_cache(maxsize=16)
+def tracker(f_px: float, width: int, height: int, min_matches: int, search_s: float) -> Any:
     """A tracker for a pinhole; its table of angles is made for the field."""
     from ruststartracker.star import CameraParameters, StarTracker
 
@@ -136,7 +157,7 @@ def tracker(f_px: float, width: int, height: int, min_matches: int) -> Any:
     return StarTracker(
         places, magnitudes, CameraParameters(matrix, (width, height), None),
         max_lookup_magnitude=lookup, inter_star_angle_tolerance=TOLERANCE_PX / f_px,
-        n_minimum_matches=min_matches, timeout_secs=TIMEOUT_S,
+        n_minimum_matches=min_matches, timeout_secs=search_s,
     )  # fmt: skip
 
 

@@ -27,8 +27,8 @@ FAINTEST_MAG = 6.5
 """Of Hipparcos' Hp, whose band is as wide as that of a sensor without a filter."""
 SCALE_ERROR = 0.06
 """Of the told scale, to both sides; frames whose focal length is farther off are asked again with others."""
-TIME_LIMIT_S = 4.0
-"""Of a search: what it finds it finds within a second, and where hundreds of detections are no stars it goes on for 20."""
+MARGIN, LEAST_MARGIN_S = 0.1, 0.3
+"""Of the time that a request may take: left for the answer, and for what the search does between looks at its clock."""
 DETECTION: dict[str, Any] = {"max_elongation": 10.0}
 """Of its detector, beside its defaults; docs/rivals.md has the tries."""
 REFINED = False
@@ -83,6 +83,11 @@ def detect(path: str) -> tuple[Any, Any]:
     return np.array([(star.x, star.y) for star in found]).reshape(-1, 2), np.array([star.flux for star in found])
 
 
+def search_time_s(limit_s: float, started: float) -> float:
+    """What the search may take of a request's time, which began at a reading of `time.perf_counter`."""
+    return max(limit_s - max(MARGIN * limit_s, LEAST_MARGIN_S) - (time.perf_counter() - started), 0.0)
+
+
 def answer(catalogue: Any, index: Any, request: dict[str, Any]) -> dict[str, Any]:
     """Detect, solve, and put the answer into the protocol's terms."""
     camera = request["camera"]
@@ -102,7 +107,7 @@ def answer(catalogue: Any, index: Any, request: dict[str, Any]) -> dict[str, Any
         found = seiza.solve_blind(
             stars, catalogue, index, camera["width"], camera["height"],
             min_scale_arcsec_px=scale * (1.0 - SCALE_ERROR), max_scale_arcsec_px=scale * (1.0 + SCALE_ERROR),
-            time_limit=TIME_LIMIT_S,
+            time_limit=search_time_s(request["time_limit_s"], started),
         )  # fmt: skip
     except (seiza.SolveError, TimeoutError) as error:
         return result | {"status": "refused", "reason": str(error)[:150]}

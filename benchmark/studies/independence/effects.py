@@ -14,7 +14,14 @@ from scipy import stats
 from benchmark.stats.clustered import mean_estimate
 from benchmark.stats.comparison import compare, difference_estimate, paired
 from benchmark.stats.covariance import NEES_DIMENSIONS, ellipse_coverage, nees_of_identified, nees_values
-from benchmark.stats.frame_metrics import UNDEFINED, bound_ratio_of_identified, identified, resamples_of, success
+from benchmark.stats.frame_metrics import (
+    UNDEFINED,
+    bound_ratio_of_identified,
+    column,
+    identified,
+    resamples_of,
+    success,
+)
 from benchmark.stats.intervals import Estimate
 
 F8 = NDArray[np.float64]
@@ -134,7 +141,7 @@ def _ellipse_change(before: pd.DataFrame, after: pd.DataFrame) -> Change:
         limit = float(stats.chi2.ppf(ELLIPSE, NEES_DIMENSIONS))
         inside, inside_before = (nees_values(table)[known] <= limit for table in (after, before))
         gap = inside.astype(np.float64) - inside_before.astype(np.float64)
-        change = difference_estimate(gap, resamples_of(before[known]))
+        change = difference_estimate(gap, column(before[known], "condition"), resamples_of(before[known]))
     return Change(_ellipse(before[identified(before)]), _ellipse(after[identified(after)]), change)
 
 

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -9,8 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from benchmark.errors import ResultsError
+from benchmark.report.site.frame_source import FrameSource
+from benchmark.report.site.tree import StoredResult
+from benchmark.run import identities
 from benchmark.run.packed import read_packed
-from benchmark.run.results import read_summary, read_table
+from benchmark.run.results import FRAMES_NAME, MATCHES_NAME, SUMMARY_NAME, read_summary, read_table
+from benchmark.stats.frame_metrics import read_frames
 from celnav.command.attitude_option import read_attitude
 from celnav.errors import AttitudeError
 from generator.reading import table
@@ -31,10 +37,36 @@ def test_tables_that_claim_more_than_they_hold_are_not_read(bomb, monkeypatch) -
     digest = hashlib.sha256(bomb.read_bytes()).hexdigest()
     listing = bomb.with_suffix(".json")
     listing.write_text(json.dumps({"format": "skybench-packed/1", "table_sha256": digest, "rows": []}))
-    monkeypatch.setattr(pq, "read_table", lambda *arguments: pytest.fail("the table was read"))
-    for read, path in ((read_packed, listing), (read_table, bomb)):
+    monkeypatch.setattr(pq, "read_table", lambda *arguments, **options: pytest.fail("the table was read"))
+    for read, path in ((read_packed, listing), (read_table, bomb), (read_frames, bomb)):
         with pytest.raises(ResultsError, match=r"part\.parquet: claims 8 MB in a file of"):
             read(path)
+
+
+def test_pages_read_no_table_that_claims_more_than_it_holds(bomb, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(pq, "read_table", lambda *arguments, **options: pytest.fail("the table was read"))
+    result = SimpleNamespace(folder=tmp_path)
+    bomb.rename(tmp_path / MATCHES_NAME)
+    with pytest.raises(ResultsError, match="claims 8 MB in a file of"):
+        StoredResult.detections_in(result, ["frame-00000"])
+    (tmp_path / MATCHES_NAME).rename(tmp_path / "stars.parquet")
+    place = SimpleNamespace(star_tables=lambda: [tmp_path / "stars.parquet"])
+    monkeypatch.setattr(FrameSource, "_place", lambda source, stored: place)
+    with pytest.raises(ResultsError, match="claims 8 MB in a file of"):
+        FrameSource(tmp_path).true_stars(result, ["frame-00000"])
+
+
+def test_no_identity_is_read_of_a_table_that_claims_more_than_it_holds(bomb, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(pq, "read_table", lambda *arguments, **options: pytest.fail("the table was read"))
+    folder = tmp_path / "demo@0" / "all" / "own" / "mine-0"
+    folder.mkdir(parents=True)
+    (folder / SUMMARY_NAME).write_text("{}")
+    bomb.rename(folder / FRAMES_NAME)
+    frames = SimpleNamespace(scenario_sha256="0", place=Path("demo@0/all"))
+    summary = SimpleNamespace(provenance=SimpleNamespace(frames=frames))
+    monkeypatch.setattr(identities, "read_summary", lambda path: summary)
+    with pytest.raises(ResultsError, match="claims 8 MB in a file of"):
+        identities.recorded_identities(tmp_path, frames)
 
 
 @pytest.mark.parametrize("text", [DEEP, '{"format": 1, "overall": {"n_frames": 1e400}}'])

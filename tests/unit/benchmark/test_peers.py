@@ -92,7 +92,7 @@ def test_ruststartracker_as_its_readme_processes_an_image():
     from benchmark.solvers.ruststartracker.adapter import tracker
 
     image = np.clip((image_of(observation).astype(float) - 400.0) / 40.0, 0.0, 255.0).astype(np.uint8)
-    own = tracker(PINHOLE.f_px, PINHOLE.width, PINHOLE.height, solver.min_matches)
+    own = tracker(PINHOLE.f_px, PINHOLE.width, PINHOLE.height, solver.min_matches, 1.0)
     threshold = get_threshold_from_histogram(image, fraction=0.99)
     readme = own.process_image(image, threshold=threshold)
     uv = own.get_centroids(image, threshold=threshold)
@@ -191,7 +191,12 @@ def test_astrometry_net_as_its_manual_solves_a_list_of_positions(tmp_path):
     camera = CameraRecord("pinhole", 640, 480, 1814.0, 1814.0, 319.5, 239.5)
     observation = told(camera)
     _, uv, _ = stars_in(observation, 8.0)
-    request = {"camera": dataclasses.asdict(camera), "detections": {"uv": uv.tolist()}, "image": None}
+    request = {
+        "camera": dataclasses.asdict(camera),
+        "detections": {"uv": uv.tolist()},
+        "image": None,
+        "time_limit_s": 20.0,
+    }
     (tmp_path / "ours").mkdir()
     answer = program.solve(request, tmp_path / "ours")
     assert answer["status"] == "attitude", answer
@@ -227,7 +232,8 @@ def test_cedar_solve_as_its_readme_solves_an_image(tmp_path):
         "import program, tetra3, numpy as np; from PIL import Image\n"
         "base = tetra3.Tetra3(); path = sys.argv[1]\n"
         "camera = {'width': 640, 'height': 480, 'f_px': 1194.3, 'fy_px': 1194.3, 'cx_px': 319.5, 'cy_px': 239.5}\n"
-        "ours = program.answer(tetra3, {30.0: base}, {'camera': camera, 'detections': None, 'image': path})\n"
+        "request = {'camera': camera, 'detections': None, 'image': path, 'time_limit_s': 10.0}\n"
+        "ours = program.answer(tetra3, {30.0: base}, request)\n"
         "with Image.open(path) as picture: pixels = np.asarray(picture).astype(np.float32)\n"
         "theirs = base.solve_from_image(Image.fromarray(pixels), fov_estimate=30.0)\n"
         "print(json.dumps([ours['R_icrs_to_camera'], {key: float(theirs[key]) for key in ('RA', 'Dec', 'Roll')}]))"

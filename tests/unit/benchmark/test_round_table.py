@@ -1,8 +1,9 @@
-"""The table of README.md and docs/rounds.md is of the committed round."""
+"""The tables of README.md and docs/rounds.md are of the committed rounds."""
 
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -20,14 +21,20 @@ def tool() -> ModuleType:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(ROOT / "tools")
         spec.loader.exec_module(module)
-    made = module.table(module.boards_of(ROOT / "results" / "rounds" / module.LATEST / "results"))
-    module.__dict__["boards_of"] = lambda results: {}  # read once
-    module.__dict__["table"] = lambda boards: made
+    made = module.tables(ROOT / "results" / "rounds")
+    module.__dict__["tables"] = lambda rounds: made  # read once
     return module
 
 
-def test_both_pages_have_the_table_of_the_committed_round(tool: ModuleType) -> None:
+def test_both_pages_have_the_tables_of_the_committed_rounds(tool: ModuleType) -> None:
     tool.main(["--check"])
+
+
+def test_no_round_on_the_page_has_a_table_of_other_origin(tool: ModuleType) -> None:
+    text = (ROOT / "docs" / "rounds.md").read_text(encoding="utf-8").split("## Rounds so far")[1]
+    marked = re.findall(r"<!-- table: (.*?) -->", text)
+    assert marked == [tool.TABLE, *tool.EARLIER]
+    assert len(re.findall(r"^\| solver \|", text, re.MULTILINE)) == len(marked)
 
 
 def test_a_changed_cell_is_found_and_mended(tool: ModuleType, tmp_path: Path) -> None:

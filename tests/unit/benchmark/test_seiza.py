@@ -127,7 +127,7 @@ print(json.dumps([found.wcs.pixel_to_world(2000.0, 1500.0), found.scale_arcsec_p
 ASK = """
 tables = program.open_tables()
 requests = json.loads(sys.argv[1])
-print(json.dumps([program.answer(*tables, request) for request in requests]))
+print(json.dumps([program.answer(*tables, request | {"time_limit_s": 10.0}) for request in requests]))
 """
 
 

@@ -263,7 +263,7 @@ def test_a_request_holds_the_observation_and_no_truth(frames):
     request = request_of(frames[0], None, frames[0].image_path)
     assert set(request) == {
         "type", "frame_id", "image", "camera", "utc_mid", "R_cam", "tilt_sigma_deg", "heading_sigma_deg",
-        "pressure_hpa", "temperature_c", "detections", *SIGMAS,
+        "pressure_hpa", "temperature_c", "detections", "time_limit_s", *SIGMAS,
     }  # fmt: skip
     assert request["detections"] is None
     json.dumps(request, allow_nan=False)

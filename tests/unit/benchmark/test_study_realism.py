@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import PhotographError, ResultsError
+from benchmark.report.formatting import number
 from benchmark.report.marks import Mark
 from benchmark.studies.common.progress import StudyProgress
 from benchmark.studies.realism import agreement as measures
@@ -86,6 +87,7 @@ def test_the_page_says_what_was_found_and_what_is_undefined() -> None:
     study = Study(names, "008.fits", OUTCOMES, agreement, tables, [], "skybench study realism", 1.0)
     text = page(study, Mark("skybench study realism", {"the study realism": "0" * 12}, {}), "A sentence.")
     assert "1 of 6 pairs" in text
+    assert f"among the 3 solvers whose medians are finite on both {number(1 / 3)}" in text
     assert "008.fits" in text
     nothing = Outcomes(("a", "b"), np.full((2, 4), INF), np.full((2, 4), INF))
     study = Study(names, "008.fits", nothing, agreement_of(nothing), tables, [], "command", 1.0)
