@@ -155,6 +155,19 @@ def test_cedar_solve_searches_as_long_as_it_is_allowed_less_a_margin(limit_s, se
     assert cedar_asked(8, limit_s)[0].timeout_ms == pytest.approx(1000.0 * search_s, abs=100.0)
 
 
+def ended_within(limit_s: float, pid: int) -> bool:
+    """Whether a process that nobody may have reaped has ended: a signal takes a moment to arrive."""
+    until = time.perf_counter() + limit_s
+    while time.perf_counter() < until:
+        try:
+            if psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
+                return True
+        except psutil.NoSuchProcess:
+            return True
+        time.sleep(0.02)
+    return False
+
+
 def test_astrometry_net_ends_with_all_that_it_has_started(tmp_path):
     program = load_program("astrometry-net")
     code = (
@@ -166,5 +179,5 @@ def test_astrometry_net_ends_with_all_that_it_has_started(tmp_path):
     assert program.run_within(2.0, [sys.executable, "-c", code], tmp_path) == ""
     assert time.perf_counter() - started < 10.0
     child = int(Path(tmp_path / "child").read_text())
-    assert not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE
+    assert ended_within(5.0, child)
     assert program.run_within(9.0, [sys.executable, "-c", "raise SystemExit('no index')"], tmp_path) == "no index"
