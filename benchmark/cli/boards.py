@@ -169,7 +169,7 @@ def _print_plan(found: Plan, request: BoardsRequest) -> None:
 
     table = Table(title="Rows to be made", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("task, solver", "why", "frames", "estimate"):
-        table.add_column(heading, overflow="fold", no_wrap=heading != "why")
+        table.add_column(heading, overflow="fold", no_wrap=heading in ("frames", "estimate"))
     for job in found.jobs:
         place = job.place
         shared = "" if place.detections == "own" else f"\n[dim]{place.detections} detections[/dim]"

@@ -10,6 +10,7 @@ import dataclasses
 from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import pandas as pd
@@ -135,6 +136,7 @@ class StoredResult:
         return found
 
 
+@lru_cache(maxsize=256)  # reading all solvers' files for each of a hundred rows takes ten seconds
 def family_of(solver: str) -> str:
     """Which solvers one belongs with: celnav's own, the peers that come with skybench, or others' programs."""
     if solver not in known_solvers():

@@ -213,7 +213,7 @@ def test_damaged_results_are_refused_by_name(out, tmp_path):
         read_tree(tmp_path / "nowhere")
     matches = folder_of(out, "mixed") / "matches.parquet"
     matches.write_bytes(b"no table")
-    with pytest.raises(ResultsError, match=r"matches\.parquet: damaged"):
+    with pytest.raises(ResultsError, match=r"matches\.parquet: missing or damaged"):
         stored(out)["mixed"].detections_in(["frame-00000"])
     (folder_of(out, "empty") / "summary.json").write_text("{}")
     with pytest.raises(ResultsError, match=r"summary\.json: not a readable result"):

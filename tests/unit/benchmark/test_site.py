@@ -22,6 +22,7 @@ from unit.benchmark.fake_results import TASKS as ALL_TASKS
 
 from benchmark.cli.bench import app
 from benchmark.errors import ResultsError
+from benchmark.report.site import tree
 from benchmark.report.site.boards import make_board
 from benchmark.report.site.columns import SUCCESS, break_interval, break_words
 from benchmark.report.site.commands import Places
@@ -388,3 +389,12 @@ def test_the_command_writes_the_site_and_the_picture(root, tmp_path):
     result = CliRunner().invoke(app, ["report", "--out", str(tmp_path / "nothing")])
     assert result.exit_code == 2
     assert "no results in it" in result.stderr
+
+
+def test_solvers_files_are_read_once_however_many_rows_there_are(monkeypatch):
+    read = []
+    monkeypatch.setattr(tree, "known_solvers", lambda: read.append(1) or ("skybench", "tetra3rs"))
+    tree.family_of.cache_clear()
+    assert [tree.family_of(name) for name in ("skybench", "tetra3rs", "mine") * 5] == ["celnav", "peers", "others"] * 5
+    assert len(read) == 3
+    tree.family_of.cache_clear()

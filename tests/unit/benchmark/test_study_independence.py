@@ -149,6 +149,8 @@ def test_the_page_has_no_covariances_of_who_returns_none(effects):
     assert [row[0] for row in main.rows] == ["exact", "silent"]
     assert [row[0] for row in honest.rows] == ["exact"]
     assert "vertical off by 0.01 deg" in text
+    assert "median over identified fixes" in text
+    assert "fixes within 10 km" not in text
     assert [len(row) for row in overview(study).rows] == [3, 3]
     assert summary_lines(study) == (
         "vertical off by 0.01 deg: exact: error grows; silent: success falls, error grows",

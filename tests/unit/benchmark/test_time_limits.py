@@ -155,17 +155,11 @@ def test_cedar_solve_searches_as_long_as_it_is_allowed_less_a_margin(limit_s, se
     assert cedar_asked(8, limit_s)[0].timeout_ms == pytest.approx(1000.0 * search_s, abs=100.0)
 
 
-def ended_within(limit_s: float, pid: int) -> bool:
-    """Whether a process that nobody may have reaped has ended: a signal takes a moment to arrive."""
-    until = time.perf_counter() + limit_s
-    while time.perf_counter() < until:
-        try:
-            if psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
-                return True
-        except psutil.NoSuchProcess:
-            return True
-        time.sleep(0.02)
-    return False
+def runs(process):
+    try:
+        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def test_astrometry_net_ends_with_all_that_it_has_started(tmp_path):
@@ -176,8 +170,12 @@ def test_astrometry_net_ends_with_all_that_it_has_started(tmp_path):
         "pathlib.Path('child').write_text(str(child.pid)); time.sleep(60)"
     )
     started = time.perf_counter()
-    assert program.run_within(2.0, [sys.executable, "-c", code], tmp_path) == ""
-    assert time.perf_counter() - started < 10.0
+    assert program.run_within(5.0, [sys.executable, "-c", code], tmp_path) == ""
+    assert time.perf_counter() - started < 20.0
     child = int(Path(tmp_path / "child").read_text())
-    assert ended_within(5.0, child)
+    # Who was killed is there until it is reaped, and on a busy machine for some moments before it is a zombie.
+    until = time.perf_counter() + 20.0
+    while runs(child) and time.perf_counter() < until:
+        time.sleep(0.05)
+    assert not runs(child)
     assert program.run_within(9.0, [sys.executable, "-c", "raise SystemExit('no index')"], tmp_path) == "no index"
