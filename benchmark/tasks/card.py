@@ -132,7 +132,7 @@ def _instruments(task: Task) -> str:
     if not given:
         return ", all without errors"
     rest = ". All other values have no error"
-    return ". Values have errors with the following standard deviations, which solvers receive too: " + "; ".join(given) + rest
+    return ". Values have errors with these standard deviations, which solvers receive too: " + "; ".join(given) + rest
 
 
 def _levels(value: float | tuple[float, ...], unit: str) -> str:
