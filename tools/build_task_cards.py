@@ -15,8 +15,8 @@ def page() -> str:
     cards = "\n".join(card(load_task(name)) for name in task_names())
     return f"""# Task cards
 
-One card for each task, made from its files by `tools/build_task_cards.py`. How tasks are run, graded and frozen is in
-[tasks.md](tasks.md), metrics and statistics in [benchmark.md](benchmark.md), results in
+This page has one card for each task, generated from its files by `tools/build_task_cards.py`. [tasks.md](tasks.md) explains
+how tasks are run, graded and frozen. Metrics and statistics are in [benchmark.md](benchmark.md), and results in
 [results/leaderboard](../results/leaderboard/README.md).
 
 Limits of all tasks:

@@ -11,22 +11,22 @@ from generator.frame.outlook import field_of_view_deg
 
 _INSTRUMENTS = (
     ("tilt_sigma_deg", "of the vertical about each axis", " deg"),
-    ("tilt_bias_sigma_deg", "of a further error of the vertical that stands still in the camera", " deg"),
+    ("tilt_bias_sigma_deg", "of a further error of the vertical that is constant in the camera", " deg"),
     ("heading_sigma_deg", "of the heading", " deg"),
     ("utc_sigma_s", "of the time", " s"),
     ("focal_sigma", "of the focal length, relative,", ""),
     ("focal_range", "a further uniform error of the focal length, relative, within ±", ""),
     ("principal_point_sigma_px", "of the principal point", " px"),
-    ("distortion_sigma", "the lens is told without distortion, of k1", ""),
+    ("distortion_sigma", "of k1, where the lens is given without its distortion,", ""),
     ("pressure_sigma_hpa", "of the pressure", " hPa"),
     ("temperature_sigma_c", "of the temperature", " deg C"),
 )
 _IMAGES = {"raw": "", "photo": " (the luma of the developed JPEG)"}
 LICENCES = {"CC-BY-4.0": "[CC BY 4.0](https://creativecommons.org/licenses/by/4.0/)"}
 LIMITS = (
-    "The frames are synthetic; each physical model has limits of its own (docs/physics.md of skybench).",
-    "Success on one graded quantity says nothing about another; the other properties of the frames are easy on purpose.",
-    "Seeds of both splits are public, so a result on `test` relies on the honesty of its author, or on a set without truth.",
+    "The frames are synthetic; each physical model has its own limits (docs/physics.md of skybench).",
+    "Success on one graded quantity says nothing about another; the other properties of the frames are deliberately easy.",
+    "Seeds of both splits are public. A result on `test` therefore relies on its author's honesty or on a set without truth.",
 )
 
 
@@ -42,7 +42,7 @@ def card(task: Task) -> str:
     )
     metric = definition.metric
     rows = {
-        "purpose": f"find the {condition.name} at which a solver fails, and compare solvers at each",
+        "purpose": f"find the {condition.name} at which a solver fails, and compare solvers at each value",
         "graded": f"{condition.name}: {', '.join(values)}{unit}; {condition.harder} is harder",
         "frames": f"{definition.frames_per_condition} per condition{_sequences(task)}; {_camera(task)}",
         "solvers receive": f"the image{_IMAGES[definition.image]}, the camera, the time of mid-exposure, the attitude, "
@@ -74,7 +74,7 @@ def card(task: Task) -> str:
 
 def _sequences(task: Task) -> str:
     length = task.sequence_length
-    return f", of as many sequences of {length} frames that are given in order" if length > 1 else ""
+    return f", from as many sequences of {length} frames, which are presented in order" if length > 1 else ""
 
 
 def limits() -> str:
@@ -123,16 +123,16 @@ def _rounded(value: float, digits: int) -> str:
 
 
 def _instruments(task: Task) -> str:
-    """How well solvers are told what they are told."""
+    """The stated uncertainties of what solvers receive."""
     given = [
         f"{words} {_levels(value, unit)}"
         for name, words, unit in _INSTRUMENTS
         if (value := getattr(task.definition.instruments, name)) != 0.0
     ]
     if not given:
-        return ", all without error"
-    rest = "; what is not listed without error"
-    return ", told with errors of these standard deviations, which are told too: " + "; ".join(given) + rest
+        return ", all without errors"
+    rest = ". All other values have no error"
+    return ". Values have errors with these standard deviations, which solvers receive too: " + "; ".join(given) + rest
 
 
 def _levels(value: float | tuple[float, ...], unit: str) -> str:
