@@ -1,8 +1,9 @@
 """Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
-Of the latest round two questions on the same frames: who finds the place with a detector of its own, and who does when all
-are given the same detections. Of earlier ones the first, without times, which are of busy machines. `--check` writes nothing
-and fails where a page has another table.
+The table of the latest round answers two questions on the same frames: how many places each solver finds with its own
+detector, and how many it finds with the detections that all solvers share. Solvers scored with `--later`, whose revision is
+not the committed one, have "(later)" behind their name. Tables of earlier rounds answer the first question only and omit
+times, which were measured on busy machines. `--check` writes nothing and fails if a page has another table.
 """
 
 from __future__ import annotations
@@ -14,36 +15,45 @@ from pathlib import Path
 
 from build_board_tables import with_tables
 
+from benchmark.frames.frame_set import ALL
 from benchmark.report.site.boards import Board, Entry, make_board
 from benchmark.report.site.columns import BOUND, NEES, SUCCESS, TIME, WRONG, Column
 from benchmark.report.site.tree import read_tree
+from benchmark.rounds.private_frames import LATER
 
 ROOT = Path(__file__).parents[1]
-LATEST = "open-sky-2026-11f"
-EARLIER = ("open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
+LATEST = "open-sky-2026-11g"
+EARLIER = ("open-sky-2026-11f", "open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
 THIN_SPACE = "\u2009"  # of thousands
 TABLE = "the latest round"
 
 
-def boards_of(results: Path) -> Mapping[str, Board]:
-    """The round's boards by their mode of detections."""
-    return {group[0].detections: make_board(group) for group in read_tree(results)}
+def boards_of(results: Path, split: str = ALL) -> Mapping[str, Board]:
+    """Boards of a round's part by their mode of detections."""
+    return {group[0].detections: make_board(group) for group in read_tree(results) if group[0].split == split}
 
 
-def table(boards: Mapping[str, Board]) -> str:
-    """Whole systems in the order of their rank, and beside each what it does with the detections that all share."""
-    shared = {entry.label: entry for entry in boards["shared"].entries}
+def table(boards: Mapping[str, Board], later: Mapping[str, Board]) -> str:
+    """Whole systems by their success, each with what it does with the shared detections; those scored later are marked."""
     columns = (
         "solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %", "median time, ms",
         "success with shared detections, %", "wrong and confident there, %",
     )  # fmt: skip
+    rows = [*_rows_of_both_modes(boards), *_rows_of_both_modes(later, " (later)")]
+    return _markdown(columns, sorted(rows, key=lambda cells: -float(cells[1].split()[0])))
+
+
+def _rows_of_both_modes(boards: Mapping[str, Board], mark: str = "") -> list[list[str]]:
+    if "own" not in boards:
+        return []
+    shared = {entry.label: entry for entry in boards["shared"].entries} if "shared" in boards else {}
     rows = []
     for entry in boards["own"].entries:
         other = shared.get(entry.label)
         there = ("-", "-") if other is None else (_with_interval(SUCCESS, other), _value(WRONG, other))
-        rows.append([*_cells(entry), _value(TIME, entry), *there])
-    return _markdown(columns, rows)
+        rows.append([entry.label + mark, *_cells(entry)[1:], _value(TIME, entry), *there])
+    return rows
 
 
 def table_of_earlier(boards: Mapping[str, Board]) -> str:
@@ -82,7 +92,8 @@ def _with_interval(column: Column, entry: Entry) -> str:
 def tables(rounds: Path) -> dict[str, str]:
     """All tables by their names, from the folder that holds the rounds."""
     earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
-    return {TABLE: table(boards_of(rounds / LATEST / "results")), **earlier}
+    latest = rounds / LATEST / "results"
+    return {TABLE: table(boards_of(latest), boards_of(latest, LATER)), **earlier}
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
