@@ -1,8 +1,8 @@
 """Write the tables of the rounds into README.md and docs/rounds.md: python tools/build_round_table.py [--check].
 
-Of the latest round two questions on the same frames: who finds the place with a detector of its own, and who does when all
-are given the same detections. Of earlier ones the first, without times, which are of busy machines. `--check` writes nothing
-and fails where a page has another table.
+For the latest round there are two questions on the same frames: which solver finds the position with its own detector, and
+which does when all receive the same detections. For earlier rounds only the first is shown, without times, because the
+machines were busy. `--check` writes nothing and fails where a page has another table.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ ROOT = Path(__file__).parents[1]
 LATEST = "open-sky-2026-11f"
 EARLIER = ("open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
-THIN_SPACE = "\u2009"  # of thousands
+THIN_SPACE = "\u2009"  # between groups of thousands
 TABLE = "the latest round"
 
 
 def boards_of(results: Path) -> Mapping[str, Board]:
-    """The round's boards by their mode of detections."""
+    """The round's boards by their mode of detection."""
     return {group[0].detections: make_board(group) for group in read_tree(results)}
 
 
 def table(boards: Mapping[str, Board]) -> str:
-    """Whole systems in the order of their rank, and beside each what it does with the detections that all share."""
+    """Complete systems in the order of their rank, each next to its result with the shared detections."""
     shared = {entry.label: entry for entry in boards["shared"].entries}
     columns = (
         "solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %", "median time, ms",
@@ -47,7 +47,7 @@ def table(boards: Mapping[str, Board]) -> str:
 
 
 def table_of_earlier(boards: Mapping[str, Board]) -> str:
-    """Whole systems in the order of their rank."""
+    """Complete systems in the order of their rank."""
     columns = ("solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %")
     return _markdown(columns, [_cells(entry) for entry in boards["own"].entries])
 
@@ -58,7 +58,7 @@ def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _cells(entry: Entry) -> list[str]:
-    """What a round's table says of a solver whatever else it says."""
+    """Cells about a solver that all tables of rounds contain."""
     return [
         entry.label,
         _with_interval(SUCCESS, entry),
@@ -80,7 +80,7 @@ def _with_interval(column: Column, entry: Entry) -> str:
 
 
 def tables(rounds: Path) -> dict[str, str]:
-    """All tables by their names, from the folder that holds the rounds."""
+    """All tables by their names, from the folder that contains the rounds."""
     earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
     return {TABLE: table(boards_of(rounds / LATEST / "results")), **earlier}
 
@@ -94,7 +94,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     made = tables(asked.rounds)
     for page in asked.pages:
         before = page.read_text(encoding="utf-8")
-        # A page has the latest round, and those before it that it marks.
+        # A page has the latest round, and the earlier ones for which it has marks.
         marked = {name: each for name, each in made.items() if name == TABLE or f"<!-- table: {name} -->" in before}
         after = with_tables(before, marked, page.name)
         if not asked.check:
