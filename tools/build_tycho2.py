@@ -42,8 +42,8 @@ SAME_STAR_ARCSEC, SAME_STAR_MAG = 5.0, 1.5
 YALE_ARCSEC, YALE_MAG = 10.0, 0.5
 """Limits for stars placed by the Yale catalogue, which gives parts of a pair one position (sigma CrB B: 5.6 arcsec off)."""
 FIELD_ARCSEC, EXCESS_MAG, BRIGHTER_MAG, MEASURED_MAG = 45.0, 0.4, 0.3, 12.5
-"""Limits for a star with a brighter one next to it: their distance, the excess of Hipparcos' V in brightness over Tycho-2's,
-the difference in magnitude to the other star, and the V to which Tycho-2 measures."""
+"""Limits for a star with a brighter one next to it: their distance, how far Hipparcos' V is below Tycho-2's, by how much the
+other star is brighter, and the V to which Tycho-2 measures."""
 
 
 def numbers(data: bytes, line_bytes: int, fields: dict[str, tuple[int, int]]) -> dict[str, Floats]:

@@ -27,7 +27,7 @@ class Bar:
 
 
 def _three(hfov_deg: float, depths: Iterable[float]) -> tuple[Condition, ...]:
-    """Clean, with half a pixel of noise, and with 20 % missing and 20 % false in addition; at every depth."""
+    """Conditions at every depth: clean; half a pixel of noise; half a pixel with 20 % missing and 20 % false."""
     return tuple(
         Condition(f"{hfov_deg:.0f} deg V{v:g} {name}", hfov_deg, v, noise, missing, false)
         for v in depths

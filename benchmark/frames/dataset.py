@@ -255,7 +255,7 @@ def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
 
 
 def told_observation(path: Path, record: Mapping[str, Any]) -> Observation:
-    """What solvers receive for a frame: the truth, except for a camera and an attitude that drifted since calibration."""
+    """What solvers receive for a frame: the truth, except where its record states another camera and attitude as told."""
     seen = true_observation(path, record)
     if "told" not in record:
         return seen

@@ -63,6 +63,6 @@ def bound_of(frame: Frame) -> float | None:
     given = frame.observation
     prior = Prior(given.tilt_sigma_deg, given.heading_sigma_deg, given.focal_sigma, given.principal_point_sigma_px)
     bound = bound_km(light, prior)
-    # An error of the time rotates the sky about the pole, as a change of longitude does, so it adds to the bound.
+    # An error of the time rotates the sky about the pole, as a change of longitude does; the two add in quadrature.
     bound = math.hypot(bound, given.utc_sigma_s * ground_speed_km_s(light.latitude_deg))
     return bound if math.isfinite(bound) else None

@@ -83,7 +83,7 @@ _READER = TypeAdapter(Terms)
 
 
 def commitment_sha256(secret: bytes, terms: Terms) -> str:
-    """SHA-256 of the format's name, the secret (128 random bits, which hide themselves) and the terms as canonical JSON."""
+    """SHA-256 of the format's name, the secret (128 random bits, which need no salt) and the terms as canonical JSON."""
     text = json.dumps(dataclasses.asdict(terms), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(f"{FORMAT}:{secret.hex()}:{text}".encode("ascii")).hexdigest()
 

@@ -113,7 +113,7 @@ def run(
 ) -> tuple[SolverRun, ...]:
     """Run solvers over frames, judge their answers and write the results.
 
-    A solver that raises, or whose answer makes no sense, is scored as refusing that frame with status ``error``.
+    A solver that raises, or whose answer is invalid, is scored as refusing that frame with status ``error``.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def run(
     solvers : sequence
         Names of solvers, folders with a solver.yaml, or Python objects (`benchmark.protocol.SolverUnderTest`).
     out : Path
-        Root of all results, made if missing.
+        Root of all results, created if missing.
     detections : str
         ``own``: each solver detects by itself; ``shared``: all receive celnav's detections.
     jobs : int

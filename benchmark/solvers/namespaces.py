@@ -38,7 +38,7 @@ DEVICES = ("null", "zero", "full", "random", "urandom")
 MOST_WRITTEN_BYTES = 512 * 2**20
 """Limit for all files together that a program writes, which no limit of its address space covers."""
 MOST_FILES = 20_000
-"""Limit for the number of files that a program writes, including those of the folders it sees."""
+"""Limit for the number of files that a program writes, including the mount points of what it sees."""
 STAGE = "/tmp"
 """Where the new root is assembled, hiding what is there; any folder that every system has."""
 _FLAGS_OF_STATVFS = {2: MS_NOSUID, 4: MS_NODEV, 8: MS_NOEXEC, 1024: 1024, 2048: 2048, 4096: 1 << 21}

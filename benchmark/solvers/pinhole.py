@@ -13,7 +13,7 @@ import celnav
 from benchmark.protocol import CameraRecord
 
 WIDEST_DEG = 120.0
-"""Field of the widest pinhole; beyond it, a pixel at the edge would span more than four of those in the middle."""
+"""Field of the widest pinhole; beyond it, the plate scale at the edge would be more than four times that in the middle."""
 PERSPECTIVE = ("pinhole", "brown_conrady")
 """Camera models whose distortion-free form is a pinhole."""
 

@@ -28,7 +28,7 @@ def skewed_mean_estimate(values: ArrayLike, resamples: Resamples) -> Estimate:
     values : array_like, shape (n_frames,)
         Finite or NaN.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     References
     ----------

@@ -35,7 +35,7 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
     condition : array_like, shape (n_frames,)
         NaN where a frame has none.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     References
     ----------
@@ -68,7 +68,7 @@ def difference_within_conditions(gap: ArrayLike, condition: ArrayLike, resamples
     condition : array_like, shape (n_frames,)
         NaN where a frame has none.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     Returns
     -------

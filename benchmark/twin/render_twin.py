@@ -109,7 +109,7 @@ def make_twin(
     chosen = isolated(uv, rows["v_mag"]) & bright & on_mask(uv, sky)
     highest = 0.8 * (2**scene.spec.sensor.bits - 1)
     light = star_light(photograph.pixels, np.where(chosen[:, None], uv, np.nan), search_px=2.0)
-    # A star behind cloud counts as no brighter than the limit of visibility, so that it does not matter where the gaps are.
+    # A star behind cloud counts as if it were just visible, so that clouds are not judged by where their gaps are.
     least = light.flux_at(SEEN_SNR)
     known = np.isfinite(light.flux) & (light.peak < highest)
     real = Seen(sky_cells(photograph.pixels - dark, view, sky), np.where(known, np.maximum(light.flux, least), np.nan))

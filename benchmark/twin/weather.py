@@ -196,7 +196,7 @@ def fit_weather(
     Parameters
     ----------
     real : Seen
-        Of the photograph; in a fit with cloud, stars are relative to those of a sky without cloud.
+        What the photograph shows; in a fit with cloud, stars are relative to those of a sky without cloud.
     names : tuple of str
         Fields of `Weather` to fit, at most four.
     twin : function

@@ -44,8 +44,8 @@ class OverallRow:
         Number of sets. Where the solver did not answer all of them, its numbers are undefined, because they would be of
         easier or harder frames than those of others.
     metrics : mapping of str to Estimate
-        Of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver only has on some sets (it has no such
-        fix on the others) is the mean over these.
+        Values of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver only has on some sets (it has
+        no such fix on the others) is the mean over these.
     lacking : mapping of str to int
         Number of sets without the number, by key; zeros are omitted.
     """

@@ -46,7 +46,7 @@ WIDEST_DEG = 30.0
 
 
 def version_of_program() -> str:
-    """Version of the installed program; raises an error that says what to do where it is missing."""
+    """Version of the installed program; exits with a message that says what to do where it is missing."""
     if shutil.which("solve-field") is None:
         sys.exit(f"astrometry-net: solve-field is not installed; on Debian and Ubuntu: {INSTALL}")
     if not any(INDEXES.glob("index-tycho2-*.fits")):

@@ -94,7 +94,8 @@ class RustStarTracker:
         height, width = image.shape
         try:
             # It sorts by brightness but does not return it. Any focal length will do: it only checks the size of the image.
-            # The threshold is computed here, since its function that does so first does not run with OpenCV 5.
+            # The threshold is computed here with its own function, because the code that would otherwise call that function
+            # does not run with OpenCV 5.
             threshold = get_threshold_from_histogram(bytes_, fraction=self.threshold_quantile)
             uv = tracker(float(width), width, height, self.min_matches, SEARCHES_S[0]).get_centroids(
                 bytes_, n_candidates=self.candidates, threshold=threshold, **self.extraction

@@ -29,7 +29,7 @@ class Contestant:
     ----------
     name : str
     solver : Solver
-        Of `celnav`.
+        One of celnav's solvers.
     history : celnav.History or None
         Carried from frame to frame if supplied.
     """
