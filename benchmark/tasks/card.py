@@ -123,7 +123,7 @@ def _rounded(value: float, digits: int) -> str:
 
 
 def _instruments(task: Task) -> str:
-    """Describe the precision of what solvers receive."""
+    """The stated uncertainties of what solvers receive."""
     given = [
         f"{words} {_levels(value, unit)}"
         for name, words, unit in _INSTRUMENTS
