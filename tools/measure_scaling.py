@@ -1,11 +1,11 @@
 """Two jobs of one dataset in an object store, compared with one: python tools/measure_scaling.py --frames 200 --turns 3.
 
-Each turn runs one job that makes the first half of the shards, then two jobs in parallel that make a half each (`skybench
-generate --shards`, one process per job), as whole processes including their start. Then it does the same with a local folder,
-which shows what the machine itself can do. It prints frames per second, the ratio of the two rates turn by turn, the
-processor time of the jobs and of the store, and the requests and bytes that the store received. The store is moto's server on
-this machine. Its work occupies a core, which affects two jobs but hardly one; the highest rate that two jobs can reach next
-to it is printed too. Needs the extra `cluster` of pyproject.toml, and moto.
+Each turn runs one job that makes the first half of the shards, then two jobs in parallel that make a half each
+(`skybench generate --shards`, one process per job), as whole processes including their start. Then it does the same with a
+local folder, which shows what the machine itself can do. It prints frames per second, the ratio of the two rates turn by
+turn, the processor time of the jobs and of the store, and the requests and bytes that the store received. The store is moto's
+server on this machine. Its work occupies a core, which affects two jobs but hardly one; the highest rate that two jobs can
+reach next to it is printed too. Needs the extra `cluster` of pyproject.toml, and moto.
 """
 
 from __future__ import annotations

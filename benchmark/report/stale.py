@@ -4,8 +4,8 @@ Every file of measured numbers has a mark (`benchmark.report.marks`), which is c
 revision may stay where the mark's sentence says so. Permitted names in a mark's ``of``:
 
 * a solver that comes with skybench, or ``the shared detector``;
-* ``rendering``, ``the gallery``, or one of the studies (``the study thesis``, ``the study calibration``, ``the study
-  realism``, ``the study independence``), which stand for the modules that these import.
+* ``rendering``, ``the gallery``, or one of the studies (``the study thesis``, ``the study calibration``,
+  ``the study realism``, ``the study independence``), which stand for the modules that these import.
 
 Patterns in ``rows`` match names of rows of the leaderboard, ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER``.
 """

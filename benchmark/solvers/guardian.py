@@ -4,10 +4,10 @@
     python -I -S guardian.py probe INSIDE OUTSIDE [INSIDE OUTSIDE …]
 
 LIFELINE is the reading end of a pipe whose other end the caller holds and never writes to: the pipe ends with the caller,
-however the caller ends. STATUS is the writing end of another pipe, on which one line says ``started PID`` or ``failed
-ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal. The program has the standard streams to itself.
-PLACES is the number of pairs of names that follow it: if there are any, the program runs in its own namespaces and sees only
-these (`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
+however the caller ends. STATUS is the writing end of another pipe, on which one line says ``started PID`` or
+``failed ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal. The program has the standard streams
+to itself. PLACES is the number of pairs of names that follow it: if there are any, the program runs in its own namespaces and
+sees only these (`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
 
 Processes whose parents have died become children of the nearest ancestor that asked for them (PR_SET_CHILD_SUBREAPER, see
 prctl(2)), even those in their own sessions, so killing children until there are none left reaches all of them. The module

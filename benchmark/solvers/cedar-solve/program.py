@@ -1,8 +1,8 @@
 """cedar-solve behind docs/solver_protocol.md; runs in its own environment (requirements.txt), without skybench.
 
 Fields up to 30 deg are solved with the database that comes with it. Databases for wider fields are built on first use from
-the Yale Bright Star Catalogue that comes with skybench, which takes half a minute, and kept in the user's cache. `python
-program.py make` builds them beforehand, since an isolated program cannot keep them.
+the Yale Bright Star Catalogue that comes with skybench, which takes half a minute, and kept in the user's cache.
+`python program.py make` builds them beforehand, since an isolated program cannot keep them.
 """
 
 import json
