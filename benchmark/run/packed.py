@@ -66,7 +66,7 @@ _ANSWER_COLUMNS = {
     "cov_ee_km2": pa.float32(),
     "cov_en_km2": pa.float32(),
     "cov_nn_km2": pa.float32(),
-    "confidence": pa.float64(),  # its order near 1 counts
+    "confidence": pa.float64(),  # full precision, because the order of values near 1 matters
     "n_detections": pa.int32(),
     "n_detected_stars": pa.int32(),
     "n_matches": pa.int32(),
