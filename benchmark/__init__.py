@@ -1,1 +1,1 @@
-"""The benchmark: solvers run over graded skies, judged, compared and reported."""
+"""The benchmark runs solvers over graded night skies, judges their answers, compares them and reports the results."""

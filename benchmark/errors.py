@@ -1,12 +1,12 @@
-"""What can go wrong in the benchmark through no fault of its own.
+"""Errors of the benchmark that its user can correct.
 
-Every error says which file or name is meant and what to do about it; the command line prints it on one line and exits
-with status 2.
+Every error says which file or name is meant and what to do about it. The command line prints it on one line and exits with
+status 2.
 """
 
 
 class BenchmarkError(Exception):
-    """Base of all errors that the user can mend."""
+    """Base class of all errors that the user can correct."""
 
 
 class DatasetError(BenchmarkError):
@@ -22,7 +22,7 @@ class ResultsError(BenchmarkError):
 
 
 class TaskError(BenchmarkError):
-    """A task does not exist, or its files or frames are not as they must be."""
+    """A task does not exist, or its files or frames are invalid."""
 
 
 class SolverError(BenchmarkError):

@@ -1,9 +1,9 @@
-"""What a solver is told of a frame: the truth as instruments of a stated precision give it, in tasks and in rounds.
+"""What a solver is told about a frame: the truth as instruments of a stated precision report it, in tasks and in rounds.
 
-Each quantity has a Gaussian error of the stated standard deviation and is then rounded, to a step of at most half of it, so
-that no digit beyond the instrument's tells anything: told quantities cannot be inverted for the random numbers that made
-the truth. Sigmas that are stated include the rounding's own variance, step^2 / 12. A quantity whose standard deviation is 0
-is told as it is.
+Each quantity gets a Gaussian error of the stated standard deviation and is then rounded to a step of at most half of that
+deviation. No digit beyond the instrument's precision carries information, so the supplied quantities cannot be inverted to
+recover the random numbers that produced the truth. Stated standard deviations include the variance of the rounding, step^2 /
+12. A quantity whose standard deviation is 0 is supplied exactly.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from generator.places.times import Instant
 
 HEADING_UNKNOWN_DEG = 180.0
 MATRIX_DIGITS = 9
-"""Of R_cam: far below the step of its angles, and the same on every machine."""
+"""Decimal digits of R_cam: far below the rounding step of its angles, and the same on every machine."""
 PLAIN_MODELS = {"brown_conrady": "pinhole", "kannala_brandt": "equidistant"}
-"""The model without distortion of each that has some."""
+"""The distortion-free model that corresponds to each model with distortion."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """How well a frame's circumstances are told.
+    """Precision with which the circumstances of a frame are supplied to solvers.
 
     Attributes
     ----------
     tilt_sigma_deg, heading_sigma_deg, utc_sigma_s, focal_sigma, principal_point_sigma_px, pressure_sigma_hpa, \
     temperature_sigma_c : float
-        Standard deviations; of the vertical about each horizontal axis, of the heading (180 or more: unknown), of the focal
-        length relative to it. A round's are all above 0.
+        Standard deviations: of the vertical, about each horizontal axis; of the heading (180 or more: unknown); of the focal
+        length, relative to it; of the others, in the units of their names. In a round all are above 0.
     focal_range : float
-        Half-width of a further, uniform error of the focal length, relative.
+        Half-width of an additional, uniformly distributed error of the focal length, relative.
     distortion_sigma : float
-        Above 0: the lens is told without its distortion, with this as the standard deviation of k1.
+        If above 0, the lens is supplied without its distortion, and this is the standard deviation of k1.
     tilt_bias_sigma_deg : float
-        Of a further error of the vertical, about each of the camera's axes across its line of sight.
+        Standard deviation of an additional error of the vertical, about each of the camera's axes across its line of sight.
     """
 
     tilt_sigma_deg: float
@@ -61,7 +61,7 @@ class Precision:
 def told(
     seen: Observation, precision: Precision, rng: np.random.Generator, alike: np.random.Generator | None = None
 ) -> Observation:
-    """What a solver is told of a frame.
+    """Simulate what a solver is told about a frame.
 
     Parameters
     ----------
@@ -69,10 +69,10 @@ def told(
         The truth.
     precision : Precision
     rng : Generator
-        The frame's own.
+        Random numbers of this frame.
     alike : Generator, optional
-        Of what errs alike in all frames of a sequence, in the same state for each: lens, air, clock, and the part of the
-        vertical's error that stands still in the camera. The frame's own unless given.
+        Random numbers of the errors that are common to all frames of a sequence, in the same state for each frame: lens, air,
+        clock, and the part of the error of the vertical that is constant in the camera. By default `rng`.
     """
     east, north = rng.normal(0.0, precision.tilt_sigma_deg, 2)
     unknown = precision.heading_sigma_deg >= HEADING_UNKNOWN_DEG
@@ -86,7 +86,7 @@ def told(
     wrong = Rotation.from_rotvec([east, north, 0.0], degrees=True) * Rotation.from_rotvec(
         [0.0, 0.0, turn], degrees=True
     )
-    # Azimuth, altitude and roll are all rounded to the finest step, that of the better known direction.
+    # Azimuth, altitude and roll are all rounded to the finest step, that of the better-known direction.
     angle_step = step_of(min(precision.tilt_sigma_deg, precision.heading_sigma_deg))
     pressure_step, temperature_step = step_of(precision.pressure_sigma_hpa), step_of(precision.temperature_sigma_c)
     time_step = step_of(precision.utc_sigma_s)
@@ -112,7 +112,7 @@ def told(
 def _told_camera(
     camera: CameraRecord, precision: Precision, focal: float, wide: float, shift: NDArray[np.float64]
 ) -> tuple[CameraRecord, dict[str, Any]]:
-    """The lens as it is told, and the standard deviations of that."""
+    """The lens as supplied, and its standard deviations."""
     focal_px = precision.focal_sigma * camera.f_px
     f_step, place_step = step_of(focal_px), step_of(precision.principal_point_sigma_px)
     f_px = round_to(camera.f_px * (1.0 + wide) + focal_px * focal, f_step)
@@ -120,7 +120,7 @@ def _told_camera(
     told_lens = dataclasses.replace(
         camera,
         f_px=f_px,
-        # The ratio of the two focal lengths is the pixels' shape, which is known.
+        # The ratio of the two focal lengths is the aspect ratio of the pixels, which is known.
         fy_px=significant(f_px * camera.fy_px / camera.f_px) if f_step or wide else camera.fy_px,
         cx_px=round_to(camera.cx_px + float(shift[0]), place_step),
         cy_px=round_to(camera.cy_px + float(shift[1]), place_step),
@@ -138,7 +138,7 @@ def _told_camera(
 
 
 def _rounded_attitude(R_cam: NDArray[np.float64], step_deg: float) -> NDArray[np.float64]:
-    """An attitude whose azimuth, altitude and roll are multiples of a step."""
+    """Round an attitude so that its azimuth, altitude and roll are multiples of a step."""
     if not step_deg:
         return R_cam
     pointing = celnav.Pointing.of(R_cam)
@@ -149,31 +149,31 @@ def _rounded_attitude(R_cam: NDArray[np.float64], step_deg: float) -> NDArray[np
 
 
 def step_of(sigma: float) -> float:
-    """Step of rounding of a quantity: the power of ten that is at most half of its standard deviation; 0 of an exact one."""
+    """Rounding step of a quantity: the power of ten that is at most half its standard deviation; 0 if it is exact."""
     if not sigma:
         return 0.0
     return float(10.0 ** math.floor(math.log10(sigma / 2.0)))
 
 
 def round_to(value: float, step: float) -> float:
-    """The multiple of a step (a power of ten) that is nearest to a value, in no more decimal digits; itself if 0."""
+    """Round to the nearest multiple of a step (a power of ten), without further decimal digits; a step of 0 does nothing."""
     if not step:
         return value
     return round(round(value / step) * step, max(0, -round(math.log10(step)))) + 0.0
 
 
 def significant(value: float, digits: int = 7) -> float:
-    """A value to a number of significant digits."""
+    """Round a value to a number of significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def stated(sigma: float, step: float) -> float:
-    """Standard deviation of a quantity with an error of `sigma` that was rounded to a step; three significant digits."""
+    """Standard deviation of a quantity with an error of `sigma` that was rounded to a step, to three significant digits."""
     return significant(math.hypot(sigma, step / math.sqrt(12.0)), 3)
 
 
 def rounded_utc(utc: str, late_s: float, step_s: float) -> str:
-    """A time with an error, rounded to a multiple of a step (s, a power of ten) after the full minute; ISO 8601."""
+    """Round a time with an error to a multiple of a step (s, a power of ten) after the full minute; ISO 8601."""
     found = Instant.parse(utc).plus(late_s)
     seconds = float(found.isoformat().removesuffix("Z").rpartition(":")[2])
     return found.plus(round_to(seconds, step_s) - seconds).isoformat()

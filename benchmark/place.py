@@ -1,4 +1,4 @@
-"""Where a camera stands."""
+"""Position of a camera on the Earth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ USUAL_HUMIDITY = 0.5
 
 @dataclass(frozen=True)
 class Place:
-    """Where a camera stands: WGS84, longitude east positive, height above the ellipsoid."""
+    """Position of a camera: WGS84, longitude east positive, height above the ellipsoid."""
 
     latitude_deg: float
     longitude_deg: float
@@ -27,5 +27,5 @@ class Place:
 
     @property
     def air(self) -> Air:
-        """The usual air of the height."""
+        """Air that is usual at this height."""
         return Air(float(usual_pressure_hpa(self.height_m)), float(usual_temperature_c(self.height_m)), USUAL_HUMIDITY)

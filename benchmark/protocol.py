@@ -1,7 +1,7 @@
-"""What a solver under test is given and what it hands back.
+"""What a solver under test receives and what it returns.
 
-The walls of the benchmark are here: an `Observation` holds everything a solver may know of a frame, and nothing of the
-truth.
+This module separates solvers from the truth: an `Observation` holds everything that a solver may know about a frame, and
+nothing of the truth.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ SIGMAS = (
     "pressure_sigma_hpa",
     "temperature_sigma_c",
 )
-"""Standard deviations of what is told, beside those of the attitude."""
+"""Standard deviations of the supplied quantities, other than those of the attitude."""
 
 
 @dataclass(frozen=True)
@@ -40,28 +40,28 @@ class CameraRecord:
     tilt_rad: tuple[float, ...] = ()
 
     def as_given(self) -> dict[str, Any]:
-        """The camera as solvers get it; thin prism and tilt only of a lens that has them, as in the frame record."""
+        """The camera as solvers receive it; thin prism and tilt only for a lens that has them, as in the frame record."""
         fields = dataclasses.asdict(self)
         return {name: value for name, value in fields.items() if value or name not in ("s", "tilt_rad")}
 
 
 @dataclass(frozen=True)
 class SequencePlace:
-    """Where a frame stands in a sequence: frames of one camera at one place, which solvers are given in order.
+    """Place of a frame in a sequence: frames of one camera at one place, which solvers receive in order.
 
-    What is told of lens, air and clock errs alike in all of them; the vertical partly.
+    The supplied lens, air and clock have the same errors in all of its frames; the error of the vertical is partly the same.
 
     Attributes
     ----------
     sequence_id : str
     index : int
-        From 0; a program that has met the frames before may use them.
+        Counted from 0. A program may use what it learned from the frames before.
     length : int
-        Frames of the sequence.
+        Number of frames in the sequence.
     tilt_bias_sigma_deg : float
-        Standard deviation, about each of the camera's axes across its line of sight, of that part of the vertical's error
-        which stands still in the camera throughout the sequence. It is in `Observation.tilt_sigma_deg`; the rest is new
-        in each frame.
+        Standard deviation, about each of the camera's axes across its line of sight, of the part of the error of the vertical
+        that is constant in the camera throughout the sequence. It is included in `Observation.tilt_sigma_deg`; the rest of
+        the error is new in each frame.
     """
 
     sequence_id: str
@@ -70,14 +70,14 @@ class SequencePlace:
     tilt_bias_sigma_deg: float
 
     def as_given(self) -> dict[str, Any]:
-        """The place as solvers get it."""
+        """The place in the sequence as solvers receive it."""
         fields = dataclasses.asdict(self)
         return {"id": fields.pop("sequence_id"), **fields}
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What is known of a frame besides its image.
+    """What is known about a frame besides its image.
 
     Attributes
     ----------
@@ -86,25 +86,25 @@ class Observation:
     utc : str
         Mid-exposure, ISO 8601 with a trailing Z.
     R_cam : ndarray, shape (3, 3)
-        Takes ENU to camera at mid-exposure, as far as it is known.
+        Rotation from ENU to camera at mid-exposure, as far as it is known.
     tilt_sigma_deg : float
         Standard deviation of its vertical about each horizontal axis.
     heading_sigma_deg : float
         Standard deviation of its heading; infinite where the heading is not known.
     pressure_hpa, temperature_c : float
-        Air at the observer, as a barometer and a thermometer on board tell; pressure 0 where nothing is refracted.
+        Air at the observer, as measured by a barometer and a thermometer on board; pressure 0 means no refraction.
     utc_sigma_s : float
         Standard deviation of the time.
     focal_sigma : float
-        Of the focal length, relative.
+        Standard deviation of the focal length, relative.
     principal_point_sigma_px : float
-        Of each of the principal point's coordinates.
+        Standard deviation of each coordinate of the principal point.
     distortion_sigma : float
-        Of the lens's k1, where its distortion is not told.
+        Standard deviation of the lens's k1, where its distortion is not supplied.
     pressure_sigma_hpa, temperature_sigma_c : float
-        Of the air's. All sigmas are 0 where what is told is exact.
+        Standard deviations of the air's pressure and temperature. All sigmas are 0 where the supplied value is exact.
     sequence : SequencePlace or None
-        None of a frame by itself.
+        None for a frame that is not part of a sequence.
     """
 
     camera: CameraRecord
@@ -124,7 +124,7 @@ class Observation:
 
 
 class Detections(Protocol):
-    """Light sources found in one image, in whatever type the detector returns."""
+    """Light sources found in one image, as an interface that the type returned by any detector can meet."""
 
     @property
     def uv(self) -> NDArray[np.float64]:
@@ -132,7 +132,7 @@ class Detections(Protocol):
 
     @property
     def flux(self) -> NDArray[np.float64] | None:
-        """Brightness, shape (n,), in any unit proportional to DN; None where the detector has none."""
+        """Brightness, shape (n,), in any unit proportional to DN; None where the detector does not measure it."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Answer:
     ok : bool
         Whether a position is claimed.
     reason : str
-        Why not, a short code; empty when `ok`.
+        Short code that says why there is no position; empty when `ok`.
     lat_deg, lon_deg : float or None
         WGS84 geodetic, east positive; None when refused.
     cov_km2 : ndarray, shape (2, 2), or None
@@ -154,7 +154,7 @@ class Answer:
     matches : ndarray of int64, shape (m, 2)
         Detection index (into the detections passed to the solver) and star id.
     time_ms : mapping of str to float
-        The solver's own account of its stages.
+        Duration of the solver's stages, as it reports them.
     """
 
     ok: bool
@@ -168,11 +168,11 @@ class Answer:
 
 
 class SolverUnderTest(Protocol):
-    """A contestant.
+    """Interface of a solver that takes part in the benchmark.
 
-    It keeps nothing from one frame to the next that depends on a frame: every call is answered as if it were the
-    first, except within a sequence (`SequencePlace`), whose frames come in order. With more than one process, instances
-    are sent to the workers and must therefore be picklable.
+    It keeps nothing from one frame to the next that depends on a frame: every call is answered as if it were the first,
+    except within a sequence (`SequencePlace`), whose frames come in order. With more than one process, instances are sent to
+    the workers and must therefore be picklable.
     """
 
     @property
@@ -185,10 +185,10 @@ class SolverUnderTest(Protocol):
 
     @property
     def detector(self) -> str:
-        """Name of the detector and its settings; solvers that give the same name share one run of `detect`."""
+        """Name of the detector and its settings; solvers that return the same name share one run of `detect`."""
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
         """Find light sources in an image of DN, shape (height, width)."""
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Answer one frame, from detections that `detect` of the same detector returned."""
+        """Answer one frame, using detections that `detect` of the same detector returned."""

@@ -1,4 +1,4 @@
-"""Where a result comes from: versions, machine, date."""
+"""Provenance of a result: versions, machine, date."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ import scipy
 
 
 def distribution_version() -> str:
-    """Version of the installed skybench distribution, which holds celnav and the benchmark."""
+    """Version of the installed skybench distribution, which contains celnav and the benchmark."""
     try:
         return metadata.version("skybench")
     except metadata.PackageNotFoundError:
@@ -19,7 +19,7 @@ def distribution_version() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that has a part in a result."""
+    """Versions of everything that affects a result."""
     return {
         "skybench": distribution_version(),
         "python": platform.python_version(),
@@ -29,7 +29,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str]:
-    """Processor, number of cores and operating system; nothing that names the machine or its user."""
+    """Processor, number of cores and operating system; nothing that identifies the machine or its user."""
     return {
         "cpu": _cpu_model(),
         "cores": str(os.cpu_count() or 1),

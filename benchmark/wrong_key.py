@@ -1,4 +1,4 @@
-"""What a file that people write has wrong, as one sentence: the key and what is expected of it."""
+"""Describe in one sentence what is wrong in a file that people write: the key and what is expected of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 
 def wrong_key(error: ValidationError) -> str:
-    """Name the first key that is wrong, and how: ``fuses: Input should be a valid string``."""
+    """Name the first key that is wrong and what is wrong with it: ``fuses: Input should be a valid string``."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     what = first["msg"].removeprefix("Value error, ")

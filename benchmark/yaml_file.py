@@ -1,4 +1,4 @@
-"""YAML files of unknown origin, as tasks and solvers have them: limited in size, without aliases or keys given twice."""
+"""YAML files of unknown origin, such as tasks and solvers: limited in size, without aliases or duplicate keys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from generator.reading.strict_yaml import StrictLoader
 
 
 class TextLoader(StrictLoader):
-    """All scalars as the texts that are written, whatever YAML makes of them."""
+    """Loads all scalars as the text that is written, however YAML would interpret them."""
 
 
 TextLoader.yaml_implicit_resolvers = {}
@@ -22,21 +22,21 @@ TextLoader.yaml_implicit_resolvers = {}
 def read_yaml(
     path: Path, most_bytes: int, kind: type[BenchmarkError], loader: type[StrictLoader] = StrictLoader
 ) -> dict[str, Any]:
-    """Read a mapping of keys.
+    """Read a YAML mapping.
 
     Parameters
     ----------
     path : Path
     most_bytes : int
-        Larger files are not read.
+        Larger files are refused.
     kind : type of BenchmarkError
-        What to raise.
+        Type of the error to raise.
     loader : type of StrictLoader
 
     Raises
     ------
     BenchmarkError
-        Of the given kind: the file cannot be read, or is no such YAML.
+        An error of the given type: the file cannot be read, or is not such YAML.
     """
     try:
         tree = yaml.load(read_text_at_most(path, most_bytes), Loader=loader)  # a SafeLoader underneath
@@ -44,7 +44,7 @@ def read_yaml(
         raise kind(f"{path}: cannot be read (nested too deep)") from error
     except OSError as error:
         raise kind(f"{path}: cannot be read ({error.strerror})") from error
-    # An integer of thousands of digits is a ValueError, as is what is no UTF-8.
+    # An integer of thousands of digits raises a ValueError, and so does invalid UTF-8.
     except (ValueError, yaml.YAMLError) as error:
         raise kind(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
     if not isinstance(tree, dict):

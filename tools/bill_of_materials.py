@@ -2,9 +2,9 @@
 
     python tools/bill_of_materials.py OUT.json
 
-Versions and hashes are those of the lock file, licences what the installed packages state of themselves. The same lock file
-and packages give the same bytes. A component's scope says whether skybench runs on it (`required`), or only its optional
-parts, tests and builds (`optional`).
+Versions and hashes are those of the lock file; licences are those that the installed packages state. The same lock file and
+packages give the same bytes. A component's scope says whether skybench requires it (`required`) or only its optional parts,
+tests and builds do (`optional`).
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _HASH = re.compile(r"--hash=sha256:([0-9a-f]{64})")
 
 
 def main(out: Path) -> None:
-    """Write the bill."""
+    """Write the bill of materials."""
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(bill(LOCK.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def bill(lock: str) -> str:
-    """The bill of a lock file's text."""
+    """Bill of materials for a lock file's text."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needed = closure([Requirement(line) for line in project["dependencies"]])
     itself = Component(
@@ -61,12 +61,12 @@ def bill(lock: str) -> str:
 
 
 def locked(lock: str) -> list[tuple[str, str, str, list[str]]]:
-    """Name, version, condition of its use, and SHA-256 of the files of each package of a lock file."""
+    """Name, version, condition of use, and SHA-256 of the files of each package in a lock file."""
     return [(name, version, use, sorted(_HASH.findall(rest))) for name, version, use, rest in _ENTRY.findall(lock)]
 
 
 def component(name: str, version: str, use: str, hashes: list[str], needed: set[str]) -> Component:
-    """A package; its hashes are of the files that the index has of it, of which an installation takes one."""
+    """Component of a package; its hashes are of all its files in the index, of which an installation uses one."""
     licence = licence_of(name)
     properties = {"skybench:used-where": use, "skybench:licence": licence if licence == UNKNOWN else ""}
     return Component(
@@ -85,14 +85,14 @@ def component(name: str, version: str, use: str, hashes: list[str], needed: set[
 
 
 def licence_of(package: str) -> str:
-    """What an installed package states: an SPDX expression, else its classifiers, else the first line of its own words.
+    """Licence that a package states here: an SPDX expression, else its classifiers, else the first line of its own text.
 
-    THIRD_PARTY.md says it of packages that state none.
+    THIRD_PARTY.md states it for packages that state none.
     """
     known = dict(_STATED.findall((ROOT / "THIRD_PARTY.md").read_text(encoding="utf-8")))
     try:
         stated: PackageMetadata = distribution(package).metadata
-    except PackageNotFoundError:  # of another system
+    except PackageNotFoundError:  # for another system
         return known.get(package, UNKNOWN)
     if stated.get("License-Expression"):
         return str(stated["License-Expression"])
@@ -103,7 +103,7 @@ def licence_of(package: str) -> str:
 
 
 def closure(wanted: list[Requirement]) -> set[str]:
-    """Canonical names of packages and of all that they need here."""
+    """Canonical names of packages and of all that they require here."""
     found: set[str] = set()
     waiting = [(each, "") for each in wanted]
     while waiting:
@@ -114,7 +114,7 @@ def closure(wanted: list[Requirement]) -> set[str]:
         found.add(name)
         try:
             lines = requires(name) or []
-        except PackageNotFoundError:  # of another system
+        except PackageNotFoundError:  # for another system
             continue
         waiting += [(Requirement(line), each) for line in lines for each in ("", *requirement.extras)]
     return found

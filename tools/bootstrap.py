@@ -1,6 +1,6 @@
 """Make .venv from requirements.lock, with nothing but Python's standard library: python3 tools/bootstrap.py.
 
-Does nothing when .venv is up to date. Where the system's Python comes without ensurepip (Debian without python3-venv), pip
+It does nothing when .venv is up to date. Where the system's Python comes without ensurepip (Debian without python3-venv), pip
 itself is fetched from the package index, by its hash in requirements.lock.
 """
 
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def fingerprint() -> str:
-    """What .venv depends on."""
+    """Digest of what .venv depends on."""
     digest = hashlib.sha256(sys.version.encode())
     for path in (LOCK, ROOT / "pyproject.toml"):
         digest.update(path.read_bytes())
@@ -55,7 +55,7 @@ def fingerprint() -> str:
 
 
 def fetch_pip(folder: Path) -> Path:
-    """Download the locked version of pip as a wheel (PEP 503 index), which Python can run as it is."""
+    """Download the locked version of pip as a wheel (PEP 503 index), which Python can run without installation."""
     block = re.search(r"^pip==(\S+)((?:.*\\\n)+.*)", LOCK.read_text(), re.MULTILINE)
     if block is None:
         sys.exit("requirements.lock does not list pip; run `make lock`")
@@ -78,10 +78,10 @@ def fetch_pip(folder: Path) -> Path:
 
 
 def supply_libatomic(python: Path) -> None:
-    """Put libatomic beside the libraries that need it, where the system has none, as in a minimal Debian or Ubuntu.
+    """Put libatomic next to the libraries that need it, where the system lacks it, as in a minimal Debian or Ubuntu.
 
-    Dr.Jit's wheel and pip's LLVM link to libatomic.so.1 without bringing it (mitsuba-renderer/drjit issue 484). Its Debian
-    package can be downloaded and unpacked without being root.
+    Dr.Jit's wheel and pip's LLVM link to libatomic.so.1 but do not include it (mitsuba-renderer/drjit issue 484). Its Debian
+    package can be downloaded and unpacked without root privileges.
     """
     probe = subprocess.run([str(python), "-c", "import ctypes; ctypes.CDLL('libatomic.so.1')"], capture_output=True)
     if sys.platform != "linux" or probe.returncode == 0:

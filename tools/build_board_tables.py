@@ -1,8 +1,8 @@
 """Write the tables of docs/tasks.md from the boards: python tools/build_board_tables.py [--boards DIR] [--check].
 
-Whole systems alone, each with a detector of its own. The first table has success and wrong fixes of the solvers on each task
-that most of them have run (a dash: not this one), the second successes at each condition and the bracket of the break point.
-`--check` writes nothing and fails where the page has other tables.
+The tables only show complete systems, each with its own detector. The first table has success and wrong fixes of the solvers
+on each task that most of them have run (a dash: not run). The second has successes at each condition and the bracket of the
+break point. `--check` writes nothing and fails where the page has other tables.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmark.stats.frame_metrics import column, fixed, succeeded
 PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
 SOLVERS = ("skybench", "learned", "tetra3rs", "cedar-solve", "zenith-fixer", "ruststartracker")
 LEAST = 4
-"""Solvers of these that a task's line needs."""
+"""Number of these solvers that must have run a task for it to get a line."""
 BY_CONDITION = ("skybench", "tetra3rs", "tetra3rs-fused")
 BY_SOLVER_TABLE, BY_CONDITION_TABLE = "success by solver", "success by condition"
 Boards = Mapping[str, Mapping[str, StoredResult]]
@@ -38,7 +38,7 @@ def whole_systems(boards: Path) -> Boards:
 
 
 def by_solver(boards: Boards) -> str:
-    """Success in per cent, wrong fixes in brackets."""
+    """Success in per cent, with wrong fixes in brackets."""
     lines = [f"| task | {' | '.join(SOLVERS)} |", f"|{'---|' * (1 + len(SOLVERS))}"]
     for task, rows in boards.items():
         if len(set(SOLVERS) & set(rows)) >= LEAST:
@@ -71,7 +71,7 @@ def _cell(row: StoredResult | None) -> str:
 
 
 def _outcome(row: StoredResult) -> tuple[np.ndarray, int]:
-    """Which frames succeeded by the task's own limit, and how many fixes did not."""
+    """Which frames succeeded by the task's own limit, and the number of fixes that did not."""
     right = succeeded(row.frames, row.task.limit_km)
     return right, int((fixed(row.frames) & ~right).sum())
 
@@ -87,7 +87,7 @@ def _levels(row: StoredResult) -> tuple[list[float], list[int], str]:
 
 
 def _bracket(row: StoredResult, levels: list[float]) -> str:
-    """The tested values around the break point, in words."""
+    """Describe the tested values around the break point."""
     found = break_point(row.frames, row.task.harder, limit_km=row.task.limit_km).value
     unit = f" {row.task.unit}" if row.task.unit else ""
     if np.isfinite(found):
@@ -101,12 +101,12 @@ def _bracket(row: StoredResult, levels: list[float]) -> str:
 
 
 def _number(value: float) -> str:
-    """A condition, with thin groups of thousands."""
+    """Format a condition, with thin spaces between groups of thousands."""
     return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1e4 else f"{value:g}"
 
 
 def with_tables(page: str, tables: Mapping[str, str], page_name: str = PAGE.name) -> str:
-    """The page with each table between its marks."""
+    """Replace each table of a page between its marks."""
     for name, table in tables.items():
         begin, end = f"<!-- table: {name} -->", "<!-- end of table -->"
         pattern = re.compile(f"{re.escape(begin)}\n.*?\n{re.escape(end)}", re.DOTALL)

@@ -1,7 +1,8 @@
 """Make scenes/hills.tif: invented hills around a valley, a GeoTIFF of heights every 150 m in UTM zone 32.
 
-A fractal surface whose power falls as the frequency to -3.4, profiles of it thus to -2.4 as those of natural relief
-(Turcotte 1997), with a lake in the middle. The same bytes on every machine with the same libtiff.
+It is a fractal surface whose power falls with the frequency to the power -3.4, so that its profiles fall with -2.4 like those
+of natural relief (Turcotte 1997), with a lake in the middle. The file has the same bytes on every machine with the same
+libtiff.
 """
 
 from pathlib import Path

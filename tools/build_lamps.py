@@ -1,7 +1,7 @@
 """Make generator/data/lamps.csv: python tools/build_lamps.py.
 
-To 780 nm the lamps are those of colour-science. Beyond, discharge lamps are those of the LICA-UCM lamps spectral database,
-and light-emitting diodes fall exponentially as they do before 780 nm.
+Up to 780 nm the lamps are those of colour-science. Beyond that, discharge lamps are those of the LICA-UCM lamps spectral
+database, and the light of light-emitting diodes falls exponentially at the rate that it has before 780 nm.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ LAST_OF_COLOUR_NM, LAST_NM, STEP_NM = 780, 1100, 5
 
 # Means over 5 nm from 785 to 900 nm of two lamps of the LICA-UCM database (Tapia et al. 2017; files H_HPS_Helios and
 # M_MetalHalide as distributed with the model ILLUMINA): sodium's doublet at 818.3 and 819.5 nm on a weak continuum. Beyond
-# 850 nm the instrument's noise exceeds the lamps: the mean from there to 900 nm stands to 1100 nm. The next strong lines are
-# sodium's at 1138 to 1140 nm.
+# 850 nm the instrument's noise exceeds the lamps, so the mean from there to 900 nm is used up to 1100 nm. The next strong
+# lines are sodium's at 1138 to 1140 nm.
 BEYOND_HPS = [0.74, 0.94, 1.15, 1.10, 1.40, 1.69, 8.28, 40.97, 4.22, 1.28, 0.77, 0.64, 0.72, 0.48]
 BEYOND_HPS_END = 0.45
 HPS_V_MEAN = 7.525
@@ -39,7 +39,7 @@ def v_mean(power: dict[int, float]) -> float:
 
 
 def extended(name: str, power: dict[int, float]) -> dict[int, float]:
-    """A lamp's spectral power to LAST_NM."""
+    """Extend a lamp's spectral power to LAST_NM."""
     beyond = range(LAST_OF_COLOUR_NM + STEP_NM, LAST_NM + 1, STEP_NM)
     if name == "HPS":
         tail, end, scale = BEYOND_HPS, BEYOND_HPS_END, v_mean(power) / HPS_V_MEAN

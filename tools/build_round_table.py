@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 LATEST = "open-sky-2026-11g"
 EARLIER = ("open-sky-2026-11f", "open-sky-2026-11e", "open-sky-2026-11c", "open-sky-2026-11b", "open-sky-2026-11")
 PAGES = (ROOT / "README.md", ROOT / "docs" / "rounds.md")
-THIN_SPACE = "\u2009"  # of thousands
+THIN_SPACE = "\u2009"  # between groups of thousands
 TABLE = "the latest round"
 
 
@@ -57,7 +57,7 @@ def _rows_of_both_modes(boards: Mapping[str, Board], mark: str = "") -> list[lis
 
 
 def table_of_earlier(boards: Mapping[str, Board]) -> str:
-    """Whole systems in the order of their rank."""
+    """Complete systems in the order of their rank."""
     columns = ("solver", "success, %", "median error / bound", "NEES, 2 is honest", "wrong and confident, %")
     return _markdown(columns, [_cells(entry) for entry in boards["own"].entries])
 
@@ -68,7 +68,7 @@ def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _cells(entry: Entry) -> list[str]:
-    """What a round's table says of a solver whatever else it says."""
+    """Cells about a solver that all tables of rounds contain."""
     return [
         entry.label,
         _with_interval(SUCCESS, entry),
@@ -90,7 +90,7 @@ def _with_interval(column: Column, entry: Entry) -> str:
 
 
 def tables(rounds: Path) -> dict[str, str]:
-    """All tables by their names, from the folder that holds the rounds."""
+    """All tables by their names, from the folder that contains the rounds."""
     earlier = {name: table_of_earlier(boards_of(rounds / name / "results")) for name in EARLIER}
     latest = rounds / LATEST / "results"
     return {TABLE: table(boards_of(latest), boards_of(latest, LATER)), **earlier}
@@ -105,7 +105,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     made = tables(asked.rounds)
     for page in asked.pages:
         before = page.read_text(encoding="utf-8")
-        # A page has the latest round, and those before it that it marks.
+        # A page has the latest round, and the earlier ones for which it has marks.
         marked = {name: each for name, each in made.items() if name == TABLE or f"<!-- table: {name} -->" in before}
         after = with_tables(before, marked, page.name)
         if not asked.check:

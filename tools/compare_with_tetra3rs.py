@@ -1,6 +1,6 @@
 """Compare celnav with sep, tetra3rs and the vertical on rendered frames: python tools/compare_with_tetra3rs.py FOLDER.
 
-Neither is given the heading. Needs the extra `peers` of pyproject.toml.
+Neither receives the heading. Needs the extra `peers` of pyproject.toml.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Try the standard deviation that fused solvers without a covariance get: python tools/fusion_tries.py [--data out/tasks].
+"""Try the standard deviation for fused solvers without a covariance: python tools/fusion_tries.py [--data out/tasks].
 
-Takes the positions of each solver that stands on the leaderboard's `uav@1` by itself, as its row has them, and puts them
-through `benchmark.solvers.fusion` with one value of `OWN_SIGMA_KM` after another: no frame is solved again. Prints Markdown:
-frames within 30 km after 8 to 1 frames, fixes beyond, and the mean NEES (2 is honest). docs/rivals.md holds the numbers of
-its day.
+Takes the positions of each unfused solver on the leaderboard's `uav@1` from its row, and passes them through
+`benchmark.solvers.fusion` with one value of `OWN_SIGMA_KM` after another; no frame is solved again. Prints Markdown: frames
+within 30 km after 8 to 1 frames, fixes beyond, and the mean NEES (ideally 2). docs/rivals.md contains dated results.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ def place_of(frame: Frame) -> tuple[float, float]:
 
 
 def stated(frame: Frame, row: Any) -> Answer:
-    """The answer of a row, without the covariance."""
+    """The answer in a row, without the covariance."""
     if row.status != FIX:
         return Answer(ok=False, reason=row.reason)
     return Answer(True, "", *moved(*place_of(frame), row.error_east_km, row.error_north_km))
 
 
 def outcome(frames: Sequence[Frame], answers: Sequence[Answer]) -> list[str]:
-    """Cells of a try."""
+    """Table cells for one value."""
     filtered = fusion.Fusion()
     right: dict[int, int] = {}
     wrong, nees = 0, []

@@ -1,9 +1,9 @@
-"""Type the commands of docs/journeys.md anew and put what they print below them.
+"""Run the commands of docs/journeys.md again and insert their output below them.
 
 Usage: python tools/journeys.py   (skybench must be on the PATH; works in a temporary folder)
 
-The document holds files (blocks that begin with ``# file: NAME``) and console blocks, in which lines after ``$ `` are
-commands and the others what they printed. Standard output and standard error are shown as a terminal would, without progress
+The document contains files (blocks that begin with ``# file: NAME``) and console blocks, in which lines after ``$ `` are
+commands and the others are their output. Standard output and standard error are shown as in a terminal, without progress
 bars. A line ``exit status N`` follows a command that fails.
 """
 
@@ -18,31 +18,31 @@ from pathlib import Path
 PAGE = Path(__file__).parents[1] / "docs" / "journeys.md"
 WIDTH = 120
 HOME = "/home/you"
-"""Stands for the folder in which the commands run."""
+"""Replaces the folder in which the commands run."""
 LONGEST_S = 600
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"# file: (\S+)\n")
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 _BORDERS = ("┏", "┡")
 _PROGRESS = re.compile(r"[━╸╺]{3,}|\d+/\d+.*-?\d*-?:\S\S:\S\S")
-# What differs from run to run and from machine to machine: times, rates, and sizes of memory.
+# What differs between runs and machines: times, rates, and sizes of memory.
 _VARYING = re.compile(r"\b\d+(?:\.\d+)?(?= ?(?:s|ms|min|h|frames/s|MB|GB|MiB|GiB|cores?)\b)")
-# What frames are known by, which their last digits are part of: another kind of processor may give others.
+# Digests of frames, which depend on their last digits; another kind of processor may give different ones.
 _IDENTITY = re.compile(r"@[0-9a-f]{12}\b")
 
 
 @dataclass(frozen=True)
 class Typed:
-    """A command and what it printed."""
+    """A command and its output."""
 
     command: str
     printed: str
 
     @property
     def without_times(self) -> str:
-        """What it printed without identities, a sign for each number of a time or a size, runs of blanks or rules as one.
+        """Output with identities removed, times and sizes replaced by a sign, and runs of blanks or rules reduced to one.
 
-        Ends of lines count as blanks: a table is as wide as its times, and the words over it break accordingly.
+        Line ends count as blanks, because the width of a table depends on its times, and the text above it wraps accordingly.
         """
         lines = [
             re.sub(r"\d+(\.\d+)?", "N", line) if "time" in line else line
@@ -52,7 +52,7 @@ class Typed:
 
 
 def parts_of(page: str) -> Iterator[re.Match[str] | list[Typed]]:
-    """Files to write, as matches of name and content, and the console blocks, in their order."""
+    """Yield files to write, as matches of name and content, and console blocks, in order."""
     for block in _FENCED.finditer(page):
         language, text = block.groups()
         if _FILE.match(text):
@@ -83,7 +83,7 @@ def run(command: str, folder: Path) -> Typed:
 
 
 def run_page(page: str, folder: Path) -> str:
-    """The page with what its commands print now, run in an empty folder."""
+    """The page with the present output of its commands, run in an empty folder."""
     made, end = [], 0
     for block in _FENCED.finditer(page):
         language, text = block.groups()

@@ -1,11 +1,11 @@
-"""Two jobs of one dataset in an object store, against one: python tools/measure_scaling.py --frames 200 --turns 3.
+"""Two jobs of one dataset in an object store, compared with one: python tools/measure_scaling.py --frames 200 --turns 3.
 
-Each turn runs one job that makes the first half of the shards, then two jobs at the same time that make a half each
-(`skybench generate --shards`, one process a job), whole processes with their start; then the same into a local folder, which
-tells what the machine itself gives. Printed: frames a second, the ratio of the two rates turn by turn, processor time of the
-jobs and of the store, and the requests and bytes that the store saw. The store is moto's server on this machine, whose work
-keeps a core from two jobs, but hardly from one: the most that two can reach beside it is printed too. Needs the extra
-`cluster` of pyproject.toml, and moto.
+Each turn runs one job that makes the first half of the shards, then two jobs in parallel that make a half each
+(`skybench generate --shards`, one process per job), as whole processes including their start. Then it does the same with a
+local folder, which shows what the machine itself can do. It prints frames per second, the ratio of the two rates turn by
+turn, the processor time of the jobs and of the store, and the requests and bytes that the store received. The store is moto's
+server on this machine. Its work occupies a core, which affects two jobs but hardly one; the highest rate that two jobs can
+reach next to it is printed too. Needs the extra `cluster` of pyproject.toml, and moto.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MEASURE = "import fsspec; print(fsspec.filesystem('s3').du('skies'))"
 
 
 def scenario_of(frames: int, folder: Path) -> Path:
-    """The scene `00_hello` at places and times by chance, so many times."""
+    """The scene `00_hello` at random places and times, with a number of frames."""
     tree = yaml.safe_load(find_scenario("00_hello").read_text(encoding="utf-8"))
     tree |= {"name": "scaling", "frames": frames}
     tree["time"]["utc_start"] = {"utc": ["2020-01-01T00:00:00Z", "2021-01-01T00:00:00Z"], "sun_below_deg": -18}
@@ -55,14 +55,14 @@ def start(scenario: Path, out: str, shards: str, environment: dict[str, str]) ->
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds from the start of jobs to the end of the last, and their processor time with that of their workers."""
+    """Seconds from the start of the jobs to the end of the last one, and processor time including their workers."""
 
     seconds: float
     processor_s: float
 
 
 def timed(scenario: Path, out: str, parts: tuple[str, ...], environment: dict[str, str]) -> Timed:
-    """Run a job for each part of the shards, all at the same time."""
+    """Run a job for each part of the shards, all in parallel."""
     before, began = processor_s(), time.monotonic()
     jobs = [start(scenario, out, part, environment) for part in parts]
     for job in jobs:
@@ -72,7 +72,7 @@ def timed(scenario: Path, out: str, parts: tuple[str, ...], environment: dict[st
 
 
 def processor_s() -> float:
-    """Processor time of the processes that this one has waited for."""
+    """Processor time of the child processes that this process has waited for."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -100,7 +100,7 @@ def main() -> None:
     count = -(-arguments.frames // natural_shard_size(arguments.frames))
     if count % 2:
         raise SystemExit(f"--frames {arguments.frames}: {count} shards are no two halves")
-    # Modules are compiled once, by a first job that is not timed.
+    # A first, untimed job compiles the modules.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | {
         "AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}", "FSSPEC_S3_ENDPOINT_URL": f"http://127.0.0.1:{port}",
@@ -134,7 +134,7 @@ def main() -> None:
                             flush=True,
                         )
                         if place == "store":
-                            # No two jobs end before the cores have done the work of both and of the store.
+                            # Two jobs cannot end before the cores have done the work of both and of the store.
                             soonest = (two.processor_s + used[1]) / cores()
                             ratios["most"].append(2 * one.seconds / soonest)
                 size = subprocess.run([sys.executable, "-c", MEASURE], check=True, env=environment, capture_output=True)

@@ -1,11 +1,11 @@
-"""Compare laws of a mount's wander within nights: python tools/mount_law.py NIGHT.json … --site LAT LON.
+"""Compare laws for the wander of a mount within nights: python tools/mount_law.py NIGHT.json … --site LAT LON.
 
-Each file is of `celnav calibrate --mount frame` over many frames of a night. One frame stands for a calibration on it alone,
-and the attitude that a law gives it at the time of every other is put into a position, as `celnav.solve` does: with the
-heading's doubt (`celnav.horizon.honest_place`) and without. Printed are of each night, over all pairs of frames: the median
-error, squared error over the stated covariance (2 is right) by classes of lag and in the mean, share within the 95 %
-ellipse, and the mean negative logarithm of the density that was stated for the error, classes of lag counting alike; lower is
-better.
+Each file is the output of `celnav calibrate --mount frame` over many frames of a night. One frame at a time serves as the
+calibration; the attitude that a law predicts from it for the time of every other frame is converted to a position, as
+`celnav.solve` does, with the uncertainty of the heading (`celnav.horizon.honest_place`) and without. For each night, over all
+pairs of frames, it prints the median error, squared error over the stated covariance (2 is correct) by class of lag and in
+the mean, the share within the 95 % ellipse, and the mean negative logarithm of the density stated for the error, with equal
+weight for classes of lag; lower is better.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ LAWS = (  # wander (deg), memory (h)
     (0.016, 24.0), (0.02, 24.0), (0.03, 24.0), (0.009, 1.0),
 )  # fmt: skip
 LAGS_H = (0.02, 0.4, 1.0, 2.5, 3.5, 12.0)
-"""Ends of the classes; pairs closer than the first tell the noise of an attitude."""
+"""Ends of the classes of lag; pairs closer than the first determine the noise of an attitude."""
 WITHIN_95 = 5.991  # chi-squared of two degrees of freedom
 SHRUNK = 0.08
-"""Part of the variances that would be left if the five photographs of meteor-real@2 of one night were to have a NEES of 1."""
+"""Factor on the variances with which the five photographs of meteor-real@2 of one night would have a NEES of 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Calibrated and other frames of a night: lags (n,), rotations (n, 3, 3) of both, noise of an attitude's axis (deg).
+    """Calibrated and other frames of a night: lags (n,), rotations (n, 3, 3) of both, noise of an attitude per axis (deg).
 
-    `axis` is the one about which the mount turned most, east, north and up; `turned_deg` the scatter about it.
+    `axis` is the one about which the mount turned most (east, north, up); `turned_deg` is the scatter about it.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Pairs:
 
     @classmethod
     def of(cls, path: Path) -> Pairs:
-        """Read a night."""
+        """Read the file of a night."""
         frames = [(one.R_cam, mjd * 24) for one in read_measured(path) for mjd in one.mjd]
         rotations, hours = np.stack([rotation for rotation, _ in frames]), np.array([hour for _, hour in frames])
         told, true = np.nonzero(~np.eye(len(hours), dtype=bool))
@@ -78,7 +78,7 @@ class Pairs:
 
 
 def judged(pairs: Pairs, variance_deg2: F8, site: tuple[float, float], *, doubt: bool) -> tuple[F8, F8, F8]:
-    """Return error (km), squared error over covariance and negative log density of every pair, told variances (n,)."""
+    """Return error (km), squared error over covariance and negative log density of every pair, for stated variances (n,)."""
     to_enu = enu_rotation(*site)
     own = np.eye(3) * math.radians(pairs.noise_deg) ** 2
     rows = []
@@ -95,15 +95,15 @@ def judged(pairs: Pairs, variance_deg2: F8, site: tuple[float, float], *, doubt:
 
 
 def unfelt_axis(lat_deg: float) -> F8:
-    """East, north, up of the axis, shape (3,), about which an attitude may err and leave the position as it is.
+    """Axis (east, north, up), shape (3,), about which an attitude may err without moving the position.
 
-    No change of latitude (about east) or longitude (about the pole) is like it, so that all of it is a wrong heading.
+    No change of latitude (about east) or longitude (about the pole) resembles it, so all of it acts as a wrong heading.
     """
     return np.array([0.0, -math.sin(math.radians(lat_deg)), math.cos(math.radians(lat_deg))])
 
 
 def by_lag(pairs: Pairs, values: F8) -> list[float]:
-    """Mean of each class of lags; NaN of an empty one."""
+    """Mean over each class of lag; NaN for an empty one."""
     classes = np.digitize(pairs.lag_h, LAGS_H)
     return [float(values[classes == k].mean()) if (classes == k).any() else math.nan for k in range(1, len(LAGS_H))]
 

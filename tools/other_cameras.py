@@ -1,10 +1,10 @@
-"""Photographs as other cameras would have taken them, each solved blind: cut, turned, binned, compressed, with hot pixels.
+"""Photographs modified as if taken by other cameras, each solved blind: cut, turned, binned, compressed, with hot pixels.
 
 python tools/other_cameras.py PHOTOGRAPH... [--windows] [--place LAT LON HEIGHT_M] [--only NAME]
 
-Each photograph is first identified whole (`celnav.find_camera`); its camera and orientation are the truth of all changes. A
-change is right where the middle of the changed picture points to within 0.1 deg (or two pixels) of where the truth says, and
-the field's width agrees to 1 %. With a place, `celnav.calibrate` is run on each of them too.
+Each photograph is first identified as a whole (`celnav.find_camera`); its camera and orientation are the truth for all
+changes. A change counts as right where the middle of the changed picture is found within 0.1 deg (or two pixels) of its true
+direction, and the width of the field agrees to 1 %. With a place, `celnav.calibrate` is also run on each of them.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Changed:
-    """A changed picture, and where pixels of the original are.
+    """A changed picture, and the positions of its pixels in the original.
 
     Attributes
     ----------
     name : str
-        Of the change.
+        Name of the change.
     image : ndarray
         The picture.
     origin, across, down : ndarray, shape (2,)
-        Original position of its first pixel, and of steps to the next column and row.
+        Position of its first pixel in the original, and of steps to the next column and row.
     mirrored : bool
-        Whether it must be refused.
+        Whether the picture is mirrored, so that it must be refused.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Changed:
 
 
 def eight_bits(image: F8, times: float = 1.0, gamma: float = 1.0) -> NDArray[np.uint8]:
-    """Scale from the sky's 1 % level to the 99.9 % level, brighter by `times`, by a power `1 / gamma`."""
+    """Scale from the sky's 1 % level to the 99.9 % level, brighter by a factor `times`, with a power of `1 / gamma`."""
     low, high = np.percentile(image, [1, 99.9])
     return np.clip(np.rint(255 * np.clip((image - low) / (high - low) * times, 0, 1) ** (1 / gamma)), 0, 255).astype(
         np.uint8
@@ -71,7 +71,7 @@ def jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 
 
 def windows(image: F8, camera: celnav.Camera, width_deg: float, away_deg: tuple[float, ...]) -> list[Changed]:
-    """Cut windows of a width out, so far from the axis, in four directions."""
+    """Cut windows of a given width at a distance from the axis, in four directions."""
     found = []
     for away in away_deg:
         for turn in (45.0, 135.0, 225.0, 315.0):
@@ -124,7 +124,7 @@ def changes(image: NDArray[np.generic], rng: np.random.Generator) -> list[Change
 
 
 def judged(change: Changed, truth: celnav.FoundCamera, utc: str) -> tuple[str, str]:
-    """Search the changed picture; the verdict (right, wrong, refused) and what was found."""
+    """Search the changed picture; return the verdict (right, wrong, refused) and what was found."""
     height, width = change.image.shape[:2]
     points = np.array([[(width - 1) / 2, (height - 1) / 2], [width * 0.4, height / 2], [width * 0.6, height / 2]])
     begun = time.perf_counter()
@@ -144,7 +144,7 @@ def judged(change: Changed, truth: celnav.FoundCamera, utc: str) -> tuple[str, s
 
 
 def calibrated(change: Changed, utc: str, place: tuple[float, float, float]) -> str:
-    """Calibrate on the changed picture, and say what came of it."""
+    """Calibrate on the changed picture, and describe the result."""
     size = change.image.shape[1::-1]
     frame = CalibrationFrame(celnav.detect(change.image), parse_utc(utc), (size[0], size[1]), change.name)
     try:

@@ -1,7 +1,7 @@
 """Combine photographs of a fixed camera: python tools/real_night.py FRAMES --camera FILE --site LAT LON HEIGHT.
 
-Frames and the camera's file are those of `celnav calibrate`; the file's attitude is told to every frame. The site serves to
-print errors, and its height the air.
+Frames and the camera's file are those of `celnav calibrate`; the attitude in the file is supplied for every frame. The site
+is used to print errors, and its height for the air.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Processor time of detection and solution on photographs: python tools/real_times.py FRAMES --camera FILE [--height-m 2361].
 
-Frames and the camera's file are those of `celnav calibrate`. Each time is the least of several on one thread, also as a
-multiple of the calibration loop of `skybench speed --solver`; run it with OMP_NUM_THREADS=1.
+Frames and the camera's file are those of `celnav calibrate`. Each time is the least of several on one thread, and is also
+given as a multiple of the calibration loop of `skybench speed --solver`; run it with OMP_NUM_THREADS=1.
 """
 
 from __future__ import annotations

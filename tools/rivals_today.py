@@ -1,9 +1,9 @@
-"""What each rival reaches on the boards as they are: python tools/rivals_today.py [--boards results/leaderboard].
+"""Results of each rival on the present boards: python tools/rivals_today.py [--boards results/leaderboard].
 
-Takes the whole systems' rows on tasks of single frames that skybench and all rivals have run, and prints Markdown: success
-with Wilson's 95 % intervals, wrong fixes and the median error of the right ones over all frames together; then success and
-that median by task. `skybench bench boards --plan` says which rows are not of today's code. docs/rivals.md holds the table of
-its day.
+Takes the rows of complete systems on tasks of single frames that skybench and all rivals have run, and prints Markdown:
+success with Wilson's 95 % intervals, wrong fixes and the median error of the right ones over all frames together; then
+success and that median by task. `skybench bench boards --plan` says which rows are not of today's code. docs/rivals.md
+contains a dated table.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def counted(result: StoredResult) -> tuple[list[bool], int, list[float]]:
 
 
 def shared_tasks(boards: Path) -> dict[str, dict[str, StoredResult]]:
-    """Rows by task and solver, of the tasks that all have run."""
+    """Rows by task and solver, for the tasks that all have run."""
     found = {}
     for group in read_tree(boards):
         rows = {row.solver: row for row in group if row.detections == "own"}
@@ -40,7 +40,7 @@ def shared_tasks(boards: Path) -> dict[str, dict[str, StoredResult]]:
 
 
 def cells(results: Sequence[StoredResult]) -> list[str]:
-    """All together, then each task."""
+    """Table cells: all tasks together, then each task."""
     parts = [counted(result) for result in results]
     right = [one for part in parts for one in part[0]]
     errors = [error for part in parts for error in part[2]]

@@ -1,8 +1,8 @@
 """Try settings of the peers' detectors on the dev split: python tools/rivals_tries.py [--frames 12] [--solver tetra3rs].
 
-Each peer has five tries, ruststartracker and seiza eight, the first with the library's defaults. Prints a Markdown table:
-frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were taken. Needs the extra
-`peers`, ruststartracker and the environments of cedar-solve and seiza, whose programs are tried as copies with other
+Each peer has five tries, ruststartracker and seiza have eight; the first uses the library's defaults. Prints a Markdown
+table: frames within 10 km of the truth, and fixes farther off. docs/rivals.md says which settings were chosen. Needs the
+extra `peers`, ruststartracker and the environments of cedar-solve and seiza, whose programs are tried as copies with other
 settings.
 """
 
@@ -35,7 +35,7 @@ CONDITIONS = (
     ("thesis-mag", 3.0), ("optics", 10.0), ("weather", 1.0), ("motion", 2.0),
 )  # fmt: skip
 RENDERED = 24
-"""Frames of each condition that are rendered; the first of them are tried."""
+"""Number of frames of each condition that are rendered; the first of them are tried."""
 _STRICT = {
     "matched_filter_sigma": None,
     "max_elongation": 1.6,
@@ -74,7 +74,7 @@ TRIES: Mapping[str, Mapping[str, SolverUnderTest]] = {
 }
 
 _GUIDE = {"bg_sub_mode": "local_median", "sigma_mode": "local_median_abs", "filtsize": 15}
-"""What cedar-solve's own documentation calls the best extraction, if slow."""
+"""What cedar-solve's own documentation calls the best extraction, though slow."""
 _TO_7_6 = {"FAINTEST_MAG": 7.6, "DETECTION": {}}
 PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "cedar-solve": {
@@ -99,12 +99,12 @@ PROGRAMS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
 }
 """Constants of the programs that each try changes."""
 CATALOGUE = Path("celnav/data/ybsc")
-"""What the program reads, beside the folder of its solver in a checkout."""
+"""Files that the program reads besides the folder of its solver in a checkout."""
 Asks = Callable[[Frame], Response]
 
 
 def change(path: Path, line: str, by: str) -> None:
-    """Put other words in the place of the one line of a file that is so."""
+    """Replace the one line of a file that has this text."""
     text, changed = re.subn(line, by, path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     if changed != 1:
         raise SystemExit(f"{path.name}: {changed} lines are {line!r}; mend tools/rivals_tries.py")
@@ -113,7 +113,7 @@ def change(path: Path, line: str, by: str) -> None:
 
 @contextmanager
 def asking(name: str, words: str) -> Iterator[Asks]:
-    """How a frame is put to a solver with one of its settings, at the told focal length alone."""
+    """How a frame is put to a solver with one of its settings, with the supplied focal length only."""
     if name in TRIES:
         solver = TRIES[name][words]
         yield lambda frame: ask(solver, frame, load_image(frame))

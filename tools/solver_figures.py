@@ -29,7 +29,7 @@ WIDTH_PX = 560
 
 
 def new_axes(height_px: int, x: str, y: str, log: str = "") -> Axes:
-    """Axes with titles, those named in `log` logarithmic; the title of y stands over its axis."""
+    """Axes with titles, logarithmic for those named in `log`; the title of y is above its axis."""
     figure = new_figure(WIDTH_PX + 80, height_px + 80)
     axes = axes_at(figure, 56, 32, WIDTH_PX, height_px)
     axes.set(xlabel=x, xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
@@ -52,7 +52,7 @@ def save(axes: Axes, path: Path, label: str) -> None:
 
 
 def detection(folder: Path) -> None:
-    """Share of the stars found over magnitude, by the matched filter and by flood fill, on the same images."""
+    """Share of the stars found against magnitude, by the matched filter and by flood fill, on the same images."""
     condition = Condition("detection", v_max=8.0)
     edges = np.arange(5.0, 8.01, 0.25)
     configs = {"matched filter": celnav.DetectionConfig(), "flood fill": celnav.FloodFillConfig()}
@@ -61,7 +61,7 @@ def detection(folder: Path) -> None:
     for number in range(4):
         field, image = make_field(condition, 13, number), image_of(condition, 13, number)
         v_mag = -2.5 * np.log10(field.flux)
-        # Stars with another one within four pixels are left out.
+        # Stars with another star within four pixels are left out.
         near = cKDTree(field.uv).query_pairs(4.0, output_type="ndarray")
         alone = np.ones(len(field.uv), dtype=bool)
         alone[near.ravel()] = False
@@ -92,7 +92,7 @@ def hypotheses(folder: Path, field) -> None:
         fix = solve_field(CONDITION, field)
     finally:
         identify.best_hypotheses = original
-    # The chunk that held the right one; a look for a rival may have followed.
+    # The chunk that contained the right one; a search for a rival may have followed.
     rotations, scores = max(seen, key=lambda chunk: float(chunk[1].max(initial=0.0)))
     turn = np.einsum("hij,ji->h", rotations, fix.R_icrs_to_camera.astype(np.float32))
     angle = np.degrees(np.arccos(np.clip((turn - 1) / 2, -1, 1)))
@@ -128,7 +128,7 @@ def verification(folder: Path, field) -> None:
 
 
 def depth(folder: Path) -> None:
-    """How much of the catalogue a frame shows, and the limit that is found."""
+    """How much of the catalogue a frame shows, and the magnitude limit that is found."""
     condition = Condition("depth", v_max=5.6, noise_px=0.5, missing=0.2, false=0.2)
     field = make_field(condition, 3, 4)
     fix = solve_field(condition, field)
@@ -146,7 +146,7 @@ def depth(folder: Path) -> None:
 
 
 def accuracy(folder: Path) -> None:
-    """Median error and the Cramer-Rao bound over the depth of the frame."""
+    """Median error and the Cramer-Rao bound against the depth of the frame."""
     stars, errors, bounds = [], [], []
     for v_max in (3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0):
         one = measure(Condition("a", v_max=v_max, noise_px=0.5, exact_attitude=True), 40, 11)

@@ -1,14 +1,14 @@
-"""Train the network of the solver `learned`: python tools/train_learned.py [--samples 10] [--out FILE]. Ten minutes.
+"""Train the network of the solver `learned`: python tools/train_learned.py [--samples 10] [--out FILE]. Takes ten minutes.
 
-Needs PyTorch: pip install 'skybench[learned]', or the smaller one for processors alone, pip install torch --index-url
-https://download.pytorch.org/whl/cpu. One core trains. On the way it prints how many stars of 8192 patterns of other fields
-are the first, and among the first five, that the network names.
+Needs PyTorch: pip install 'skybench[learned]', or the smaller one without GPU support, pip install torch --index-url
+https://download.pytorch.org/whl/cpu. Training uses one core. Meanwhile it prints for how many of 8192 patterns of other
+fields the star is the first that the network names, and is among the first five.
 
-Detections are made from the catalogue, with noise as our frames give it. Its ranges are those of `celnav.detect` on twelve
-rendered dev frames of each condition of tools/rivals_tries.py, of each frame the 60 brightest detections. Medians of the
-conditions: 0.003 to 0.065 deg between detection and star; magnitudes scattered by 0.18 to 0.57 (1.48 times the median
+Detections are generated from the catalogue, with noise as in rendered frames. Its ranges are those of `celnav.detect` on
+twelve rendered dev frames of each condition of tools/rivals_tries.py, with the 60 brightest detections of each frame. Medians
+of the conditions: 0.003 to 0.065 deg between detection and star; magnitudes scattered by 0.18 to 0.57 (1.48 times the median
 deviation) with long tails (standard deviation 0.36 to 1.06); 5 to 70 % missing of the stars to the magnitude that nine of ten
-detected ones reach; 0 to 15 % false, of single frames to 67 %. There are 4 to 1100 detections in a frame.
+detected ones reach; 0 to 15 % false, in single frames up to 67 %. There are 4 to 1100 detections in a frame.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ WARM_UP_STEPS = 100
 SEED = 7301
 TESTED = 8192
 FEWEST = 4
-"""Detections of a field that makes patterns."""
+"""Least number of detections of a field that makes patterns."""
 FAINTEST_V = 7.0
-"""Of the stars in the fields."""
+"""Magnitude limit of the stars in the fields."""
 
 
 class Fields:
-    """Random fields of stars, by a pinhole of 35 to 120 deg.
+    """Random fields of stars, seen by a pinhole of 35 to 120 deg.
 
     Attributes
     ----------
     classes : ndarray of int, shape (n,)
-        Of each star of the catalogue to `FAINTEST_V`: which class it is, -1 where it is too faint to be one.
+        Class of each star of the catalogue to `FAINTEST_V`, -1 where it is too faint to be a class.
     """
 
     def __init__(self, class_ids: NDArray[np.int64], seed: int) -> None:
@@ -64,7 +64,7 @@ class Fields:
         self._random = np.random.default_rng(seed)
 
     def draw(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """One field: unit vectors (n, 3), magnitudes and classes (-1: none) of its detections, brightest first."""
+        """Draw one field: unit vectors (n, 3), magnitudes and classes (-1: none) of its detections, brightest first."""
         random = self._random
         half = np.radians(random.uniform(35.0, 120.0) / 2.0) if random.random() < 0.5 else np.radians(30.0)
         x_most = np.tan(half)
@@ -82,11 +82,11 @@ class Fields:
         mags = np.maximum(mags, random.uniform(-1.0, 3.0))  # saturated stars are alike
         mags = mags + 1e-3 * random.random(len(rows))
         kept = random.random(len(rows)) > random.choice([0.0, 0.1, 0.2, 0.5])
-        # As many as are above a limit, which the number in the frame stands for.
+        # The number of detections determines the magnitude limit.
         wanted = int(np.exp(random.uniform(np.log(8.0), np.log(1.6 * MOST_DETECTIONS))))
         order = np.flatnonzero(kept)[np.argsort(mags[kept])][:wanted]
         rows, xy, mags = rows[order], xy[order], mags[order]
-        # Position noise in the image plane, and a focal length that is told wrong by a little.
+        # Position noise in the image plane, and a small error of the supplied focal length.
         pixel = 2.0 * x_most / random.choice([480.0, 640.0, 1080.0])
         xy = xy + random.choice([0.05, 0.3, 1.0]) * pixel * random.normal(size=xy.shape)
         xy = xy * (1.0 + random.choice([0.0, 0.003, 0.01]) * random.normal())
@@ -119,7 +119,7 @@ def main() -> None:
 
 
 def model_of(n_stars: int) -> nn.Sequential:
-    """Layers with batch normalisation, which the trained weights take in."""
+    """Layers with batch normalisation, which `network_of` folds into the trained weights."""
     from torch import nn
 
     sizes = (PATTERN_SIZE, *HIDDEN)
@@ -161,7 +161,7 @@ def train(model: nn.Sequential, fields: Fields, others: Fields, steps: int) -> N
 
 
 def batch_of(fields: Fields, size: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Patterns of stars that the network is to know, and their classes."""
+    """Patterns of stars that the network must know, and their classes."""
     import torch
 
     patterns: list[NDArray[np.float32]] = []
@@ -176,7 +176,7 @@ def batch_of(fields: Fields, size: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def network_of(model: nn.Sequential, star_ids: NDArray[np.int64]) -> Network:
-    """The trained layers, each with its normalisation taken into its weights."""
+    """The trained layers, each with its normalisation folded into its weights."""
     import torch
     from torch import nn
 

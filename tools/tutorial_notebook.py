@@ -1,4 +1,4 @@
-"""Make docs/tutorial.ipynb of docs/tutorial.md: the same words and commands, run, with what they print.
+"""Make docs/tutorial.ipynb from docs/tutorial.md: the same words and commands, run, with their output.
 
 Usage: python tools/tutorial_notebook.py   (skybench must be on the PATH; works in a temporary folder)
 """
@@ -31,7 +31,7 @@ class Part:
 
 
 def parts_of(tutorial: str) -> list[Part]:
-    """Cut the tutorial into words, commands and files; commands that say so are not run and stay words."""
+    """Split the tutorial into words, commands and files; commands marked as not to be run remain words."""
     parts, end = [], 0
     for block in _FENCED.finditer(tutorial):
         language, text = block.groups()
@@ -64,7 +64,7 @@ def notebook_of(tutorial: str) -> nbformat.NotebookNode:
 
 
 def run(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
-    """Run a notebook in a folder; progress bars and times of execution are left out of what is kept."""
+    """Run a notebook in a folder; progress bars and execution times are left out of what is kept."""
     client = nbclient.NotebookClient(
         notebook,
         timeout=LONGEST_S,

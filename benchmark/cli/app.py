@@ -1,6 +1,6 @@
 """The command `skybench`.
 
-The modules of commands import what they need when they run, so that help, version and completion answer at once.
+The modules of commands import what they need only when they run, so that help, version and completion respond at once.
 """
 
 from __future__ import annotations
@@ -77,13 +77,14 @@ def doctor(as_json: AsJson = False) -> None:
 
 def main() -> None:
     """Entry point of the command."""
-    # Loading modules makes a hundred thousand objects; to look for garbage after each 700 of them takes a tenth of the start.
+    # Loading modules creates a hundred thousand objects; collecting garbage after every 700 takes a tenth of the start-up
+    # time.
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     let_print(sys.stdout, sys.stderr)
     try:
         app()
     finally:
-        # Python looks through all of them several times as it ends.
+        # Python would otherwise scan all objects several times as it ends.
         gc.freeze()
 
 

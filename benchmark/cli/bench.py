@@ -114,7 +114,7 @@ def run(
         fail(ResultsError("give tasks or frames to run on, or --all"))
     if not solver and not all_tasks:
         fail(ResultsError("give at least one --solver"))
-    from benchmark.cli.running import (  # loads the solvers, which --help need not wait for
+    from benchmark.cli.running import (  # loads the solvers, for which --help need not wait
         Request,
         run_request,
         try_request,
@@ -148,9 +148,9 @@ def report(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Print the table of the results in a folder and write their pages to its folder `site`.
+    """Print the table of the results in a folder and write their pages to its subfolder `site`.
 
-    The pages need neither a server nor the network, and index.html is the first.
+    The pages need neither a server nor a network; index.html is the first page.
     """
     from benchmark.frames.task_frames import DEFAULT_DATA
     from benchmark.report.site.commands import Places

@@ -1,4 +1,4 @@
-"""Commands that keep results of today's code: `skybench bench boards`, `pack-results`, `confirm`, `stale`, `revisions`."""
+"""Commands that keep results up to date: `skybench bench boards`, `pack-results`, `confirm`, `stale`, `revisions`."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def boards(
 ) -> None:
     """Run the rows that are missing or not of today's code, pack all results and write the pages.
 
-    Of a row whose solver is of today's revision only frames that are others now are solved again; of a sequence, all.
+    If the solver of a row is of today's revision, only frames that have changed are solved again; of a sequence, all frames.
     """
     from benchmark.report.refresh import (
         BoardsRequest,
@@ -136,7 +136,7 @@ def boards(
 
 
 def _lines(bar: Progress) -> Callable[[str, int], None]:
-    """A function that is called with a name and how many more of it are done; each name gets a line."""
+    """A function to be called with a name and the number of further steps that are done; each name gets a line."""
     lines: dict[str, TaskID] = {}
 
     def advance(name: str, count: int) -> None:
@@ -203,9 +203,9 @@ def _report(out: Path, data: Path, figure: Path | None, pictures: int) -> Path:
 
 
 def pack_results(out: _Out = _LEADERBOARD, as_json: AsJson = False) -> None:
-    """Put raw results into one table to a task; a raw result takes the place of a packed one of the same solver.
+    """Put raw results into one table per task; a raw result replaces the packed one of the same solver.
 
-    Positions, detections and the solvers' own account of their times are not kept: `bench run` makes them again.
+    Positions, detections and the solvers' own timings are not kept; `bench run` reproduces them.
     """
     from benchmark.run.packing import pack_tree
 
@@ -239,8 +239,8 @@ def confirm(
 ) -> None:
     """Render all frames of tasks again; packed results of the same frames, to the byte, become results of today's frames.
 
-    For changes of the generator that have no part in a task. A frame that differs is named, and its results stay as they are.
-    Results of a task that has gained conditions since take in the packed ones of these conditions alone.
+    Use it after changes of the generator that do not affect a task. Frames that differ are named, and their results stay as
+    they are. Results of a task that has gained conditions since are completed by the packed results of these conditions.
     """
     from benchmark.frames.opening import named_task, open_frames
     from benchmark.frames.task_frames import FrameChoice
@@ -284,9 +284,10 @@ def stale(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check that all measured numbers are of the revision that is printed beside them.
+    """Check that all measured numbers are of the revision that is printed next to them.
 
-    Results, pages, figures and tables of documents carry a mark; numbers of an older revision may stay where it says so.
+    Results, pages, figures and tables of documents carry a mark; numbers of an older revision may stay where the mark says
+    so.
     """
     from benchmark.report.stale import check_marks, stamp_file
 

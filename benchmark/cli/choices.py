@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class DetectionsChoice(StrEnum):
-    """Who detects."""
+    """Whose detections solvers use."""
 
     OWN = "own"
     SHARED = "shared"

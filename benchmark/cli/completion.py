@@ -1,7 +1,6 @@
-"""What the shell completes: names that come with skybench, and files beside them.
+"""Shell completion: names that come with skybench, and files next to them.
 
-The functions run at every press of the key: they read the files' names and titles alone, and import neither models nor
-Mitsuba.
+The functions run at every key press, so they only read names and titles of files, and import neither models nor Mitsuba.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def _beginning(named: Iterable[tuple[str, str]], incomplete: str) -> list[tuple[
 
 
 def _files(incomplete: str, suffix: str | None) -> list[tuple[str, str]]:
-    """Folders, and files of a kind, whose path begins so; hidden ones only where the dot has been typed."""
+    """Folders, and files of a kind, whose path begins with the text; hidden ones only where the dot has been typed."""
     folder, begun = Path(incomplete).parent, Path(incomplete).name
     if incomplete.endswith("/"):
         folder, begun = Path(incomplete), ""
@@ -80,13 +79,13 @@ def _files(incomplete: str, suffix: str | None) -> list[tuple[str, str]]:
                 found.append((f"{path.as_posix()}/", ""))
             elif suffix is not None and path.name.endswith(suffix):
                 found.append((path.as_posix(), ""))
-    except OSError:  # a folder that does not exist, or must not be read, completes to nothing
+    except OSError:  # a folder that does not exist or is unreadable has no completions
         return []
     return found
 
 
 def _value(path: Path, key: str) -> str:
-    """A one-line value at the top of a YAML file."""
+    """Read a one-line value at the top of a YAML file."""
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith(f"{key}:"):
             return line.removeprefix(f"{key}:").strip().strip("\"'")

@@ -1,4 +1,4 @@
-"""`skybench demo`: frames, solvers and a page in one go."""
+"""`skybench demo`: frames, solvers and a page with one command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SOLVERS = ("skybench", "thesis-adaptive", "thesis-baseline")
 RIVALS = ("tetra3rs",)
-"""Solvers of others, which optional packages bring."""
+"""Other projects' solvers, from optional packages."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -60,8 +60,8 @@ def demo(
 
 
 def _render_and_solve(loaded: Scenario, frames: Path, out: Path, overwrite: bool) -> tuple[Demo, Path, Path]:
-    """Return what the page shows, the page, and the page with all numbers."""
-    # Mitsuba and the solvers are loaded here, which a bad scenario need not wait for.
+    """Return the content of the page, the path of the page, and that of the page with all numbers."""
+    # Mitsuba and the solvers are loaded here, so that an invalid scenario need not wait for them.
     from benchmark.cli.running import Request, obstacles, run_solvers
     from benchmark.frames.opening import open_frames
     from benchmark.frames.task_frames import FrameChoice

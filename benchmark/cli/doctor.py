@@ -1,4 +1,4 @@
-"""Checks of the machine: what skybench needs, whether it is there, and what to do if not."""
+"""Checks of the machine: what skybench needs, whether it is available, and what to do if not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PINNED = {"mitsuba": "3.9.1", "drjit": "1.5.0"}
 
 @dataclass(frozen=True)
 class Check:
-    """One finding: what was looked at, what was found, and what to do (empty when all is well)."""
+    """One finding: what was checked, what was found, and what to do (empty when all is well)."""
 
     name: str
     found: str
@@ -50,7 +50,7 @@ def check_python() -> Check:
 
 
 def check_packages() -> Check:
-    """Mitsuba and Dr.Jit in the versions that the plugins are written for."""
+    """Mitsuba and Dr.Jit in the versions for which the plugins are written."""
     found, wrong = [], []
     for name, wanted in PINNED.items():
         try:
@@ -83,12 +83,12 @@ def check_llvm() -> Check:
 
 
 def check_gpu() -> Check:
-    """GPU; having none is fine."""
+    """GPU; it is fine to have none."""
     return Check("GPU", "CUDA works" if mitsuba_runtime.cuda_works() else "none; LLVM on the processor is used")
 
 
 def check_instructions() -> Check:
-    """Instructions that frames are computed with: the same bytes on all processors that have them."""
+    """Instructions with which frames are computed: all processors that have them give the same bytes."""
     numpy = " ".join(np.show_config(mode="dicts")["SIMD Extensions"]["found"]) or "no further ones"
     kernels = sorted({each["architecture"] for each in threadpool_info() if each["internal_api"] == "openblas"})
     usual = numpy == instruction_set.NUMPY_FEATURE and kernels == [instruction_set.OPENBLAS_KERNELS]
@@ -97,7 +97,7 @@ def check_instructions() -> Check:
 
 
 def check_memory() -> Check:
-    """Memory that is free."""
+    """Free memory."""
     free_gib = psutil.virtual_memory().available / 2**30
     remedy = "" if free_gib >= MINIMUM_MEMORY_GIB else f"free some memory: {MINIMUM_MEMORY_GIB:.0f} GiB are needed"
     return Check("memory", f"{free_gib:.1f} GiB free of {psutil.virtual_memory().total / 2**30:.1f}", remedy)
@@ -128,7 +128,7 @@ def check_earth_orientation() -> Check:
 
 
 def check_render() -> Check:
-    """A kernel of Mitsuba's, run to the end."""
+    """Run one of Mitsuba's kernels to the end."""
     try:
         mitsuba = mitsuba_runtime.start()
         sides = mitsuba.Float([3.0, 5.0])

@@ -1,4 +1,4 @@
-"""How commands end when the input is not acceptable."""
+"""How commands end when the input is invalid."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _OF_THE_MACHINE = frozenset(
         errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
     }
 )  # fmt: skip
-"""Errors by which a machine says that it has no more to give, or that its disk is at fault."""
+"""Errors by which a machine reports that a resource is exhausted or that its disk has failed."""
 
 
 def fail(error: Exception) -> NoReturn:
-    """Print an error as it is and exit 2."""
+    """Print an error as it is and exit with status 2."""
     typer.echo(printable(f"skybench: {error}"), err=True)
     raise typer.Exit(EXIT_BAD_INPUT)
 
@@ -44,7 +44,7 @@ class InterruptibleGroup(TyperGroup):
     """Commands that Ctrl-C and SIGTERM end with one line and exit status 130 or 143, and a fault of the machine with 2."""
 
     def invoke(self, ctx: Any) -> object:
-        """Run the command that was asked for."""
+        """Run the requested command."""
         try:
             return super().invoke(ctx)
         except BaseException as error:

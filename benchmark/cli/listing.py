@@ -1,4 +1,4 @@
-"""What `skybench bench list` shows."""
+"""Output of `skybench bench list`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmark.tasks.definition import load_task, task_names, widest_half_width_
 
 @dataclass(frozen=True)
 class ListedTask:
-    """A task: what is graded, the error below which a fix counts, sizes, and half of the interval that they buy, points."""
+    """A task: graded quantity, error below which a fix counts, sizes, and half of their interval in percentage points."""
 
     task: str
     title: str
@@ -101,7 +101,7 @@ def listed_solvers() -> list[ListedSolver]:
 
 
 def task_table(tasks: Sequence[ListedTask]) -> Table:
-    """The tasks as a table that a terminal of 80 letters holds."""
+    """The tasks as a table that fits into a terminal of 80 characters."""
     table = _table(
         "Tasks (metric: part of the frames with a fix nearer than the limit; higher is better)",
         ("task", "asks; graded, from easy to hard", "limit, frames", "\u00b1 points"),
@@ -131,7 +131,7 @@ def real_task_table(tasks: Sequence[ListedRealTask]) -> Table:
 
 
 def solver_table(solvers: Sequence[ListedSolver]) -> Table:
-    """The solvers as a table; under each what it needs where it cannot run here."""
+    """The solvers as a table; below each one that cannot run here, what it needs."""
     table = _table("Solvers", ("solver", "what it is", "licence"))
     for solver in solvers:
         obstacle = f"\n[dim]not ready: {escape(solver.obstacle)}[/dim]" if solver.obstacle else ""

@@ -1,6 +1,6 @@
-"""What commands print: tables for people, or with `--json` one JSON document for programs.
+"""Output of commands: tables for people, or with `--json` one JSON document for programs.
 
-Bars, warnings and errors go to standard error.
+Progress bars, warnings and errors go to standard error.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ def print_warnings(sentences: Iterable[str]) -> None:
 
 
 def printable(text: str, kept: str = "\n") -> str:
-    r"""Write every character that is not printable as Python does (``\x1b``), but for those that are kept.
+    r"""Escape every character that is not printable as Python does (``\x1b``), except those that are kept.
 
-    `celnav.command.answer.printable` for commands that load no solver.
+    It is `celnav.command.answer.printable` for commands that load no solver.
 
     Parameters
     ----------
     text : str
     kept : str
-        Characters that stay; none, for what is one line whatever the names in it hold.
+        Characters that stay; empty for text that must be one line whatever the names in it contain.
     """
     if text.isprintable():
         return text
@@ -87,9 +87,9 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if hasattr(value, "model_dump"):  # pydantic, which is not imported for this alone
+    if hasattr(value, "model_dump"):  # pydantic, which is not imported only for this
         return _plain(value.model_dump(mode="json"))
-    if hasattr(value, "item"):  # a number of NumPy's
+    if hasattr(value, "item"):  # a NumPy number
         return _plain(value.item())
     if isinstance(value, Iterable):
         return [_plain(item) for item in value]
@@ -97,7 +97,7 @@ def _plain(value: Any) -> Any:
 
 
 def let_print(*streams: TextIO) -> None:
-    """Let streams take every text: what their encoding lacks, such as dashes and signs, is written in letters that it has."""
+    """Let streams accept every text: characters missing from their encoding, such as dashes and signs, are transliterated."""
     codecs.register_error(_HANDLER, _in_plain_letters)
     for stream in streams:
         if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "backslashreplace"):

@@ -1,4 +1,4 @@
-"""Progress of all commands: on standard error, so that what a command prints can be used by another."""
+"""Progress display of all commands, on standard error, so that their output can be used by other commands."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
 
 
 def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = False) -> Progress:
-    """Bars with a description, a count of units, the time that has passed and the time that is left.
+    """Bars with a description, a count of units, the elapsed time and the remaining time.
 
     Parameters
     ----------
     unit : str
-        What is counted.
+        Name of the unit that is counted.
     *more : ProgressColumn
-        Columns to stand before the times.
+        Columns to place before the times.
     hidden : bool
         Show nothing.
     """
@@ -45,7 +45,7 @@ def progress_bars(unit: str = "frames", *more: ProgressColumn, hidden: bool = Fa
 
 
 def working(description: str) -> Status:
-    """A sign that work without a known end goes on."""
+    """An indicator that work of unknown length is going on."""
     from rich.console import Console
 
     return Console(stderr=True).status(description)

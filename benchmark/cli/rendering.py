@@ -1,4 +1,4 @@
-"""Commands that make pictures: `skybench render`, `bake` and `gallery`."""
+"""Commands that produce pictures: `skybench render`, `bake` and `gallery`."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def render(
 ) -> None:
     """Render all frames of a scenario: image, expected electrons, frame record, truth of the stars.
 
-    Frames of the same scenario that the folder holds are kept, so an interrupted run is continued by the same command, and
-    what `skybench verify DIR` names is made again.
+    Existing frames of the same scenario in the folder are kept, so the same command continues an interrupted run, and frames
+    that `skybench verify DIR` names are rendered again.
     """
     from generator.scenario.contradictions import contradictions_of
     from generator.scenario.file import load_scenario
@@ -56,7 +56,7 @@ def render(
     try:
         loaded = load_scenario(find_scenario(scenario))
         print_warnings(contradictions_of(loaded))
-        from generator.frame.render import render_dataset  # loads Mitsuba, which a bad scenario need not wait for
+        from generator.frame.render import render_dataset  # loads Mitsuba, for which an invalid scenario need not wait
 
         with only_writer(out), progress_bars() as progress:
             task = progress.add_task("rendering", total=loaded.frame_count)
@@ -84,7 +84,7 @@ def bake(
     ] = "all",
     as_json: AsJson = False,
 ) -> None:
-    """Make the maps of Moon, city, ground light and twilight again, by radiative transfer (some ten minutes on two cores)."""
+    """Recompute the maps of Moon, city, ground light and twilight by radiative transfer (some ten minutes on two cores)."""
     from generator.bake import make_maps
 
     tasks = {
@@ -113,7 +113,7 @@ def gallery(
     out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("docs/gallery"),
     as_json: AsJson = False,
 ) -> None:
-    """Make the gallery: all-sky views in true colour, and plots beside published numbers."""
+    """Make the gallery: all-sky views in true colour, and plots next to published numbers."""
     from generator.gallery.make_gallery import make_gallery
 
     made = list(make_gallery(out))

@@ -1,4 +1,4 @@
-"""`skybench bench run`: frames opened, solvers run or tried, and what is said of it."""
+"""`skybench bench run`: open frames, run or try solvers, and report the outcome."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ ALL_ERRORS = 1
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for.
+    """What the command line requests.
 
     Attributes
     ----------
     targets : sequence of str
         See `benchmark.frames.opening.open_frames`.
     solvers : sequence of str
-        Names or folders; none: all that can run here.
+        Names or folders; if empty, all that can run here.
     choice : FrameChoice
     detections : str
     out : Path or None
-        None: where such frames belong.
+        None selects the place where such frames belong.
     jobs : int
     """
 
@@ -62,18 +62,18 @@ class Request:
 
 
 def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, list[SolverRun]]:
-    """Run what is missing; returns the folder of results and the runs.
+    """Run what is missing; return the folder of results and the runs.
 
     Parameters
     ----------
     request : Request
     tell : callable
-        Takes a line about each solver that has finished.
+        Called with a line about each solver that has finished.
 
     Raises
     ------
     BenchmarkError
-        Frames or a solver that are not there, or cannot be used here.
+        Frames or a solver do not exist, or cannot be used here.
     """
     contestants = check_contestants(_contestants(request.solvers), request.jobs)
     out = request.out or _default_out(request.targets)
@@ -99,12 +99,12 @@ def run_solvers(request: Request, tell: Callable[[str], None]) -> tuple[Path, li
 def run_request(request: Request, as_json: bool = False) -> int:
     """Run what is missing, and return the exit status: 1 where every answer of a solver on some frames is an error.
 
-    What came of it is printed in words, or as one JSON document.
+    The outcome is printed in words, or as one JSON document.
 
     Raises
     ------
     BenchmarkError
-        Frames or a solver that are not there, or cannot be used here.
+        Frames or a solver do not exist, or cannot be used here.
     """
     out, runs = run_solvers(request, _silent if as_json else typer.echo)
     if as_json:
@@ -118,15 +118,15 @@ def run_request(request: Request, as_json: bool = False) -> int:
 
 
 def try_request(request: Request, count: int, as_json: bool = False) -> int:
-    """Put a few frames, evenly spread over all, to one solver, showing what it answers and what it writes on standard error.
+    """Put a few evenly spread frames to one solver, and show its answers and what it writes to standard error.
 
     Parameters
     ----------
     request : Request
     count : int
-        Frames.
+        Number of frames.
     as_json : bool
-        Print one document at the end, not a line for each answer.
+        Whether to print one document at the end instead of a line for each answer.
 
     Returns
     -------
@@ -176,13 +176,13 @@ def _silent(words: str) -> None:
 
 
 def obstacles(names: Sequence[str]) -> dict[str, str]:
-    """Those solvers that cannot run here: why not, and what would bring them."""
+    """Solvers that cannot run here, with the reason and the remedy."""
     found = {name: contestant_of(name).obstacle() for name in names}
     return {name: obstacle for name, obstacle in found.items() if obstacle}
 
 
 def _contestants(names: Sequence[str]) -> list[Contestant]:
-    """Those that are named; without names, all but the fused ones that can run here, saying why the others cannot."""
+    """Contestants with these names; without names, all non-fused solvers that can run here, reporting why others cannot."""
     if names:
         return [contestant_of(name) for name in names]
     left_out = obstacles(solvers_by_themselves())
@@ -206,7 +206,7 @@ def _opened(bar: Progress, target: str, choice: FrameChoice) -> FrameSet:
 
 
 def _words(runs: Sequence[SolverRun]) -> str:
-    """One solver's runs in a line."""
+    """Describe one solver's runs in a line."""
     name, solved, seconds = runs[0].solver, sum(run.n_solved for run in runs), sum(run.seconds for run in runs)
     counts = [sum(getattr(run.summary, key) for run in runs) for key in ("n_fixes", "n_refused", "n_errors")]
     ended = f"{counts[0]} fixes, {counts[1]} refused, {counts[2]} errors"
@@ -227,12 +227,12 @@ def _answer(frame: Frame, outcome: SolverOutcome) -> str:
 def _spread(frames: Sequence[Frame], count: int) -> list[Frame]:
     most = min(count, len(frames))
     if any(frame.observation.sequence for frame in frames):
-        return list(frames[:most])  # of a sequence none may be left out
+        return list(frames[:most])  # a sequence must be complete
     return [frames[n * len(frames) // most] for n in range(most)]
 
 
 def _pass_on(words: bytes) -> None:
-    """Show what a program writes on its standard error."""
+    """Show what a program writes to standard error."""
     sys.stderr.write(words.decode("utf-8", "replace"))
     sys.stderr.flush()
 

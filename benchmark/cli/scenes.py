@@ -1,4 +1,4 @@
-"""What comes with skybench for scenarios: `skybench scenes` and `skybench presets`."""
+"""Scenarios and presets that come with skybench: `skybench scenes` and `skybench presets`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from generator.presets import Preset
 
 LONGEST_ROW = 80
-"""Characters of a value in a table; longer lists are cut short there, and whole with `--json`."""
+"""Characters of a value in a table; longer lists are cut there, and complete with `--json`."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -41,7 +41,7 @@ def scenes(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the scenarios that come with skybench, print one, or copy them to start from."""
+    """List the scenarios that come with skybench, print one, or copy them as a starting point."""
     from generator.scenario.shipped import copy_scenarios, find_shipped, shipped_scenarios, title_of
 
     try:
@@ -77,7 +77,7 @@ def presets(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List what a scenario can call by a name: cameras, quantum efficiencies, attitudes, skies, lamps."""
+    """List what a scenario can refer to by name: cameras, quantum efficiencies, attitudes, skies, lamps."""
     from generator.presets import KINDS, all_named, preset_named
 
     if name is None:
@@ -119,7 +119,7 @@ def _print_preset(preset: Preset) -> None:
 
 
 def _leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted keys, and values as JSON; a curve that has a name by its name."""
+    """Yield dotted keys, and values as JSON; a curve that has a name by its name."""
     names = {json.dumps([[float(nm), float(part)] for nm, part in curve]): name for name, curve in QE_CURVES.items()}
     for key, value in tree.items():
         if isinstance(value, Mapping):

@@ -53,7 +53,7 @@ def speed(
     ] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="With --solver: seed of the fields and inputs.")] = 2026,
 ) -> None:
-    """Time the making of frames, stage by stage, beside a floor: drawing the noise and compressing the image alone."""
+    """Time the rendering of frames, stage by stage, against a floor: drawing the noise and compressing the image alone."""
     if solver:
         from benchmark.fields.solver_effort import report_effort
         from benchmark.fields.solver_table import solver_speed
@@ -89,12 +89,12 @@ def speed(
 
 
 def read_limit(text: str) -> tuple[str, float]:
-    """Name and value of a limit such as ``floor=2``.
+    """Parse name and value of a limit such as ``floor=2``.
 
     Raises
     ------
     GeneratorError
-        It is not one.
+        The text is not a limit.
     """
     from generator.errors import GeneratorError
     from generator.speed.report import LIMITED
@@ -110,7 +110,7 @@ def read_limit(text: str) -> tuple[str, float]:
 
 
 def load_line(report: SpeedReport) -> str:
-    """How busy the machine was, in words."""
+    """Describe how busy the machine was."""
     load = report.load
     return (
         f"machine: {load.cores} cores, load average {load.before:.1f} before and {load.after:.1f} after; this process had "
@@ -123,7 +123,7 @@ def _silent(words: str) -> None:
 
 
 def tables(report: SpeedReport) -> list[Table]:
-    """The report for people."""
+    """The report as tables for people."""
     from rich.table import Table
 
     size = report.size

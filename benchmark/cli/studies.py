@@ -110,7 +110,7 @@ def calibration(
     from generator.scenario.file import load_scenario
     from generator.scenario.shipped import find_scenario
 
-    # What cannot be done is refused before the solvers and the renderer are loaded.
+    # Invalid input is refused before the solvers and the renderer are loaded.
     with _one_line_for_bad_input():
         by_fault = read_sizes(fault_sizes or ())
         path = find_scenario(scenario)
@@ -165,7 +165,7 @@ def realism(
     ] = Path("out/realism"),
     as_json: AsJson = False,
 ) -> None:
-    """Run solvers on photographs and on their rendered twins, and tell whether the twins foretell the photographs."""
+    """Run solvers on photographs and on their rendered twins, and report whether the twins predict the photographs."""
     from benchmark.studies.realism.study import NUMBERS, PAGE, run_study
     from benchmark.twin.scene import read_scene
     from generator.scenario.shipped import find_scenario
@@ -236,7 +236,7 @@ def _solvers(named: list[str] | None) -> list[str]:
 
 
 def _print_study(lines: Iterable[str], numbers: Path, page: Path, as_json: bool) -> None:
-    """Print the answers of a study, or all numbers that it has written; and where its page is."""
+    """Print the answers of a study, or all numbers that it has written, and the path of its page."""
     if as_json:
         print_json(json.loads(numbers.read_text(encoding="utf-8")) | {"page": page})
         return
@@ -259,7 +259,7 @@ def _one_line_for_bad_input() -> Iterator[None]:
 
 @contextmanager
 def _bars() -> Iterator[StudyProgress]:
-    """Show progress bars, one a stage, on the terminal's error stream."""
+    """Show progress bars, one per stage, on the terminal's error stream."""
     from benchmark.studies.common.progress import StudyProgress
 
     with progress_bars("") as bar:

@@ -72,7 +72,7 @@ def pack_test(
     as_json: AsJson = False,
 ) -> None:
     """Write images with the records that a solver may use, without the truth, under names that reveal nothing."""
-    from benchmark.submit.pack import pack  # loads the solvers, which --help need not wait for
+    from benchmark.submit.pack import pack  # loads the solvers, for which --help need not wait
 
     try:
         with progress_bars() as progress:
@@ -132,7 +132,7 @@ def score(
     jobs: _Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Score a submission and put it beside the results of the solvers that ran here."""
+    """Score a submission and store it next to the results of the solvers that ran here."""
     from benchmark.report.formatting import number, percent
     from benchmark.stats.frame_metrics import success_limit_km
     from benchmark.stats.metrics import summarise
@@ -164,7 +164,7 @@ def score(
 
 
 def default_out(frames: FrameFacts) -> Path:
-    """Where results go unless told: those of skybench's own tasks to the leaderboard, others to the demonstration's."""
+    """Default folder of results: the leaderboard for skybench's own tasks, the demonstration's for other frames."""
     return Path("results/demo" if frames.grading is None else "results/leaderboard")
 
 
@@ -200,7 +200,7 @@ def _checked(file: Path, stars: Path | None, names: frozenset[str] | None) -> tu
 
 
 def _report_as_json(file: Path, stars: Path | None, names: frozenset[str] | None) -> None:
-    """Print what is read of both files and all their problems, and exit if there are any."""
+    """Print the content read from both files and all their problems, and exit if there are any."""
     answers, table = _checked(file, stars, names)
     found = [(file, answers.problems), *([] if table is None or stars is None else [(stars, table.problems)])]
     problems = [{"file": path} | vars(problem) for path, listed in found for problem in listed]

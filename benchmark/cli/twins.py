@@ -57,7 +57,7 @@ def twin(
 ) -> None:
     """Render the twin of each photograph, its weather fitted by up to four numbers, and compare the two.
 
-    Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is the scene's.
+    Photographs are raw FITS images, or stacks of a meteor camera's video (FF files), whose place is taken from the scene.
     """
     from benchmark.place import Place
     from benchmark.twin.photograph import read_photograph
@@ -101,7 +101,7 @@ def twin(
 
 
 def _check_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be written, before minutes of rendering."""
+    """Refuse a folder that cannot be written to, before minutes of rendering."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,6 +1,6 @@
-"""Inputs that hold no answer and cost a solver most: clutter in many shapes, with and without brightness.
+"""Inputs without an answer that are most costly for a solver: clutter in many shapes, with and without brightness.
 
-Each input is made from a seed and its number alone, so that the worst of a thousand can be made again.
+Each input depends only on a seed and its number, so the worst of a thousand can be reproduced.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class HostileInput:
     kind, camera_name, attitude_name : str
         Keys of `KINDS`, `CAMERAS` and `ATTITUDES`.
     number : int
-        Of the input.
+        Number of the input.
     uv : ndarray, shape (n, 2)
         Detections.
     flux : ndarray, shape (n,), or None
@@ -63,7 +63,7 @@ class HostileInput:
 
     @property
     def name(self) -> str:
-        """The input in words."""
+        """Describe the input in words."""
         brightness = "without flux" if self.flux is None else "with flux"
         return (
             f"number {self.number}: {len(self.uv)} detections, {self.kind}, {brightness}, {self.camera_name}, "
@@ -71,7 +71,7 @@ class HostileInput:
         )
 
     def solve(self, solver: str | celnav.SkybenchSolver = "skybench") -> celnav.Fix:
-        """Put the question."""
+        """Put the question to a solver."""
         camera, attitude = CAMERAS[self.camera_name], ATTITUDES[self.attitude_name]
         return celnav.solve(self.uv, camera, UTC, attitude, solver, flux=self.flux)
 
@@ -104,13 +104,13 @@ def _duplicates(rng: np.random.Generator, n: int) -> F8:
 
 
 def _mirrored_stars(rng: np.random.Generator, n: int) -> F8:
-    """True stars seen in a mirror: every separation is right, and no orientation fits."""
+    """Mirrored true stars: every separation is correct, but no orientation fits."""
     field = make_field(Condition("mirrored", v_max=6.0), int(rng.integers(2**31)), 0)
     return np.asarray((field.uv * [-1, 1] + [WIDTH - 1, 0])[:n])
 
 
 def _crowd(rng: np.random.Generator, n: int) -> F8:
-    """Far more than any frame shows."""
+    """Far more detections than any frame shows."""
     return _uniform(rng, int(CROWD * (n / MOST)))
 
 

@@ -24,7 +24,7 @@ from benchmark.judge.geodesy import east_north_km, geodesic_km
 
 F8 = NDArray[np.float64]
 WRONG_KM = 10.0
-# chi^2 with two degrees of freedom: 95 % lie below.
+# 95 % quantile of chi^2 with two degrees of freedom.
 CHI2_95 = 5.991464547107979
 
 
@@ -35,7 +35,7 @@ class Measured:
     Attributes
     ----------
     condition : Condition
-        Of the fields.
+        Condition of the fields.
     error_km : ndarray, shape (n,)
         Distance from the truth; NaN for a refusal.
     chi2 : ndarray, shape (n,)
@@ -60,29 +60,29 @@ class Measured:
 
     @property
     def solved(self) -> float:
-        """Part of the fields with a position within 10 km."""
+        """Fraction of the fields with a position within 10 km."""
         return float(np.mean(self.error_km <= WRONG_KM))
 
     @property
     def wrong(self) -> int:
-        """Fields with a position given as ok that is farther off."""
+        """Number of fields with a position that is claimed as ok but is farther off."""
         return int(np.sum(self.error_km > WRONG_KM))
 
     @property
     def inside_ellipse(self) -> float:
-        """Part of the fixes whose truth lies inside the 95 % ellipse."""
+        """Fraction of the fixes whose truth is inside the 95 % ellipse."""
         known = self.chi2[np.isfinite(self.chi2)]
         return float(np.mean(known <= CHI2_95)) if len(known) else math.nan
 
 
 def camera_of(condition: Condition) -> celnav.Camera:
-    """Return the camera that the solver is given."""
+    """Return the camera that the solver receives."""
     model = "equidistant" if condition.equidistant else "pinhole"
     return celnav.Camera(model, WIDTH, HEIGHT, f_px=condition.f_px)
 
 
 def attitude_of(condition: Condition, field: Field) -> celnav.Attitude:
-    """Return the attitude that the solver is given."""
+    """Return the attitude that the solver receives."""
     return celnav.Attitude.exact(field.R_cam) if condition.exact_attitude else celnav.Attitude.up(field.R_cam[:, 2])
 
 
@@ -94,7 +94,7 @@ def solve_field(condition: Condition, field: Field, solver: str = "skybench") ->
 
 
 def bound_km(condition: Condition, field: Field) -> float:
-    """Median error at the Cramér-Rao bound for centroids of the condition's noise, the stars named; NaN without noise."""
+    """Median error at the Cramér-Rao bound for centroids with the condition's noise and named stars; NaN without noise."""
     if condition.noise_px == 0:
         return math.nan
     uv = field.uv[field.star_id != 0]

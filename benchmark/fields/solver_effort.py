@@ -1,4 +1,4 @@
-"""What refusing costs: work and processor time of the default solver on hostile inputs, beside a calibration loop."""
+"""Cost of refusals: work and processor time of the default solver on hostile inputs, relative to a calibration loop."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 import celnav
 from benchmark.fields.hostile import KINDS, HostileInput, make_hostile
 
-# Processor time on one core within which any input is to be refused.
+# Processor time on one core within which any input must be refused.
 REFUSAL_S = 0.5
 
 
 def calibration_s() -> float:
-    """Processor time of a fixed loop of array operations like the solver's, the least of five, seconds.
+    """Processor time of a fixed loop of array operations like those of the solver, the least of five, seconds.
 
-    Some 6 ms on a core of 2025, 25 ms on older ones. Times divided by it compare between machines, and between a busy hour
-    and an idle one.
+    It is some 6 ms on a core of 2025, 25 ms on older ones. Times divided by it are comparable between machines, and between
+    busy and idle hours.
     """
     rng = np.random.default_rng(1)
     values = rng.random(20_000, dtype=np.float32) + 0.5
@@ -38,14 +38,14 @@ def calibration_s() -> float:
 
 @dataclass(frozen=True)
 class Refusal:
-    """One hostile input and what it cost.
+    """One hostile input and its cost.
 
     Attributes
     ----------
     question : HostileInput
         The input.
     reason : str
-        Why it was refused; ``ok`` for a claim.
+        Why it was refused; ``ok`` for a claimed position.
     work : int
         Look-ups (`celnav.Fix.work`).
     processor_s : float
@@ -69,7 +69,7 @@ class EffortReport:
     max_work : int
         The bound of the solver.
     loop_s : float
-        The calibration loop in the same run, seconds.
+        Time of the calibration loop in the same run, seconds.
     """
 
     refusals: tuple[Refusal, ...]
@@ -78,32 +78,32 @@ class EffortReport:
 
     @property
     def most_work(self) -> Refusal:
-        """The input that took most work."""
+        """The input that took the most work."""
         return max(self.refusals, key=lambda each: each.work)
 
     @property
     def slowest(self) -> Refusal:
-        """The input that took longest."""
+        """The input that took the most time."""
         return max(self.refusals, key=lambda each: each.processor_s)
 
     @property
     def claims(self) -> int:
-        """Inputs that were answered with a position."""
+        """Number of inputs that were answered with a position."""
         return sum(each.reason == "ok" for each in self.refusals)
 
     @property
     def passed(self) -> bool:
-        """Whether work kept to its bound, no input was answered, and none took too long."""
+        """Whether the work kept to its bound, no input was answered, and none took too long."""
         in_bounds = self.most_work.work <= self.max_work and self.slowest.processor_s <= REFUSAL_S
         return in_bounds and self.claims == 0
 
     @property
     def reasons(self) -> dict[str, int]:
-        """How many inputs were refused for each reason; ``ok``: claims."""
+        """Number of inputs refused for each reason; ``ok`` counts claimed positions."""
         return dict(sorted(Counter(each.reason for each in self.refusals).items()))
 
     def document(self) -> dict[str, object]:
-        """What the lines say, as names and numbers."""
+        """The content of the lines, as names and numbers."""
         most, slowest = self.most_work, self.slowest
         return {
             "inputs": len(self.refusals),
@@ -117,7 +117,7 @@ class EffortReport:
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of a Markdown table and what stands below it."""
+        """Yield the lines of a Markdown table and of the text below it."""
         yield "| hostile inputs | number | most work / bound | median s | worst s | worst / calibration loop |"
         yield "|-|-|-|-|-|-|"
         for kind in KINDS:
@@ -147,11 +147,11 @@ def measure_effort(n_inputs: int, seed: int, solver: celnav.SkybenchSolver | Non
     Parameters
     ----------
     n_inputs : int
-        How many.
+        Number of inputs.
     seed : int
-        Of the inputs.
+        Seed of the inputs.
     solver : SkybenchSolver, optional
-        The default solver unless given.
+        By default, the default solver.
     """
     solver = celnav.SkybenchSolver() if solver is None else solver
     make_hostile(seed, 0).solve(solver)  # loads the tables
@@ -167,7 +167,7 @@ def measure_effort(n_inputs: int, seed: int, solver: celnav.SkybenchSolver | Non
 
 
 def report_effort(n_inputs: int, seed: int, echo: Callable[[str], None]) -> EffortReport:
-    """Measure and print; returns what was measured."""
+    """Measure and print; return the measurements."""
     report = measure_effort(n_inputs, seed)
     for line in report.lines():
         echo(line)

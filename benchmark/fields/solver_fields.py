@@ -1,7 +1,7 @@
 """Random star fields for measuring solvers: positions of stars on a sensor, with noise, gaps, clutter and cloud.
 
-The forward model is ERFA's whole chain (``apco13``, ``atciq``, ``atioq``: aberration, precession-nutation, Earth
-rotation, refraction) and a projection written here; of celnav it uses the list of stars and the Earth's orientation.
+The forward model is ERFA's whole chain (``apco13``, ``atciq``, ``atioq``: aberration, precession-nutation, Earth rotation,
+refraction) and a projection written here; from celnav it uses the list of stars and the Earth's orientation.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Condition:
     Attributes
     ----------
     name : str
-        For tables.
+        Name in tables.
     hfov_deg : float
         Horizontal field of view, edge to edge.
     v_max : float
@@ -42,17 +42,18 @@ class Condition:
     noise_px : float
         Standard deviation of centroids along each axis.
     missing, false : float
-        Parts of the stars in the field: not detected, and added as clutter with brightnesses drawn from the stars'.
+        Fractions of the stars in the field that are not detected, and that are added as clutter with brightnesses drawn from
+        the stars'.
     bright_false : int
-        Clutter brighter than every star.
+        Number of clutter points brighter than every star.
     cloud : bool
-        Half of the frame shows nothing, on one side of a random line through the middle.
+        Whether half of the frame shows nothing, on one side of a random line through the middle.
     focal_error : float
-        Part by which the camera's true focal length exceeds the one given to the solver.
+        Relative excess of the camera's true focal length over the one that the solver receives.
     exact_attitude : bool
-        The solver is given the attitude; otherwise the vertical alone.
+        Whether the solver receives the attitude; otherwise only the vertical.
     equidistant : bool
-        An equidistant fisheye instead of a pinhole.
+        Whether the lens is an equidistant fisheye instead of a pinhole.
     brightest : int
         Keep only this many stars; 0 keeps all.
     tilt_deg : float
@@ -75,7 +76,7 @@ class Condition:
 
     @property
     def f_px(self) -> float:
-        """Focal length that the solver is given, pixels."""
+        """Focal length that the solver receives, pixels."""
         if self.equidistant:
             return WIDTH / math.radians(self.hfov_deg)
         return WIDTH / 2 / math.tan(math.radians(self.hfov_deg) / 2)
@@ -90,7 +91,7 @@ class Field:
     utc : str
         Mid-exposure.
     lat_deg, lon_deg : float
-        Where the camera stands.
+        Position of the camera.
     R_cam : ndarray, shape (3, 3)
         ENU to camera.
     uv, flux : ndarray, shapes (n, 2) and (n,)
@@ -127,7 +128,7 @@ def apparent_enu(stars: StarCatalog, utc: str, lat_deg: float, lon_deg: float, o
         jd1, jd2, orientation.dut1_s, math.radians(lon_deg), math.radians(lat_deg), 0.0,
         orientation.xp_arcsec * erfa.DAS2R, orientation.yp_arcsec * erfa.DAS2R, PRESSURE_HPA, TEMPERATURE_C, 0.0, 0.55,
     )  # fmt: skip
-    # Space motion wants a distance: stars without a parallax get a tenth of a milliarcsecond.
+    # Space motion requires a distance: stars without a parallax get a tenth of a milliarcsecond.
     ra, dec = erfa.atciq(
         stars.ra_rad + pm_ra * years, stars.dec_rad + pm_dec * years, pm_ra, pm_dec,
         np.maximum(stars.parallax_mas / 1000, 1e-4), 0.0, context,

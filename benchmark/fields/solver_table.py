@@ -12,13 +12,13 @@ from benchmark.fields.solver_effort import calibration_s
 from benchmark.fields.solver_fields import HEIGHT, WIDTH, Condition
 from benchmark.fields.solver_times import centroid_times_ms, image_times_ms, large_image_times_ms
 
-# Wrong fixes given as ok, of all fields of a stress row.
+# Largest share of wrong fixes claimed as ok among all fields of a stress row.
 MOST_WRONG = 0.003
 
 
 @dataclass(frozen=True)
 class Bar:
-    """One row: conditions, the least part solved in each, and the most that may be wrong over all of them."""
+    """One row: conditions, the least share solved in each, and the most that may be wrong over all of them."""
 
     name: str
     conditions: tuple[Condition, ...]
@@ -27,7 +27,7 @@ class Bar:
 
 
 def _three(hfov_deg: float, depths: Iterable[float]) -> tuple[Condition, ...]:
-    """Clean; half a pixel; half a pixel with 20 % missing and 20 % false; at every depth."""
+    """Conditions at every depth: clean; half a pixel of noise; half a pixel with 20 % missing and 20 % false."""
     return tuple(
         Condition(f"{hfov_deg:.0f} deg V{v:g} {name}", hfov_deg, v, noise, missing, false)
         for v in depths
@@ -87,11 +87,11 @@ class Row:
     Attributes
     ----------
     condition, bar : str
-        What was measured, and the bar.
+        What was measured, and the required bar.
     values : mapping of str to float
-        The measured numbers by name; names carry units.
+        The measured numbers by name; names include units.
     shown : tuple of str
-        As the table shows them: value, wrong fixes, median time.
+        Values as shown in the table: value, wrong fixes, median time.
     reached : bool
     """
 
@@ -115,12 +115,12 @@ class Outcome:
 
     @property
     def least_solved(self) -> float:
-        """The part solved in the worst of its conditions."""
+        """Share solved in the worst of its conditions."""
         return min(one.solved for one in self.measured)
 
     @property
     def wrong(self) -> int:
-        """Wrong fixes in all of its conditions."""
+        """Number of wrong fixes in all of its conditions."""
         return sum(one.wrong for one in self.measured)
 
     @property
@@ -143,21 +143,21 @@ class Outcome:
 
 
 def measure_bar(bar: Bar, n_fields: int, seed: int, solver: str = "skybench") -> Outcome:
-    """Measure a row, `n_fields` fields of each condition."""
+    """Measure a row, with `n_fields` fields of each condition."""
     return Outcome(bar, tuple(measure(condition, n_fields, seed, solver) for condition in bar.conditions))
 
 
 def solver_speed(n_fields: int = 100, seed: int = 2026, echo: Callable[[str], None] = print) -> tuple[Row, ...]:
-    """Measure every row and print the table row by row; returns the rows.
+    """Measure every row and print the table row by row; return the rows.
 
     Parameters
     ----------
     n_fields : int
-        Random fields of each condition.
+        Number of random fields of each condition.
     seed : int
-        Of the fields.
+        Seed of the fields.
     echo : callable
-        Where lines go.
+        Receives the printed lines.
     """
     echo(f"{n_fields} random fields of each condition, seed {seed}, {WIDTH}x{HEIGHT}\n")
     echo("| condition | bar | solved, worst condition | wrong | median ms | reached |")

@@ -1,4 +1,4 @@
-"""Processor time of the default solver: from centroids, from an image, from an image of 61 megapixels."""
+"""Processor time of the default solver: from centroids, from an image, and from an image of 61 megapixels."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ SPEED = Condition("speed", noise_px=0.5)
 LARGE = Condition("61 megapixels", hfov_deg=60.0, v_max=9.0)
 ENLARGED = 8.8
 LARGE_WIDTH, LARGE_HEIGHT = 9504, 6336
-# Its stars: their standard deviation, and their light at V = 6 above a sky of 400 DN. They are seen to V 11.5.
+# Its stars: their standard deviation, and their peak at V = 6 above a sky of 400 DN. They are visible to V 11.5.
 _LARGE_SIGMA_PX, _LARGE_PEAK_DN, _LARGE_SKY_DN = 1.3, 3090.0, 400.0
-# Stars beyond the catalogue's V 9 are drawn by chance, 2.8 times as many with every magnitude.
+# Stars beyond the catalogue's V 9 are drawn at random, 2.8 times as many with every magnitude.
 _FAINTEST_V, _GROWTH_DEX = 12.5, 0.45
 _HOT_PIXELS = 2000
 
@@ -71,7 +71,7 @@ def large_image_of(seed: int, number: int) -> NDArray[np.uint16]:
 
 @dataclass(frozen=True, eq=False)
 class LargeImages:
-    """Times from images of 61 megapixels to the fix, shape (n,); median detections, and median error (NaN: a refusal)."""
+    """Times from images of 61 megapixels to the fix, shape (n,); median detections, and median error (NaN for a refusal)."""
 
     time_ms: NDArray[np.float64]
     detections: float
@@ -79,7 +79,7 @@ class LargeImages:
 
 
 def large_image_times_ms(n_images: int, seed: int) -> LargeImages:
-    """Time the way from an image of 61 megapixels to the fix; each the least of three."""
+    """Time the path from an image of 61 megapixels to the fix; each time is the least of three."""
     camera = celnav.Camera("pinhole", LARGE_WIDTH, LARGE_HEIGHT, f_px=ENLARGED * LARGE.f_px)
     times, numbers, errors = [], [], []
     for number in range(n_images):
@@ -94,9 +94,9 @@ def large_image_times_ms(n_images: int, seed: int) -> LargeImages:
 
 
 def centroid_times_ms(n_fields: int, seed: int) -> np.ndarray:
-    """Times of `celnav.solve` from centroids, 120 deg, V <= 6, vertical alone; each the least of three.
+    """Times of `celnav.solve` from centroids, 120 deg, V <= 6, with only the vertical; each is the least of three.
 
-    The fields are gone through three times, so that none meets what its own last solution left in a cache.
+    The program cycles through the fields three times, so that no field meets what its own last solution left in a cache.
     """
     camera = celnav.Camera("pinhole", WIDTH, HEIGHT, f_px=SPEED.f_px)
     fields = [make_field(SPEED, seed, number) for number in range(n_fields + 2)]
@@ -111,7 +111,7 @@ def centroid_times_ms(n_fields: int, seed: int) -> np.ndarray:
 
 
 def image_times_ms(n_images: int, seed: int) -> np.ndarray:
-    """Times from a 1080x720 16-bit image to the fix; each the least of three."""
+    """Times from a 1080x720 16-bit image to the fix; each is the least of three."""
     camera = celnav.Camera("pinhole", WIDTH, HEIGHT, f_px=SPEED.f_px)
     times = []
     for number in range(n_images + 1):

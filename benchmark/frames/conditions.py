@@ -1,4 +1,4 @@
-"""What results are sorted by: the truth about a frame's circumstances, which no solver sees."""
+"""Conditions by which results are sorted: the true circumstances of a frame, which no solver sees."""
 
 import dataclasses
 import math
@@ -19,9 +19,9 @@ from benchmark.protocol import CameraRecord
 
 @dataclass(frozen=True)
 class FrameConditions:
-    """Truth about a frame that results are sorted by; a solver never sees it.
+    """True circumstances of a frame, by which results are sorted; a solver never sees them.
 
-    Units as in the names; None where the frame record has no such value.
+    Units are part of the names; None where the frame record has no such value.
 
     Attributes
     ----------
@@ -31,17 +31,17 @@ class FrameConditions:
     zenith_mag_arcsec2 : float or None
     exposure_s : float
     n_in_field : int
-        Rows of the frame in the truth table.
+        Number of truth stars, that is, of rows of the frame in the truth table.
     limiting_magnitude : float or None
-        Where the list of stars is cut.
+        Magnitude at which the list of stars is cut.
     moon_altitude_deg, moon_illuminated : float or None
-        Apparent altitude, and the lit part of the disk, 0 to 1.
+        Apparent altitude, and illuminated fraction of the disk, 0 to 1.
     cloud_optical_depth : float or None
         Mean over the lines of sight to the frame's stars.
     rate_deg_s : float or None
-        Mean rate at which the camera turns during the exposure.
+        Mean angular rate of the camera during the exposure.
     fov_deg : float or None
-        Angle between the middles of the image's left and right edges.
+        Angle between the midpoints of the left and right edges of the image.
     azimuth_deg, altitude_deg, roll_deg : float or None
         Pointing of the boresight, apparent, at mid-exposure (docs/conventions.md).
     """
@@ -65,14 +65,14 @@ class FrameConditions:
 
 @dataclass(frozen=True)
 class SequenceStep:
-    """Which frame of which sequence of its scenario a frame is, both from 0."""
+    """Index of a frame's sequence in its scenario and of the frame in its sequence, both from 0."""
 
     sequence: int
     step: int
 
 
 def read_step(path: Path, record: Mapping[str, Any]) -> SequenceStep | None:
-    """Where a frame stands in its sequence; None of a frame by itself. Raises DatasetError; `path` is for messages."""
+    """Read a frame's place in its sequence; None for a single frame. Raises DatasetError; `path` is for messages."""
     if record.get("sequence") is None:
         return None
     return SequenceStep(integer(path, record, "sequence.index"), integer(path, record, "sequence.step"))
@@ -86,7 +86,7 @@ def read_conditions(
     n_in_field: int,
     cloud_optical_depth: NDArray[np.float64] | None,
 ) -> FrameConditions:
-    """Circumstances of a frame from its record; `path` is for messages.
+    """Read the circumstances of a frame from its record; `path` is for messages.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def read_conditions(
         East-north-up to camera.
     n_in_field : int
     cloud_optical_depth : ndarray, shape (n_in_field,), or None
-        Of cloud before each truth star.
+        Optical depth of cloud in front of each truth star.
 
     Raises
     ------
@@ -126,14 +126,14 @@ def read_conditions(
 
 
 def site_of(latitude_deg: float, longitude_deg: float, utc: str) -> str:
-    """Name a frame's place (to a ten-thousandth of a degree) and night (the date of the noon before, local mean time)."""
+    """Name a frame's place (to a ten-thousandth of a degree) and night (the date of the preceding noon, local mean time)."""
     instant = datetime.fromisoformat(utc.replace("Z", "+00:00"))
     night = (instant + timedelta(hours=longitude_deg / 15.0 - 12.0)).date()
     return f"{latitude_deg:+.4f} {longitude_deg:+.4f} {night.isoformat()}"
 
 
 def _illuminated(phase_angle_deg: float | None) -> float | None:
-    """Lit part of the Moon's disk (Meeus, Astronomical Algorithms, 1998, eq. 48.1)."""
+    """Illuminated fraction of the Moon's disk (Meeus, Astronomical Algorithms, 1998, eq. 48.1)."""
     return None if phase_angle_deg is None else (1.0 + math.cos(math.radians(phase_angle_deg))) / 2.0
 
 
@@ -142,7 +142,7 @@ def _mean_or_none(values: NDArray[np.float64] | None) -> float | None:
 
 
 def _rate_deg_s(path: Path, record: Mapping[str, Any]) -> float | None:
-    """Length of the way that the attitude's samples turn, over their time; 0 where nothing moves the camera."""
+    """Angle through which the samples of the attitude turn, per unit of time; 0 where nothing moves the camera."""
     attitude = record.get("attitude", {})
     if "sample_time_s" not in attitude or "sample_R_cam" not in attitude:
         return None
@@ -163,7 +163,7 @@ def _rate_deg_s(path: Path, record: Mapping[str, Any]) -> float | None:
 
 
 def _fov_deg(path: Path, camera: CameraRecord) -> float | None:
-    """Angle from the middle of the image's left edge through the boresight to that of its right edge."""
+    """Angle from the midpoint of the image's left edge through the boresight to that of its right edge."""
     try:
         lens = celnav.Camera.from_dict(dataclasses.asdict(camera))
     except celnav.CelnavError as error:

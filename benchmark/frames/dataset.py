@@ -1,4 +1,4 @@
-"""Reading a rendered dataset folder (docs/dataset_format.md): frames for the solver, truth for the judge."""
+"""Reader of rendered dataset folders (docs/dataset_format.md): frames for the solver, truth for the judge."""
 
 import dataclasses
 import hashlib
@@ -30,10 +30,10 @@ LIGHT_COLUMNS = ("light_u_px", "light_v_px")
 class TruthStars:
     """Truth stars of one frame, each of length n.
 
-    Ids, positions (px), expected electrons, signal-to-noise, optical depth of cloud before the star, the way (px) that
-    it goes over the image during the exposure, the centroids of its light (px), which is what a detector can find (each
-    None where the truth table does not say), and V. Of photographs some electrons, ratios and centroids are NaN; `named` is
-    False of one whose stars nobody can name.
+    Ids, positions (px), expected electrons, signal-to-noise ratios, optical depth of cloud in front of the star, its path
+    over the image during the exposure (px), the centroids of its light (px), which is what a detector can find, and V. Path,
+    depth and centroids are None where the truth table does not state them. For photographs some electrons, ratios and
+    centroids are NaN; `named` is False for a photograph whose stars nobody can identify.
     """
 
     star_id: NDArray[np.int64]
@@ -48,12 +48,12 @@ class TruthStars:
 
     @property
     def detected_uv(self) -> NDArray[np.float64]:
-        """Where a perfect detector finds the stars, shape (n, 2), px: the light's centroids where known, else `uv`."""
+        """Where a perfect detector finds the stars, shape (n, 2), px: the centroids of light where known, else `uv`."""
         return self.uv if self.light_uv is None else np.where(np.isfinite(self.light_uv), self.light_uv, self.uv)
 
     @property
     def brightness(self) -> NDArray[np.float64]:
-        """What the stars are compared by, shape (n,): electrons, or the light by V where the electrons are not known."""
+        """Brightness for comparing the stars, shape (n,): electrons, or the light by V where the electrons are unknown."""
         if self.v_mag is None or not np.isnan(self.electrons_e).any():
             return self.electrons_e
         return np.asarray(10.0 ** (-0.4 * self.v_mag))
@@ -63,9 +63,9 @@ class TruthStars:
 class Frame:
     """One frame of a dataset; `observation` goes to the solver, the rest to the judge.
 
-    `condition` is the graded value of the frame in its task, None outside a task. `record_path` is the frame record, where
-    it does not lie beside the image. `step` is the frame's place in a sequence of its scenario, None of a frame by itself;
-    `site` names the place and night that it is counted with, None for its own (`benchmark.frames.sites`).
+    `condition` is the graded value of the frame in its task, None outside a task. `record_path` is the frame record, where it
+    is not stored next to the image. `step` is the frame's place in a sequence of its scenario, None for a single frame.
+    `site` names the place and night with which it is counted, None for its own (`benchmark.frames.sites`).
     """
 
     frame_id: str
@@ -82,16 +82,16 @@ class Frame:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A whole dataset folder, images not yet read.
+    """A whole dataset folder; its images are not read yet.
 
     Attributes
     ----------
     name : str
         The folder's name without its path.
     scenario_name, scenario_sha256 : str
-        From the frame records, the same in all of them.
+        From the frame records, which all state the same.
     truth_sha256 : str
-        See `truth_digest`; together with the scenario it says which frames were scored.
+        See `truth_digest`; together with the scenario it identifies the frames that were scored.
     frames : tuple of Frame
         In the order of their index.
     provenance : mapping of str to str
@@ -107,7 +107,7 @@ class Dataset:
 
 
 def open_dataset(folder: Path, truth_tables: Sequence[Path] | None = None) -> Dataset:
-    """Read all frame records and the truth of a folder of frames.
+    """Read all frame records and the truth from a folder of frames.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def open_dataset(folder: Path, truth_tables: Sequence[Path] | None = None) -> Da
     Raises
     ------
     DatasetError
-        The folder is missing, unfinished or contradicts itself; names the file and the remedy.
+        The folder is missing, unfinished or contradicts itself; the message names the file and the remedy.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; make it with `skybench render SCENARIO --out {folder}`")
@@ -159,7 +159,7 @@ def open_dataset(folder: Path, truth_tables: Sequence[Path] | None = None) -> Da
 
 
 def truth_digest(frames: Sequence[Frame]) -> str:
-    """SHA-256 of the truth of frames: ids, sites and stars, whatever files hold them and in whatever order."""
+    """SHA-256 of the truth of frames: ids, sites and stars, independent of the files that hold them and of their order."""
     digest = hashlib.sha256()
     for frame in sorted(frames, key=lambda frame: frame.frame_id):
         place = frame.conditions.latitude_deg, frame.conditions.longitude_deg
@@ -172,13 +172,13 @@ def truth_digest(frames: Sequence[Frame]) -> str:
 
 
 def rendered_with(record: Mapping[str, Any]) -> dict[str, str]:
-    """The generator's versions, from a frame record."""
+    """Versions of the generator, from a frame record."""
     found = record.get("provenance", {})
     return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 
 
 def read_frames(record_paths: Sequence[Path], truth_paths: Sequence[Path]) -> Iterator[Frame]:
-    """Read frame records, each with its image beside it, and their truth from any number of tables.
+    """Read frame records, each with the image next to it, and their truth from any number of tables.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def load_image(frame: Frame) -> NDArray[np.uint16]:
     except UnidentifiedImageError as error:
         raise DatasetError(f"{path}: not a PNG image; {RENDER_AGAIN}") from error
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        # Pillow reports a cut-off or corrupted stream as any of these.
+        # Pillow reports a truncated or corrupted stream as any of these.
         raise DatasetError(f"{path}: truncated or damaged PNG ({error}); {RENDER_AGAIN}") from error
     return image
 
@@ -238,7 +238,7 @@ def _other_size(path: Path, frame: Frame, width: int, height: int) -> str:
 
 
 def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
-    """Camera, time, attitude and air as a frame record has them, whatever a solver is told; `path` is for messages."""
+    """Camera, time, attitude and air as a frame record states them, not as solvers receive them; `path` is for messages."""
     utc = text(path, record, "time.utc_mid")
     if not utc.endswith("Z"):
         raise DatasetError(f"{path}: time.utc_mid must be UTC with a trailing Z, found {utc!r}")
@@ -255,12 +255,12 @@ def true_observation(path: Path, record: Mapping[str, Any]) -> Observation:
 
 
 def told_observation(path: Path, record: Mapping[str, Any]) -> Observation:
-    """What a solver is told of a frame: the truth, but for a camera and an attitude that have drifted from what is told."""
+    """What solvers receive for a frame: the truth, except where its record states another camera and attitude as told."""
     seen = true_observation(path, record)
     if "told" not in record:
         return seen
     told = value(path, record, "told")
-    # An infinite deviation, a heading that is not known, has no number in JSON.
+    # JSON has no number for the infinite deviation of an unknown heading.
     unknown = value(path, told, "attitude.heading_sigma_deg") is None
     return dataclasses.replace(
         seen,
@@ -350,7 +350,7 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
         raise DatasetError(f"{error}; {RENDER_AGAIN}") from error
     optional = CLOUD_COLUMN in table.column_names
     streaks = all(name in table.column_names for name in STREAK_COLUMNS)
-    # One sort brings the rows of each frame together, in their order in the file.
+    # One sort groups the rows by frame and keeps their order in the file.
     frame_ids = table["frame_id"].combine_chunks().dictionary_encode()
     code = frame_ids.indices.to_numpy(zero_copy_only=False)
     rows = np.argsort(code, kind="stable")
@@ -385,5 +385,5 @@ def _read_truth(path: Path) -> dict[str, TruthStars]:
 def _streak(
     start_u: NDArray[np.float64], start_v: NDArray[np.float64], end_u: NDArray[np.float64], end_v: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """From start to end, shape (n, 2), px; 0 where the table has no number."""
+    """Vector from start to end, shape (n, 2), px; 0 where the table has no number."""
     return np.nan_to_num(np.column_stack((end_u - start_u, end_v - start_v)).astype(np.float64))

@@ -1,4 +1,4 @@
-"""Frames that solvers are run on, wherever they come from, and what results say of them."""
+"""Sets of frames on which solvers are run, whatever their source, and what results say about them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from benchmark.frames.dataset import Dataset, Frame
 from benchmark.frames.sites import with_sites
 
 ALL = "all"
-"""Split of frames that are not divided into splits."""
+"""Name of the only split of frames that are not divided into splits."""
 SUCCESS_METRIC = "success_10km"
-"""What solvers are ranked by where no task says otherwise."""
+"""Metric by which solvers are ranked where no task states one."""
 _NAME_LETTERS = 40
 
 
 @dataclass(frozen=True)
 class Grading:
-    """What a task grades.
+    """The graded quantity of a task.
 
     Attributes
     ----------
     name, unit : str
-        The condition in words; the unit of a pure number is empty.
+        The quantity in words, and its unit, which is empty for a pure number.
     values : tuple of float
         From easy to hard.
     harder : str
@@ -41,37 +41,37 @@ class Grading:
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What results say of the frames that they are on.
+    """What results say about their frames.
 
     Attributes
     ----------
     target : str
-        What `skybench bench run` is given to get them: a task, a folder, a URL, a task's file.
+        Argument of `skybench bench run` that gets them: a task, a folder, a URL, a task's file.
     label : str
-        Name and revision: ``bortle@1`` of a task; of a folder or a dataset its scenario's name and the start of a hash
-        of scenario and truth.
+        Name and revision of a task, ``bortle@1``; for a folder or a dataset, its scenario's name and the start of a hash of
+        scenario and truth.
     title : str
     split : str
-        Of a task or a dataset; `ALL` of a folder.
+        Split of a task or a dataset; `ALL` for a folder.
     condition : float or None
-        The graded value of all of them, where only one was chosen.
+        Graded value of the frames, where only one was chosen.
     per_condition : int or None
-        Frames at each value of a task's condition.
+        Number of frames at each value of a task's condition.
     grading : Grading or None
-        None where nothing grades them.
+        None where the frames are not graded.
     metric : str
-        Key of the metric that ranks solvers.
+        Key of the metric by which solvers are ranked.
     definition_sha256 : str or None
-        Of the meaning of the task's files, or of a dataset's manifest; None for a folder.
+        Hash of the meaning of the task's files, or of a dataset's manifest; None for a folder.
     scenario_name, scenario_sha256 : str
     truth_sha256 : str
-        Of the truth of these frames, see `benchmark.frames.dataset.truth_digest`.
+        Hash of the truth of these frames, see `benchmark.frames.dataset.truth_digest`.
     rendered_with : mapping of str to str
-        The generator's versions, as recorded in the frames.
+        Versions of the generator, as recorded in the frames.
     rendered_again_with : mapping of str to str or None
-        Versions of a later generator that rendered the same images and truth, to the byte (`benchmark.run.confirm`).
+        Versions of a later generator that rendered the same images and truth to the byte (`benchmark.run.confirm`).
     frozen : mapping of str to str or None
-        Revisions of solvers that were settled before the frames were drawn, by name; None where frames were not drawn so.
+        Revisions of solvers, by name, that were fixed before the frames were drawn; None for frames that were not drawn so.
     """
 
     target: str
@@ -92,25 +92,25 @@ class FrameFacts:
 
     @property
     def part(self) -> str:
-        """Which of the frames: the split, and the value of the condition where only one was chosen."""
+        """Subset of the frames: the split, and the value of the condition where only one was chosen."""
         return self.split if self.condition is None else f"{self.split}-{self.condition:.12g}"
 
     @property
     def place(self) -> Path:
-        """Folder of their results, from the results' root."""
+        """Folder of their results, relative to the root of all results."""
         return Path(self.label) / self.part
 
 
 @dataclass(frozen=True, eq=False)
 class FrameSet:
-    """Frames for solvers, all of one scenario, and what is to be said of them."""
+    """Frames for solvers, all from one scenario, and the facts about them."""
 
     facts: FrameFacts
     frames: tuple[Frame, ...]
 
 
 def ungraded(dataset: Dataset, target: str, split: str = ALL, definition_sha256: str | None = None) -> FrameSet:
-    """The frames of a rendered folder or of a dataset, which no task grades."""
+    """Make a set from the frames of a rendered folder or of a dataset, which no task grades."""
     facts = FrameFacts(
         target=target,
         label=ungraded_label(dataset.scenario_name, dataset.scenario_sha256, dataset.truth_sha256),
@@ -130,7 +130,7 @@ def ungraded(dataset: Dataset, target: str, split: str = ALL, definition_sha256:
 
 
 def ungraded_label(scenario_name: str, scenario_sha256: str, truth_sha256: str) -> str:
-    """Label of frames by what they are, wherever they are stored: the scenario's name and 12 digits of a hash."""
+    """Label that depends only on the frames, not on where they are stored: the scenario's name and 12 digits of a hash."""
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", scenario_name).strip("-.")[:_NAME_LETTERS] or "frames"
     digest = hashlib.sha256(f"{scenario_sha256}:{truth_sha256}".encode()).hexdigest()
     return f"{name}@{digest[:12]}"

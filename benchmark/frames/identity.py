@@ -1,4 +1,4 @@
-"""What a frame is: the hashes of its image and of its truth, by which results say what they are of."""
+"""Identity of a frame: the hashes of its image and of its truth, by which results identify their frames."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from generator.identity.pixels import pixels_sha256
 
 @dataclass(frozen=True)
 class FrameIdentity:
-    """Hashes of a frame, each 64 hexadecimal digits; None where it is not known.
+    """Hashes of a frame, each of 64 hexadecimal digits; None where unknown.
 
     Attributes
     ----------
     image_sha256 : str or None
-        Of the pixels, see `generator.identity.pixels`.
+        Hash of the pixels, see `generator.identity.pixels`.
     truth_sha256 : str or None
-        Of the place and the stars, see `truth_sha256_of`.
+        Hash of the place and the stars, see `truth_sha256_of`.
     """
 
     image_sha256: str | None
     truth_sha256: str | None
 
     def contradicts(self, other: FrameIdentity) -> bool:
-        """Whether the two cannot be of one frame: what is not known contradicts nothing."""
+        """Whether the two cannot belong to the same frame; unknown hashes contradict nothing."""
         pairs = ((self.image_sha256, other.image_sha256), (self.truth_sha256, other.truth_sha256))
         return any(mine is not None and theirs is not None and mine != theirs for mine, theirs in pairs)
 
@@ -36,7 +36,7 @@ UNKNOWN = FrameIdentity(None, None)
 
 
 def identity_of(frame: Frame) -> FrameIdentity:
-    """Read a frame's image and hash it, and its truth; a frame that was made in memory has no image.
+    """Hash a frame's image and its truth; a frame that was created in memory has no image.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def identity_of(frame: Frame) -> FrameIdentity:
 
 
 def truth_sha256_of(frame: Frame) -> str:
-    """SHA-256 of a frame's site and its stars, whatever it is called and whatever files hold them."""
+    """SHA-256 of a frame's site and stars, independent of its name and of the files that hold them."""
     place, truth = (frame.conditions.latitude_deg, frame.conditions.longitude_deg), frame.truth
     digest = hashlib.sha256(f"skybench-truth/1:{place!r}:{len(truth.star_id)}:".encode())
     light = () if truth.light_uv is None else (truth.light_uv,)

@@ -1,4 +1,4 @@
-"""Whatever a user calls frames, opened: a task, a task's file, a rendered folder, a dataset in shards."""
+"""Opening frames, however a user names them: a task, a task's file, a rendered folder, a sharded dataset."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _NO_CHOICE = FrameChoice()
 
 
 def named_task(target: str) -> Task | None:
-    """The task that a target names, by its name or its file; None where it names something else.
+    """Find the task that a target names, by its name or its file; None where it names something else.
 
     Raises
     ------
     TaskError
-        Its files are wrong.
+        Its files are invalid.
     """
     if target.endswith(TASK_SUFFIX):
         return load_task_file(Path(target))
@@ -36,22 +36,22 @@ def named_task(target: str) -> Task | None:
 def open_frames(
     target: str, choice: FrameChoice = _NO_CHOICE, progress: Callable[[int], None] = lambda frames: None
 ) -> FrameSet:
-    """Open the frames that a target names; a task's are rendered where they are missing.
+    """Open the frames that a target names; missing frames of a task are rendered.
 
     Parameters
     ----------
     target : str
-        Task (``bortle``, ``bortle@1``, ``allsky-real``), file of a task (``NAME.task.yaml``), folder of `skybench render`
-        or `skybench import`, folder or URL of `skybench generate`.
+        Task (``bortle``, ``bortle@1``, ``allsky-real``), file of a task (``NAME.task.yaml``), folder written by
+        `skybench render` or `skybench import`, folder or URL written by `skybench generate`.
     choice : FrameChoice
-        Split, number and condition are choices of a task's frames alone.
+        Split, number and condition, which apply only to the frames of a task.
     progress : callable
-        Called with the number of frames that have come to hand.
+        Called with the number of frames that have become available.
 
     Raises
     ------
     DatasetError, TaskError
-        There are no such frames, or they cannot be used; says why and what to do.
+        There are no such frames, or they cannot be used; the message says why and what to do.
     """
     task = named_task(target)
     if task is not None:

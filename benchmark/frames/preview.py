@@ -11,11 +11,11 @@ _QUALITY = 60
 
 
 def stretch(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Bring stars and sky of one frame into 8 bits with an asinh curve.
+    """Map stars and sky of one frame to 8 bits with an asinh curve.
 
-    Black lies two standard deviations of the sky below its median (deviation from the median absolute deviation), the
-    knee of the curve four above, white at the 99.97th percentile. The stretch adapts to each frame, so brightness
-    must not be compared between frames.
+    Black is two standard deviations of the sky below its median (the deviation is derived from the median absolute
+    deviation), the knee of the curve is four above, and white is at the 99.97th percentile. The stretch adapts to each frame,
+    so brightness must not be compared between frames.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def stretch(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
 
 
 def preview_webp(image: NDArray[np.uint16], max_width_px: int = MAX_WIDTH_PX) -> bytes:
-    """WebP picture of a frame, stretched, reduced to `max_width_px` where it is wider."""
+    """Encode a frame as a stretched WebP picture, reduced to `max_width_px` where it is wider."""
     return encode_webp(Image.fromarray(stretch(image)), max_width_px)
 
 

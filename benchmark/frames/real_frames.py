@@ -1,4 +1,4 @@
-"""The frames of a task of photographs: imported once from what was fetched, and read."""
+"""Frames of a task of photographs: imported once from the fetched files, then read."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from generator.frame.folder import STARS_FILE
 def make_real_frames(
     task: RealTask, target: str, choice: FrameChoice, progress: Callable[[int], None] = lambda frames: None
 ) -> FrameSet:
-    """Import a task's photographs where that is not done, and read them.
+    """Import a task's photographs where this has not been done, and read them.
 
     Parameters
     ----------
     task : RealTask
     target : str
-        What the user calls it.
+        Name that the user gave.
     choice : FrameChoice
-        `condition` and `data` count; a task of photographs has one split and all of its frames.
+        Only `condition` and `data` are used; a task of photographs has one split and uses all of its frames.
     progress : callable
-        Called with the number of frames that have come to hand.
+        Called with the number of frames that have become available.
 
     Raises
     ------
     TaskError
-        The photographs have not been fetched, or there is no such condition; says what to do.
+        The photographs have not been fetched, or there is no such condition; the message says what to do.
     """
     definition, graded = task.definition, task.definition.condition
     if choice.per_condition is not None:
@@ -63,7 +63,7 @@ def make_real_frames(
         )
     except PhotographError as error:
         raise TaskError(f"{task.label}: {error}") from error
-    # Where the report looks for the stars of a task.
+    # The folder in which the report looks for the stars of a task.
     stars = folder / "stars" / ALL / STARS_FILE
     stars.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(folder / UNPACKED / STARS_FILE, stars)

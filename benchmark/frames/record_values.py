@@ -1,4 +1,4 @@
-"""Reading frame records (docs/dataset_format.md): values by key, each checked, with the file and key in every complaint."""
+"""Reader of frame records (docs/dataset_format.md): values by key, each checked; every complaint names file and key."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ RENDER_AGAIN = "render the dataset again with `skybench render`"
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """A frame record. Raises DatasetError where it is none of this format."""
+    """Read a frame record. Raises DatasetError where the file is not of this format."""
     try:
         return checked_record(read_at_most(path, LARGEST_RECORD_BYTES), str(path))
     except (GeneratorError, OSError) as error:
@@ -37,7 +37,7 @@ def value(path: Path, record: Mapping[str, Any], key: str) -> Any:
 
 
 def number(path: Path, record: Mapping[str, Any], key: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number within limits."""
+    """Look up a finite number within limits."""
     found = value(path, record, key)
     if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
         raise DatasetError(f"{path}: {key} must be a finite number, found {found!r}")
@@ -47,7 +47,7 @@ def number(path: Path, record: Mapping[str, Any], key: str, low: float = -math.i
 
 
 def integer(path: Path, record: Mapping[str, Any], key: str, low: int = 0) -> int:
-    """An integer of at least `low`."""
+    """Look up an integer of at least `low`."""
     found = value(path, record, key)
     if isinstance(found, bool) or not isinstance(found, int) or found < low:
         raise DatasetError(f"{path}: {key} must be an integer of at least {low}, found {found!r}")
@@ -55,7 +55,7 @@ def integer(path: Path, record: Mapping[str, Any], key: str, low: int = 0) -> in
 
 
 def text(path: Path, record: Mapping[str, Any], key: str) -> str:
-    """A text that is not empty."""
+    """Look up a text that is not empty."""
     found = value(path, record, key)
     if not isinstance(found, str) or not found:
         raise DatasetError(f"{path}: {key} must be a text, found {found!r}")
@@ -63,7 +63,7 @@ def text(path: Path, record: Mapping[str, Any], key: str) -> str:
 
 
 def optional_number(path: Path, record: Mapping[str, Any], key: str) -> float | None:
-    """A number that records of other generators may leave out."""
+    """Look up a number that the records of other generators may omit."""
     section, name = key.split(".")
     found = record.get(section)
     if not isinstance(found, Mapping) or found.get(name) is None:

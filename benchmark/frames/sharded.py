@@ -1,4 +1,4 @@
-"""Frames of a dataset in shards, on this machine or in an object store, unpacked to where programs can read them."""
+"""Frames of a sharded dataset, on this machine or in an object store, unpacked to where programs can read them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from generator.reading.record import image_shape, read_record
 from generator.stored_files import LARGEST_MANIFEST_BYTES, StoredFile, stored_file
 
 DATASETS = "datasets"
-"""Folder of unpacked datasets among the frames that are kept."""
+"""Name of the folder of unpacked datasets within the folder of all frames."""
 
 
 def dataset_folder(manifest_sha256: str, data: Path) -> Path:
@@ -35,16 +35,16 @@ def dataset_folder(manifest_sha256: str, data: Path) -> Path:
 
 
 def open_sharded(place: str, data: Path, progress: Callable[[int], None] = lambda frames: None) -> FrameSet:
-    """Fetch and unpack what is missing of a dataset, checking every file against its manifest, and read its frames.
+    """Fetch and unpack the missing parts of a dataset, check every file against its manifest, and read its frames.
 
     Parameters
     ----------
     place : str
-        What `skybench generate --out` was given: a folder, or a URL such as ``s3://bucket/name``.
+        Argument of `skybench generate --out`: a folder, or a URL such as ``s3://bucket/name``.
     data : Path
-        Folder of all frames; the dataset has a folder of its own in it, named after its manifest's hash.
+        Folder of all frames; within it the dataset has its own folder, named after the hash of its manifest.
     progress : callable
-        Called with the number of frames that have come to hand.
+        Called with the number of frames that have become available.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _checked(target: Target, file: StoredFile, scratch: Path) -> Path:
 
 
 def _keep_stars(target: Target, manifest: Manifest, folder: Path, scratch: Path) -> list[Path]:
-    """Copy the tables of stars beside the frames, where the report finds them too."""
+    """Copy the tables of stars next to the frames, where the report finds them too."""
     kept = []
     for file in manifest.files:
         if not file.path.startswith("stars/"):
@@ -116,7 +116,7 @@ def _decoded(frame: StoredFrame, codec: str, name: str) -> NDArray[np.uint16]:
 
 
 def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, scratch: Path) -> int:
-    """Put a shard's images and records beside each other; returns how many frames it holds."""
+    """Unpack a shard's images and records into one folder; returns the number of its frames."""
     done = folder / "shards" / f"{Path(file.path).stem}.txt"
     if done.is_file():
         digest, number = done.read_text(encoding="ascii").split()
@@ -135,7 +135,7 @@ def _unpack(target: Target, manifest: Manifest, file: StoredFile, folder: Path, 
         (unpacked / f"{frame.frame_id}.json").write_bytes(frame.members["json"])
         count += 1
     done.parent.mkdir(parents=True, exist_ok=True)
-    # Written last: it says that the shard's frames are whole.
+    # Written last: its presence says that the shard's frames are complete.
     done.write_text(f"{file.sha256} {count}", encoding="ascii")
     if scratch in path.parents:
         path.unlink()

@@ -1,4 +1,4 @@
-"""Which frames are counted together: those of one place and night, and all frames of a sequence."""
+"""Sites: frames that are counted together because they are of one place and night, or of one sequence."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from benchmark.frames.dataset import Frame
 
 
 def own_site(frame: Frame) -> str:
-    """Name of the place and night of a frame by itself."""
+    """Name of the place and night of a single frame."""
     where = frame.conditions
     return site_of(where.latitude_deg, where.longitude_deg, frame.observation.utc)
 
 
 def counted_site(frame: Frame) -> str:
-    """The place and night that a frame is counted with."""
+    """Name of the place and night with which a frame is counted."""
     return own_site(frame) if frame.site is None else frame.site
 
 
 def with_sites(frames: Iterable[Frame]) -> list[Frame]:
-    """Frames that know the site they are counted with: of a sequence that of its first frame.
+    """Give each frame the site with which it is counted; frames of a sequence get that of its first frame.
 
-    A camera that moves is at another place in each frame, under the same weather and sky: its frames are no independent
-    trials. Sequences that begin at one place in one night share these as well, and are one site.
+    A moving camera is at another place in each frame, but under the same weather and sky, so its frames are not independent
+    trials. Sequences that begin at one place in one night share weather and sky as well, and are one site.
     """
     found = list(frames)
     first: dict[int, Frame] = {}

@@ -1,4 +1,4 @@
-"""The frames of a task: rendered where they are missing, and read with what a solver is told about them."""
+"""Frames of a task: rendered where they are missing, and read with what solvers are told about them."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ from generator.seeds import random_stream
 SHARD_FRAMES = 10
 UNPACKED = "unpacked"
 DEFAULT_DATA = Path("out/tasks")
-"""Folder of the frames of tasks and of datasets in shards."""
+"""Folder of the frames of tasks and sharded datasets."""
 
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Which frames of a task, and where frames are kept.
+    """Choice of a task's frames, and the folder in which frames are kept.
 
     Attributes
     ----------
     split : str
     per_condition : int or None
-        Frames at each value of the condition, at most the task's own number, which None stands for. The first are the
-        same however many are asked for.
+        Number of frames at each value of the condition, at most the task's own number, which is the meaning of None. A larger
+        choice begins with the same frames as a smaller one.
     condition : float or None
-        Only the frames of this value, as the task states it; None: all.
+        Only the frames of this value, as the task states it; None for all values.
     data : Path
-        Folder of all frames; each split of a task and each dataset in shards has a folder of its own in it.
+        Folder of all frames; each split of a task and each sharded dataset has its own folder within it.
     workers : int
-        Processes that render; 0 renders in this one.
+        Number of processes that render; with 0, this process renders.
     """
 
     split: SplitName = "dev"
@@ -64,26 +64,26 @@ class FrameChoice:
 def make_task_frames(
     task: Task, target: str, choice: FrameChoice, progress: Callable[[int], None] = lambda frames: None
 ) -> FrameSet:
-    """Render what is missing of a task's frames, and read them.
+    """Render the missing frames of a task, and read all of them.
 
     Parameters
     ----------
     task : Task
     target : str
-        What the user calls it: its name or the path of its file.
+        What the user gave: the task's name or the path of its file.
     choice : FrameChoice
     progress : callable
-        Called with the number of frames that have come to hand.
+        Called with the number of frames that have become available.
 
     Returns
     -------
     FrameSet
-        With unique ids, `condition` set, and observations as the solver is told them.
+        With unique ids, with `condition` set, and with observations as the solver receives them.
 
     Raises
     ------
     TaskError
-        There is no such condition, a frame cannot be made, or the folder cannot be used.
+        There is no such condition, a frame cannot be rendered, or the folder cannot be used.
     """
     split, definition = choice.split, task.definition
     per_condition, levels = frames_per_condition(task, choice), chosen_levels(task, choice.condition)
@@ -129,7 +129,7 @@ def make_task_frames(
 
 
 def at_hand(task: Task, choice: FrameChoice) -> bool:
-    """Whether all frames of a choice have been rendered. Raises TaskError where the folder holds others."""
+    """Whether all frames of a choice have been rendered. Raises TaskError where the folder holds other frames."""
     scenario, spec = task.scenario_of(choice.split), DatasetSpec(split=choice.split, shard_size=SHARD_FRAMES)
     store = LocalTarget(split_folder(task.label, choice.split, scenario.sha256, choice.data))
     try:
@@ -149,7 +149,7 @@ def _chosen_shards(task: Task, choice: FrameChoice) -> list[Shard]:
 
 
 def frames_per_condition(task: Task, choice: FrameChoice) -> int:
-    """Frames at each value of the condition that are chosen. Raises TaskError where the task has fewer."""
+    """Number of frames chosen at each value of the condition. Raises TaskError where the task has fewer."""
     full = task.definition.frames_per_condition
     chosen = full if choice.per_condition is None else choice.per_condition
     if not 1 <= chosen <= full:
@@ -158,12 +158,12 @@ def frames_per_condition(task: Task, choice: FrameChoice) -> int:
 
 
 def chosen_levels(task: Task, condition: float | None) -> list[int]:
-    """Places of the chosen values among the task's, from easy to hard.
+    """Indices of the chosen values among the task's, from easy to hard.
 
     Raises
     ------
     TaskError
-        The task has no such value; lists those that it has.
+        The task has no such value; the message lists those that it has.
     """
     graded = task.definition.condition
     if condition is None:
@@ -181,7 +181,7 @@ def split_folder(label: str, split: str, scenario_sha256: str, data: Path) -> Pa
 
 
 def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, levels: Sequence[int]) -> list[Shard]:
-    """Shards that hold the first frames of conditions, of which each has `frames_of_each`."""
+    """Shards that contain the first frames of conditions with `frames_of_each` frames each."""
     shards_per_condition = math.ceil(frames_of_each / SHARD_FRAMES)
     shards = []
     for level in levels:
@@ -193,9 +193,9 @@ def wanted_shards(frames_of_each: int, per_condition: int, split: SplitName, lev
 
 
 def _unpack(archive_path: Path, folder: Path, again: bool, developed: bool) -> None:
-    """Put a shard's images and records beside each other, where programs can read them.
+    """Unpack a shard's images and records into one folder, where programs can read them.
 
-    Of `developed` frames the image is the photograph's luma, 0 to 255, in place of the raw image.
+    For `developed` frames the image is the photograph's luma, 0 to 255, instead of the raw image.
     """
     try:
         for frame in read_archive(archive_path):
@@ -213,7 +213,7 @@ def _unpack(archive_path: Path, folder: Path, again: bool, developed: bool) -> N
 
 
 def _luma_png(jpeg: bytes) -> bytes:
-    """A photograph's luma (ITU-R BT.601, as in JPEG) as a 16-bit PNG of one channel."""
+    """Convert a photograph to its luma (ITU-R BT.601, as in JPEG) as a 16-bit PNG of one channel."""
     luma = np.asarray(Image.fromarray(photo(jpeg)).convert("L"), dtype=np.uint16)
     buffer = io.BytesIO()
     Image.fromarray(luma).save(buffer, format="PNG")
@@ -221,7 +221,7 @@ def _luma_png(jpeg: bytes) -> bytes:
 
 
 def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame]:
-    """Give every frame its condition, and each observation what instruments tell the solver at it."""
+    """Give every frame its condition, and each observation the instruments' readings for the solver at that condition."""
     length = task.sequence_length
     if length > 1:
         return [_in_sequence(task, split, frame, length) for frame in frames]
@@ -236,7 +236,7 @@ def _graded(task: Task, split: SplitName, frames: Sequence[Frame]) -> list[Frame
 
 
 def _in_sequence(task: Task, split: SplitName, frame: Frame, length: int) -> Frame:
-    """A frame of a sequence: its condition is the number of frames so far."""
+    """Give a frame of a sequence its condition, which is the number of frames so far."""
     seed, precision = task.definition.splits[split].seed, task.definition.instruments.at(0)
     number, index = divmod(frame.index, length)
     own = random_stream(seed, "task:instruments", frame.index)

@@ -1,1 +1,1 @@
-"""Photographs as datasets: place and time are the truth, and the names of stars where these follow from them."""
+"""Photographs as datasets: place and time are the truth, and so are the stars' names where these follow from them."""

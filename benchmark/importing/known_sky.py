@@ -27,7 +27,7 @@ from generator.sky.state import SkyState, sky_state
 Floats = NDArray[np.float64]
 
 FAINTEST_MAG = 7.0
-"""Of the stars that are listed."""
+"""Magnitude limit of the listed stars."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class KnownSky:
     Attributes
     ----------
     stars : StarCatalogue
-        n of them, to `FAINTEST_MAG`.
+        The n stars, to `FAINTEST_MAG`.
     ra_deg, dec_deg : (n,) arrays
         ICRS, proper motion applied.
     start, middle, end : ApparentPlaces
-        Over the exposure.
+        Apparent places at the start, middle and end of the exposure.
     airmass : (n,) array
     utc_start, utc_mid : Instant
     orientation : EarthOrientation
@@ -67,7 +67,7 @@ def known_sky(place: Place, utc_mid: str, exposure_s: float) -> KnownSky:
     Raises
     ------
     PhotographError
-        The time is none, or the Earth's rotation is not known for it.
+        The time is invalid, or the Earth's rotation is not known for it.
     """
     try:
         middle = Instant.parse(utc_mid)

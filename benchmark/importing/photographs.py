@@ -1,8 +1,8 @@
-"""Files of photographs as images of DN with the middle and the length of their exposure.
+"""Reader of photographs: images of DN with the middle and the length of their exposure.
 
-Times: a FITS header's are UTC (DATE-AVG; DATE-BEG or DATE-OBS as the start, with the exposure; Rots et al. 2015, A&A 574,
-A36); those of EXIF tags are a clock's, whose zone the tags or the caller state; a block of a meteor station is dated by its
-name. Sizes are judged before anything is decoded.
+Times in a FITS header are UTC (DATE-AVG; DATE-BEG or DATE-OBS as the start, with the exposure; Rots et al. 2015, A&A 574,
+A36). Times in EXIF tags are those of a clock whose zone is stated by the tags or the caller. A block of a meteor station is
+dated by its name. Sizes are checked before anything is decoded.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ _TIMES = "list it in a table: --times TABLE.csv with the columns file, utc_mid, 
 
 @dataclass(frozen=True)
 class Clock:
-    """What the caller knows of the times of photographs.
+    """What the caller knows about the times of photographs.
 
     Attributes
     ----------
     time_zone : str or None
-        Of the camera's clock, ``+02:00`` or ``Europe/Berlin``; None takes it from the tags.
+        Zone of the camera's clock, ``+02:00`` or ``Europe/Berlin``; None takes it from the tags.
     stamp : str
-        What EXIF's time marks: ``start``, ``middle`` or ``end`` of the exposure.
+        What the EXIF time marks: ``start``, ``middle`` or ``end`` of the exposure.
     exposure_s : float or None
-        For files that do not say.
+        For files that do not state it.
     table : mapping
-        Middle (UTC) and exposure (s) by the file's name, which come before all else.
+        Middle (UTC) and exposure (s) by the file's name; these take precedence over everything else.
     """
 
     time_zone: str | None = None
@@ -67,7 +67,7 @@ def read_times(path: Path) -> dict[str, tuple[str, float]]:
     Raises
     ------
     PhotographError
-        Names the line.
+        The message names the line.
     """
     try:
         if path.stat().st_size > LARGEST_TABLE_BYTES:
@@ -99,7 +99,7 @@ class Photograph:
     pixels : (height, width) uint16 array
         DN.
     bits : int
-        Of them.
+        Number of bits of the DN.
     scale, offset : float
         The file's values are (DN - offset) / scale.
     bayer_pattern : str or None
@@ -108,7 +108,7 @@ class Photograph:
         ISO 8601 with Z.
     exposure_s : float
     assumed : tuple of str
-        How the time follows from the file, a sentence each.
+        How the time follows from the file, one sentence each.
     """
 
     pixels: NDArray[np.uint16]
@@ -127,7 +127,7 @@ def photographs_in(folder: Path) -> list[Path]:
     Raises
     ------
     PhotographError
-        There is no such folder, or no photograph or too many in it.
+        There is no such folder, or it contains no photograph or too many.
     """
     if not folder.is_dir():
         raise PhotographError(f"{folder}: no such folder")
@@ -160,7 +160,7 @@ def read_photograph(path: Path, clock: Clock) -> Photograph:
     Raises
     ------
     PhotographError
-        It cannot be read, is too large, or its time, zone or exposure is not known; names file, key and remedy.
+        It cannot be read, is too large, or its time, zone or exposure is unknown; the message names file, key and remedy.
     """
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
@@ -182,15 +182,15 @@ def read_photograph(path: Path, clock: Clock) -> Photograph:
 
 
 def as_dn(values: NDArray[np.generic], path: Path) -> tuple[NDArray[np.uint16], int, float, float]:
-    """An image's values as DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
+    """Convert an image's values to DN of at most 16 bits: pixels, bits, scale and offset; ``DN = offset + scale * value``.
 
-    Colours are added, which no rounding spoils. Numbers between 0 and 1 become 0 to 65535; negative ones, which calibrated
-    images have, are lifted. What is above 16 bits is halved until it fits, at most four times.
+    Colours are added, which causes no rounding. Numbers between 0 and 1 become 0 to 65535. An offset raises negative numbers,
+    which occur in calibrated images. Values above 16 bits are halved until they fit, at most four times.
 
     Raises
     ------
     PhotographError
-        Not finite, or beyond 20 bits.
+        Values are not finite, or need more than 20 bits.
     """
     if max(values.shape) > LARGEST_SIDE_PX:
         raise PhotographError(

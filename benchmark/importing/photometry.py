@@ -1,4 +1,4 @@
-"""Light of stars at places that are known: signal-to-noise of a matched filter, centroid, flux."""
+"""Photometry of stars at known positions: signal-to-noise ratio of a matched filter, centroid, flux."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Floats = NDArray[np.float64]
 HALF_PX = 9
 """Half side of the square around a star."""
 RING_PX = (5.0, 8.5)
-"""Radii of the ring that tells the sky and its noise."""
+"""Radii of the ring from which the sky and its noise are measured."""
 APERTURE_PX = 3.5
 NORMAL_MAD = 1.4826
 CLIP = 3.0
-"""Deviations beyond which a pixel of the ring (another star) counts as this far off in the sky's slope."""
+"""Deviations at which a pixel of the ring (another star) is clipped when the slope of the sky is fitted."""
 CENTROID_SNR = 5.0
-"""Least ratio of a star whose centroid is measured."""
+"""Least signal-to-noise ratio of a star whose centroid is measured."""
 CENTROID_ROUNDS = 3
 USUAL_SIGMA_PX = 0.8
 SIGMA_LIMITS_PX = (0.4, 3.0)
@@ -35,12 +35,12 @@ class Light:
     Attributes
     ----------
     uv : (n, 2) array
-        Centroids, px; NaN too below a ratio of `CENTROID_SNR`.
+        Centroids, px; also NaN below a signal-to-noise ratio of `CENTROID_SNR`.
     snr : (n,) array
-        Of a matched filter of the star's shape at its place, over the noise of the sky around it; the star's own photon noise
-        is left out.
+        Signal-to-noise ratio of a matched filter of the star's shape at its position, over the noise of the sky around it,
+        without the star's own photon noise.
     flux : (n,) array
-        Within 3.5 px, above the sky, DN.
+        Flux within 3.5 px, above the sky, DN.
     highest : (n,) array
         Value of the brightest pixel, DN.
     """
@@ -52,7 +52,7 @@ class Light:
 
 
 def measure_light(pixels: NDArray[np.floating], uv: Floats) -> Light:
-    """Measure stars at places (n, 2), px.
+    """Measure stars at positions (n, 2), px.
 
     The filter is a Gaussian as wide as the frame's bright stars.
     """
@@ -83,7 +83,7 @@ def _measure_some(pixels: NDArray[np.floating], uv: Floats, sigma_px: float) -> 
     around, along = square[:, ring], np.column_stack((u[ring], v[ring])).astype(np.float64)
     level, scatter = _median_and_scatter(around)
     limit = CLIP * scatter[:, None]
-    # The ring is symmetrical, so that level and slopes of a plane are independent.
+    # The ring is symmetrical, so the level and the slopes of a plane are independent.
     slope = np.clip(around - level[:, None], -limit, limit) @ along / (along**2).sum(axis=0)
     flat = square - level[:, None, None] - slope[:, 0, None, None] * u - slope[:, 1, None, None] * v
     rest, noise = _median_and_scatter(flat[:, ring])
@@ -98,7 +98,7 @@ def _measure_some(pixels: NDArray[np.floating], uv: Floats, sigma_px: float) -> 
         moved = np.column_stack(((light * (u - centre[:, 0, None, None])).sum(axis=(1, 2)),
                                  (light * (v - centre[:, 1, None, None])).sum(axis=(1, 2))))  # fmt: skip
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Of a Gaussian seen through its own shape the moment is half of the displacement.
+            # For a Gaussian weighted with its own shape, the moment is half of the displacement.
             centre = centre + np.clip(np.nan_to_num(2.0 * moved / total[:, None]), -1.0, 1.0)
     distance = np.hypot(u - centre[:, 0, None, None], v - centre[:, 1, None, None])
     flux = np.where(distance <= APERTURE_PX, flat, 0.0).sum(axis=(1, 2))
@@ -109,7 +109,7 @@ def _measure_some(pixels: NDArray[np.floating], uv: Floats, sigma_px: float) -> 
 
 
 def _median_and_scatter(values: Floats) -> tuple[Floats, Floats]:
-    """Median of each row, and standard deviation by the median deviation."""
+    """Median of each row, and its standard deviation from the median absolute deviation."""
     level = np.median(values, axis=1)
     return level, NORMAL_MAD * np.median(np.abs(values - level[:, None]), axis=1)
 
@@ -120,7 +120,7 @@ def _gaussian(u: NDArray[np.int64], v: NDArray[np.int64], centre: Floats, sigma_
 
 
 def _width(pixels: NDArray[np.floating], found: Light) -> float:
-    """Width, px, of the Gaussian with the bright stars' part of light in 3 x 3 pixels; the usual one where there are few."""
+    """Width, px, of the Gaussian with the bright stars' fraction of light in 3 x 3 pixels; the usual one if there are few."""
     bright = np.flatnonzero((found.snr > BRIGHT_SNR) & (found.flux > 0) & (found.highest < 0.9 * pixels.max()))
     if len(bright) < LEAST_BRIGHT:
         return USUAL_SIGMA_PX
@@ -131,6 +131,6 @@ def _width(pixels: NDArray[np.floating], found: Light) -> float:
     sky = np.median(square[:, np.hypot(u, v) >= RING_PX[0]], axis=1)
     core = (np.abs(u) <= 1) & (np.abs(v) <= 1)
     share = float(np.median((square[:, core] - sky[:, None]).sum(axis=1) / found.flux[bright]))
-    # A Gaussian holds erf(1.5 / (sqrt(2) s))^2 of its light in that square, averaged here at the star's middle.
+    # A Gaussian has erf(1.5 / (sqrt(2) s))^2 of its light in that square, averaged here around the star's centre.
     trial = np.linspace(*SIGMA_LIMITS_PX, 261)
     return float(trial[np.argmin(np.abs(erf(1.5 / (np.sqrt(2.0) * trial)) ** 2 - share))])

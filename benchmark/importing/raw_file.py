@@ -1,4 +1,4 @@
-"""Raw files of cameras (DNG and those of makers), by LibRaw: the mosaic as the sensor gave it."""
+"""Reader of raw camera files (DNG and makers' formats), by LibRaw: the mosaic as the sensor recorded it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Mosaic:
     Attributes
     ----------
     pixels : (height, width) uint16 array
-        DN of the visible part, one colour to a pixel.
+        DN of the visible part, one colour per pixel.
     bits : int
     pattern : str or None
-        Colours of the first 2 x 2 pixels, row by row; None of a sensor without colours.
+        Colours of the first 2 x 2 pixels, row by row; None for a sensor without colours.
     """
 
     pixels: NDArray[np.uint16]
@@ -38,7 +38,7 @@ def read_raw(path: Path) -> Mosaic:
     Raises
     ------
     PhotographError
-        rawpy is not installed, or the file is damaged, too large, or no mosaic of 2 x 2 colours.
+        rawpy is not installed, or the file is damaged, too large, or not a mosaic of 2 x 2 colours.
     """
     try:
         import rawpy

@@ -1,7 +1,8 @@
-"""A night of a station of the Global Meteor Network, as its program RMS leaves it: FF files, .config, platepars.
+"""A night of a station of the Global Meteor Network, as its program RMS stores it: FF files, .config, platepars.
 
-An FF file holds 256 frames of video as four pictures; the mean (AVEPIXEL) is the photograph. Its name dates the first frame,
-UTC. Source: D. Vida et al., MNRAS 506, 5046-5074, 2021; github.com/CroatianMeteorNetwork/RMS, RMS/Formats/FFfits.py.
+An FF file contains 256 frames of video as four pictures; the mean (AVEPIXEL) is the photograph. Its name gives the time of
+the first frame, UTC. Source: D. Vida et al., MNRAS 506, 5046-5074, 2021; github.com/CroatianMeteorNetwork/RMS,
+RMS/Formats/FFfits.py.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ LARGEST_CONFIG_BYTES = 1_000_000
 LARGEST_PLATEPARS_BYTES = 200_000_000
 _ENDINGS = (".fits", ".fits.gz", ".fits.bz2")
 MOST_CALIBRATED = 12
-"""Frames of centroids that a lens is calibrated on: more, evenly spread over a night, add little."""
+"""Number of frames whose centroids calibrate a lens; more frames, evenly spread over a night, add little."""
 
 
 @dataclass(frozen=True, eq=False)
 class RmsNight:
-    """A folder of RMS.
+    """A folder written by RMS.
 
     Attributes
     ----------
     files : list of Path
-        FF files by name, which is by time.
+        FF files in the order of their names, which is that of time.
     place : Place
     station : str
     """
@@ -53,7 +54,7 @@ def read_night(folder: Path, place: Place | None = None) -> RmsNight:
     Raises
     ------
     PhotographError
-        No FF file, or the place is not known; says what to do.
+        There is no FF file, or the place is unknown; the message says what to do.
     """
     if not folder.is_dir():
         raise PhotographError(f"{folder}: no such folder")
@@ -70,7 +71,7 @@ def read_night(folder: Path, place: Place | None = None) -> RmsNight:
 
 
 def calibrate_night(folder: Path, place: Place) -> ToldCamera:
-    """Calibrate the camera on the centroids that RMS measured (not on the names or poses that it gave them).
+    """Calibrate the camera on the centroids that RMS measured (without the names or poses that it assigned to them).
 
     Raises
     ------
@@ -93,7 +94,7 @@ def calibrate_night(folder: Path, place: Place) -> ToldCamera:
 
 
 def _place_of_config(path: Path) -> Place | None:
-    """Place of a station by its .config; None where there is none."""
+    """Read the place of a station from its .config; None where there is none."""
     if not path.is_file():
         return None
     parser = configparser.ConfigParser(inline_comment_prefixes=(";",), interpolation=None, strict=False)
@@ -112,7 +113,7 @@ def _place_of_config(path: Path) -> Place | None:
 
 
 def _place_of_platepars(path: Path) -> Place | None:
-    """Place of a station by its platepars; None where there are none."""
+    """Read the place of a station from its platepars; None where there are none."""
     if not path.is_file():
         return None
     try:

@@ -1,4 +1,4 @@
-"""Stars of a photograph whose place and time are known: where they must be, and what of their light is measured there."""
+"""Stars of a photograph with known place and time: their expected positions, and the light measured there."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from generator.reading.stars import photograph_schema
 Floats = NDArray[np.float64]
 
 ALIGNED_MAG = 5.0
-"""Faintest star that the attitude is found by."""
+"""Faintest star that is used to find the attitude."""
 LOWEST_DEG = 8.0
-"""Altitude below which a star is not used for that."""
+"""Altitude below which a star is not used for the attitude."""
 FOUND_PX = 3.0
-"""Uncertainty up to which the stars near the told places are looked for."""
+"""Largest uncertainty of the supplied attitude, px, with which stars are searched near their expected positions."""
 LEAST_ALIGNED = 20
-"""Stars that must agree: fewer are found by chance among some hundred."""
+"""Number of stars that must agree; fewer agree by chance among some hundred."""
 MOST_SIGMAS = 5.0
-"""Of the told attitude, within which the stars' must lie."""
+"""Standard deviations of the supplied attitude within which that of the stars must be."""
 FARTHEST_PX = 2.0
-"""Distance of its light from its place beyond which it is another's."""
+"""Distance of light from a star's position beyond which it belongs to another star."""
 PHOTOGRAPH_STARS = photograph_schema(STAR_SCHEMA)
 
 
 @dataclass(frozen=True, eq=False)
 class Pointing:
-    """Where a camera pointed, by the stars of its photograph.
+    """Pointing of a camera, derived from the stars of its photograph.
 
     Attributes
     ----------
     R_cam : (3, 3) array
-        ENU to camera; the told one where too few stars agree.
+        ENU to camera; the supplied attitude where too few stars agree.
     stars : int
-        That agree, 0 where it is the told one.
+        Number of stars that agree; 0 where the supplied attitude is used.
     rms_px : float or None
-        Of their residuals an axis.
+        Root mean square of their residuals along each axis.
     turned_deg : float or None
-        From the told attitude.
+        Angle from the supplied attitude.
     """
 
     R_cam: Floats
@@ -58,12 +58,12 @@ class Pointing:
 
     @property
     def named(self) -> bool:
-        """Whether the stars confirm it, so that they have names."""
+        """Whether the stars confirm the attitude, so that they can be identified."""
         return self.stars > 0
 
 
 def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -> Pointing:
-    """Find the attitude at which the known sky lies on the photograph, near the told one."""
+    """Find the attitude, near the supplied one, at which the known sky matches the photograph."""
     unaligned = Pointing(told.R_cam, 0, None, None)
     if told.sigma_px > FOUND_PX:
         return unaligned
@@ -73,7 +73,7 @@ def find_pointing(pixels: NDArray[np.uint16], told: ToldCamera, sky: KnownSky) -
     farthest_deg = MOST_SIGMAS * sigma_deg or math.degrees(FOUND_PX / told.camera.f_px)
     if found.stars < LEAST_ALIGNED or found.turned_deg > farthest_deg:
         return unaligned
-    # Digits beyond hundredths of an arcsecond are those of the machine's arithmetic.
+    # Digits beyond hundredths of an arcsecond depend on the machine's arithmetic.
     left, _, right = np.linalg.svd(np.round(found.R_cam, 8))
     return Pointing(left @ right, found.stars, float(found.rms_px), float(found.turned_deg))
 
@@ -87,7 +87,7 @@ def star_rows(
     bits: int,
     gain_e_per_dn: float | None,
 ) -> pa.Table:
-    """Rows of the stars of a photograph; what cannot be known is empty. None where the stars cannot be named.
+    """Rows of the stars of a photograph; unknown values are empty. There are no rows if the stars cannot be identified.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ def star_rows(
     identity : (int, str)
         Index and id of the frame.
     bits : int
-        Of the image's DN.
+        Number of bits of the image's DN.
     gain_e_per_dn : float or None
-        Where it is known, the stars' electrons are those measured.
+        Where it is known, the stars' electrons are the measured ones.
     """
     if not pointing.named:
         return PHOTOGRAPH_STARS.empty_table()
@@ -147,13 +147,13 @@ def star_rows(
 
 
 def _pair(prefix: str, uv: Floats) -> dict[str, Floats]:
-    """Columns of a place, to a millionth of a pixel."""
+    """Columns of a position, rounded to a millionth of a pixel."""
     rounded = np.round(uv, 6)
     return {f"{prefix}u_px": rounded[:, 0], f"{prefix}v_px": rounded[:, 1]}
 
 
 def _column(values: NDArray[np.generic] | pa.Array, field: pa.Field) -> pa.Array:
-    """A column, with empty cells in place of NaN."""
+    """A column with empty cells instead of NaN."""
     if isinstance(values, pa.Array):
         return values
     return pa.array(values.astype(field.type.to_pandas_dtype()), field.type, from_pandas=field.nullable)

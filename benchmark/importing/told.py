@@ -1,4 +1,4 @@
-"""What solvers are told of a camera that nobody rendered: its lens and its attitude, from a file of a calibration."""
+"""What solvers receive for a camera of real photographs: its lens and its attitude, from a calibration file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from celnav.sky.utc import parse_utc
 
 @dataclass(frozen=True, eq=False)
 class ToldCamera:
-    """A camera as solvers are told it.
+    """A camera as solvers receive it.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class ToldCamera:
     R_cam : (3, 3) array
         ENU to camera.
     tilt_sigma_deg, heading_sigma_deg : float
-        Standard deviations of the attitude; an infinite one: the heading is not known.
+        Standard deviations of the attitude; an infinite one means that the heading is unknown.
     measured : tuple of AttitudeInTime
-        Attitudes of the calibration's frames, by which that of other frames of the same night is better known; none where
-        one attitude is told whatever the time.
+        Attitudes of the calibration's frames, from which that of other frames of the same night is better known; empty where
+        the same attitude is supplied for all times.
     """
 
     camera: celnav.Camera
@@ -42,21 +42,21 @@ class ToldCamera:
 
     @classmethod
     def calibrated(cls, found: celnav.CameraCalibration) -> ToldCamera:
-        """What a calibration says, for any time."""
+        """Make it from a calibration, for any time."""
         mount = found.mount
         return cls(
             found.camera, mount.R_cam, mount.tilt_sigma_deg, mount.heading_sigma_deg, tuple(found.attitudes_in_time)
         )
 
     def at(self, utc_mid: str) -> ToldCamera:
-        """What is told of a photograph: the attitude predicted for its time."""
+        """What solvers receive for a photograph: the attitude predicted for its time."""
         if not self.measured:
             return self
         known = attitude_at(self.measured, parse_utc(utc_mid), self._for_another_night)
         return told_by(self.camera, known)
 
     def for_another_night(self) -> ToldCamera:
-        """The same with one attitude for all times."""
+        """The same camera with one attitude for all times."""
         return replace(self, measured=())
 
     @property
@@ -65,11 +65,11 @@ class ToldCamera:
 
     @property
     def sigma_px(self) -> float:
-        """How far a star near the axis may lie from where this attitude puts it, one standard deviation, px."""
+        """Uncertainty of a star's position near the axis from that of the attitude, one standard deviation, px."""
         return float(self.camera.f_px * math.radians(math.hypot(self.tilt_sigma_deg, self.heading_sigma_deg)))
 
     def meaning(self) -> dict[str, Any]:
-        """All of it as JSON-ready data."""
+        """All of its content as data for JSON."""
         return {
             "camera": camera_object(self.camera),
             "R_cam": np.asarray(self.R_cam).tolist(),
@@ -83,12 +83,12 @@ class ToldCamera:
 
 
 def read_told(camera_file: Path, attitude: str | None = None) -> ToldCamera:
-    """Read a camera's file, and its attitude from the same file or as the option ``--attitude`` gives it.
+    """Read a camera's file, with its attitude from the same file or from the option ``--attitude``.
 
     Raises
     ------
     PhotographError
-        There is no camera or no attitude in it; says what to do.
+        The file contains no camera or no attitude; the message says what to do.
     """
     try:
         camera = read_camera_file(camera_file).camera
@@ -104,19 +104,19 @@ def read_told(camera_file: Path, attitude: str | None = None) -> ToldCamera:
 
 
 def told_by(camera: celnav.Camera, known: celnav.Attitude) -> ToldCamera:
-    """A camera with what is known of its attitude."""
+    """Combine a camera with what is known about its attitude."""
     rows = np.array(known.rows, dtype=np.float64)
     R_cam = rows if known.kind == "rotation" else _upright(rows[0])
     return ToldCamera(camera, R_cam, known.tilt_deg, known.heading_deg if known.kind == "rotation" else math.inf)
 
 
 def camera_object(camera: celnav.Camera) -> dict[str, Any]:
-    """A camera as the frame record has it (docs/dataset_format.md)."""
+    """A camera in the form of the frame record (docs/dataset_format.md)."""
     return {"p": []} | {name: value for name, value in camera.to_dict().items() if name != "uncertainty"}
 
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A rotation ENU to camera that takes the vertical to a direction of the camera frame, whatever its heading."""
+    """A rotation ENU to camera that maps the vertical to a direction of the camera frame, with an arbitrary heading."""
     aside = np.eye(3)[int(np.argmin(np.abs(up)))]
     east = np.cross(aside, up)
     east /= np.linalg.norm(east)

@@ -1,4 +1,4 @@
-"""Datasets of photographs: the folder of `skybench render`, with a record to each photograph and its known stars."""
+"""Writer of datasets of photographs: a folder as from `skybench render`, with a record per photograph and its known stars."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from generator.reading.record import FORMAT
 from generator.stored_files import stored_file
 
 IMPORT_FORMAT = 2
-"""Rises with every change of what an import makes of the same files."""
+"""Increases with every change of what an import produces from the same files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Import:
-    """What becomes a dataset.
+    """Input of a dataset.
 
     Attributes
     ----------
     name : str
-        Of the dataset, in place of a scenario's.
+        Name of the dataset, used like a scenario's.
     photographs : sequence of Path
     place : Place
     told : ToldCamera
@@ -60,15 +60,15 @@ class Import:
 
 @dataclass(frozen=True)
 class Imported:
-    """A photograph of a dataset that is made.
+    """A photograph of a dataset that has been written.
 
     Attributes
     ----------
     frame_id, file, utc_mid : str
     stars : int
-        That the attitude is found by; 0 where too few were.
+        Number of stars used to find the attitude; 0 where there were too few.
     named : int
-        Rows of stars.
+        Number of rows of stars.
     rms_px, turned_deg : float or None
     """
 
@@ -84,7 +84,7 @@ class Imported:
 def import_photographs(
     given: Import, out: Path, overwrite: bool = False, progress: Callable[[Imported | None], None] = lambda done: None
 ) -> list[Imported]:
-    """Make a dataset of photographs; one that is there and whole is left as it is.
+    """Write a dataset of photographs; a complete existing one is left as it is.
 
     Parameters
     ----------
@@ -92,14 +92,14 @@ def import_photographs(
     out : Path
         A new or empty folder, or one with an earlier import.
     overwrite : bool
-        Replace frames of other photographs.
+        Whether to replace frames of other photographs.
     progress : callable
-        Called after each photograph; with None where it was there.
+        Called after each photograph, and with None where the dataset existed.
 
     Returns
     -------
     list of Imported
-        None of a dataset that was there.
+        Empty for a dataset that existed.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _import_one(
 def _record(
     given: Import, told: ToldCamera, photograph: Photograph, sky: KnownSky, pointing: Pointing, rows: pa.Table
 ) -> dict[str, Any]:
-    """The frame record (docs/dataset_format.md); null is what nobody knows of a photograph."""
+    """Make the frame record (docs/dataset_format.md); what is unknown about a photograph is null."""
     place, state = given.place, sky.state
     camera = camera_object(told.camera)
     unknown = dict.fromkeys
@@ -249,7 +249,7 @@ def _attitude(R_cam: Any) -> dict[str, Any]:
 
 
 def _identity(given: Import, hashes: Sequence[str]) -> str:
-    """SHA-256 of all that the dataset follows from."""
+    """SHA-256 of everything that determines the dataset."""
     meaning = {
         "import": IMPORT_FORMAT,
         "place": [given.place.latitude_deg, given.place.longitude_deg, given.place.height_m],
@@ -262,7 +262,7 @@ def _identity(given: Import, hashes: Sequence[str]) -> str:
 
 
 def _there(out: Path, identity: str, overwrite: bool) -> bool:
-    """Whether the dataset is there and whole; else make the folder ready for it. Raises PhotographError."""
+    """Whether the dataset exists and is complete; otherwise prepare the folder for it. Raises PhotographError."""
     try:
         manifest = read_frames_manifest(out)
         if manifest.scenario_sha256 == identity and not problems(out):

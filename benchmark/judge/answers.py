@@ -1,4 +1,4 @@
-"""Answers held against the truth: refused where they make no sense, judged where they do."""
+"""Answers compared with the truth: rejected where they are invalid, judged otherwise."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from benchmark.stats.metrics import ERROR, FrameScore
 
 LONGEST_REASON = 200
 LARGEST_COVARIANCE_KM2 = 1e12
-"""Two thousand times the surface of the Earth: more is no claim about a position."""
+"""Two thousand times the surface of the Earth; a larger covariance is no claim about a position."""
 FARTHEST_PX = 1e6
-"""No detection lies farther from the image's corner."""
+"""Largest distance of a detection from the image's corner, px."""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """A solver's answer to one frame as its session received it, and what it cost.
+    """A solver's answer to one frame as its session received it, with its cost.
 
     Attributes
     ----------
     answer : Answer
-        One that `check_answer` lets pass; a refusal with its reason where something went wrong.
+        An answer that `check_answer` accepts; a refusal with its reason where something went wrong.
     status : str
         ``fix``, ``refused`` or ``error``.
     uv : ndarray, shape (n, 2)
@@ -39,9 +39,9 @@ class Response:
     flux : ndarray, shape (n,)
         Their brightness, NaN where unknown.
     detect_ms, solve_ms : float
-        Wall time of detection and of the rest.
+        Wall-clock time of detection and of the rest.
     peak_memory_mib : float or None
-        Largest resident memory of the process that solved, while it did; None where the system does not tell.
+        Largest resident memory of the solving process during the request; None where the system does not report it.
     """
 
     answer: Answer
@@ -54,14 +54,14 @@ class Response:
 
 
 def failure(error: Exception | str, time_ms: float) -> Response:
-    """What is recorded where a solver raised or answered nonsense: a refusal with status ``error`` and the reason.
+    """Response recorded where a solver raised or gave an invalid answer: a refusal with status ``error`` and the reason.
 
     Parameters
     ----------
     error : Exception or str
-        A text is the reason as it stands.
+        A text is used as the reason without changes.
     time_ms : float
-        Until it failed.
+        Time until the failure.
     """
     text = error if isinstance(error, str) else f"error: {type(error).__name__}: {error}"
     answer = Answer(ok=False, reason=plain_words(text, LONGEST_REASON))
@@ -77,7 +77,7 @@ def check_points(uv: NDArray[np.float64], flux: NDArray[np.float64]) -> None:
 
 
 def plain_words(text: str, longest: int) -> str:
-    """A text of unknown origin on one line, cut to a number of characters, with what UTF-8 cannot hold as ``?``."""
+    """Put a text of unknown origin on one line, cut to a number of characters; what UTF-8 cannot encode becomes ``?``."""
     return " ".join(text.encode("utf-8", "replace").decode().split())[:longest]
 
 
@@ -87,9 +87,9 @@ def check_answer(answer: Answer, n_detections: int) -> None:
     Raises
     ------
     ValueError
-        A fix without a possible position (a longitude within a full turn of Greenwich); matches that are not (m, 2)
-        integers, point to no detection or to one twice; a covariance that is not 2x2, symmetric and within
-        `LARGEST_COVARIANCE_KM2`; a confidence beyond 0 to 1.
+        A fix without a possible position (a longitude within a full turn of Greenwich); matches that are not (m, 2) integers,
+        or that point to no detection or twice to the same one; a covariance that is not 2x2, symmetric and within
+        `LARGEST_COVARIANCE_KM2`; a confidence outside 0 to 1.
     """
     if answer.ok:
         lat, lon = answer.lat_deg, answer.lon_deg
@@ -115,7 +115,7 @@ def check_answer(answer: Answer, n_detections: int) -> None:
 def judge_answer(
     frame: Frame, response: Response, crlb_km: float | None, identity: FrameIdentity = UNKNOWN
 ) -> SolverOutcome:
-    """Hold an answer against the frame's truth.
+    """Judge an answer by the frame's truth.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def judge_answer(
     crlb_km : float or None
         The frame's Cramér-Rao bound, see `benchmark.judge.frame_bounds`.
     identity : FrameIdentity
-        Of the frame, for the record.
+        Identity of the frame, for the record.
     """
     answer, conditions = response.answer, frame.conditions
     error_km = math.inf
@@ -134,7 +134,7 @@ def judge_answer(
         places = conditions.latitude_deg, conditions.longitude_deg, lat_deg, lon_deg
         error_km = geodesic_km(*places)
         east_km, north_km = east_north_km(*places)
-    # A refused frame claims nothing, whatever the solver may have had in hand.
+    # A refused frame claims no matches, whatever the solver had found by then.
     matches = answer.matches if answer.ok else np.empty((0, 2), dtype=np.int64)
     stars = score_matches(response.uv, matches, frame.truth)
     claims = {

@@ -1,14 +1,14 @@
-"""The Cramér-Rao bound: no unbiased solver's position can scatter less than the information that its stars' places hold.
+"""The Cramér-Rao bound: no unbiased solver's position can scatter less than the information in its stars' places allows.
 
-From the noise of the pixels to the position in three steps. (1) A star's pixels give Fisher information on its place
-(`benchmark.judge.place_information`). (2) The camera's projection turns the place's information into that on the
-direction of the sky. (3) Moving east or north turns the sky; where the attitude is not known exactly, its error turns
-the sky as well, and errors of the focal length and the principal point move the stars too. The information on position is
-the Schur complement that remains.
+The noise of the pixels is propagated to the position in three steps. (1) A star's pixels give Fisher information on its place
+in the image (`benchmark.judge.place_information`). (2) The camera's projection converts it to information on the direction of
+the sky. (3) Moving east or north turns the sky. Where the attitude is not known exactly, its error turns the sky as well, and
+errors of the focal length and the principal point also move the stars. The information on the position is the Schur
+complement that remains.
 
-The stars are taken as identified, distortion, air and time as known. A real solver knows less, so the bound holds.
-Refraction's own change of the scale (below 1 % at 10 degrees of altitude) is left out. Stars whose middle lies outside
-the frame are left out, those near its edge count whole: on average over places the two make up for each other.
+The stars are taken as identified, and distortion, air and time as known. A real solver knows less, so the bound holds. The
+change of scale by refraction (below 1 % at 10 degrees of altitude) is neglected. Stars whose centre is outside the frame are
+left out, and those near its edge count fully: on average over places the two effects cancel.
 
 References
 ----------
@@ -35,12 +35,12 @@ from benchmark.judge.place_information import StarLight, place_information
 F8 = NDArray[np.float64]
 
 _NODES = 48
-"""Of the quadrature for a median: exact to 1e-6 for axis ratios to 1000."""
+"""Nodes of the quadrature for a median: exact to 1e-6 for axis ratios up to 1000."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """How well the solver knows its attitude and its camera.
+    """Prior knowledge of attitude and camera.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Prior:
 
     @property
     def sigmas(self) -> F8:
-        """Of the turns about east, north and up (rad) and of the lens as in `lens_derivatives`, shape (6,)."""
+        """Standard deviations of turns about east, north, up (rad) and of the lens as in `lens_derivatives`, shape (6,)."""
         turns = np.radians([self.tilt_deg, self.tilt_deg, self.heading_deg])
         return np.concatenate((turns, [self.focal, self.principal_point_px, self.principal_point_px]))
 
@@ -71,15 +71,15 @@ VERTICAL = Prior(heading_deg=math.inf)
 
 
 def displacement_turns(latitude_deg: float) -> F8:
-    """Turns of the sky that a displacement of the observer makes, shape (3, 2).
+    """Rotations of the sky that a displacement of the observer causes, shape (3, 2).
 
-    Going north turns the sky about east, from north to up; going east turns it about the Earth's axis, which is by -1
+    Going north rotates the sky about east, from north to up. Going east rotates it about the Earth's axis, that is, by -1
     about north and by -tan(latitude) about up.
 
     Returns
     -------
     ndarray, shape (3, 2)
-        Turns about east, north and up (right-handed, rad) per kilometre east and per kilometre north, on WGS84.
+        Rotations about east, north and up (right-handed, rad) per kilometre east and per kilometre north, on WGS84.
     """
     east_km, north_km = radii_of_curvature_km(latitude_deg)
     tangent = math.tan(math.radians(latitude_deg))
@@ -87,7 +87,7 @@ def displacement_turns(latitude_deg: float) -> F8:
 
 
 def turn_derivatives(camera: celnav.Camera, R_cam: F8, uv: F8) -> F8:
-    """Derivatives of stars' places by a turn of the sky about east, north and up, px/rad.
+    """Derivatives of stars' places with respect to rotations of the sky about east, north and up, px/rad.
 
     Parameters
     ----------
@@ -106,35 +106,35 @@ def turn_derivatives(camera: celnav.Camera, R_cam: F8, uv: F8) -> F8:
     found = np.full((len(uv), 2, 3), math.nan)
     seen = camera.in_frame(uv) & np.isfinite(rays).all(axis=1)
     uv_by_ray = camera.project_with_derivatives(rays[seen])[1]
-    # A turn w moves the direction d by w x d, and g (w x d) = w (d x g).
+    # A rotation w moves the direction d by w x d, and g (w x d) = w (d x g).
     found[seen] = np.cross((rays[seen] @ R_cam)[:, None, :], uv_by_ray @ R_cam)
     return found
 
 
 def lens_derivatives(camera: celnav.Camera, uv: F8) -> F8:
-    """Derivatives of stars' places by the relative focal length and the principal point's coordinates, shape (n, 2, 3), px.
+    """Derivatives of stars' places by relative focal length and coordinates of the principal point, shape (n, 2, 3), px.
 
-    All projections are scaled by the focal length and shifted by the principal point after their distortion.
+    All projections scale with the focal length and shift with the principal point after applying their distortion.
     """
     by_focal = uv - np.array([camera.cx_px, camera.cy_px])
     return np.concatenate((by_focal[:, :, None], np.broadcast_to(np.eye(2), (len(uv), 2, 2))), axis=2)
 
 
 def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: float, prior: Prior = EXACT) -> F8:
-    """Fisher information that stars' places hold on the horizontal position.
+    """Fisher information that stars' places give on the horizontal position.
 
     Parameters
     ----------
     by_turn : ndarray, shape (n, 2, 3)
-        See `turn_derivatives`; stars with NaN count nothing.
+        See `turn_derivatives`; stars with NaN are ignored.
     by_lens : ndarray, shape (n, 2, 3)
         See `lens_derivatives`.
     places : ndarray, shape (n, 2, 2)
         Information on each star's place, 1/px^2.
     latitude_deg : float
-        Of the observer.
+        Latitude of the observer.
     prior : Prior
-        How well attitude and lens are known.
+        Uncertainty of attitude and lens.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def information_on_position(by_turn: F8, by_lens: F8, places: F8, latitude_deg: 
 
 
 def _inverse(information: F8) -> F8:
-    """Pseudo-inverse of a symmetric matrix whose unknowns have different units: each is scaled to 1 first."""
+    """Pseudo-inverse of a symmetric matrix whose unknowns have different units: each is first scaled to 1."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     return np.asarray(np.linalg.pinv(information * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale))
 
@@ -184,9 +184,9 @@ def position_bound(light: StarLight, prior: Prior = EXACT) -> F8:
     Parameters
     ----------
     light : StarLight
-        Of the frame, see `benchmark.judge.frame_bounds`.
+        Light of the frame, see `benchmark.judge.frame_bounds`.
     prior : Prior
-        How well the solver knows its attitude and its camera.
+        Prior knowledge of attitude and camera.
 
     Returns
     -------
@@ -197,15 +197,15 @@ def position_bound(light: StarLight, prior: Prior = EXACT) -> F8:
 
 
 def bound_km(light: StarLight, prior: Prior = EXACT) -> float:
-    """Root of the trace of `position_bound`: the least root mean square error, km; infinite without a bound."""
+    """Root of the trace of `position_bound`: the least root-mean-square error, km; infinite where there is no bound."""
     return math.sqrt(float(np.trace(position_bound(light, prior))))
 
 
 def median_error_km(covariance_km2: F8) -> float:
-    """Median length of a Gaussian error of zero mean with a covariance, shape (2, 2); infinite if that is infinite.
+    """Median length of a zero-mean Gaussian error with a covariance, shape (2, 2); infinite if the covariance is.
 
-    With a <= b the standard deviations along the axes, the length is below r with the probability that the component
-    along b is r sin(t), times that of a component along a within r cos(t), integrated over t by quadrature.
+    Let a <= b be the standard deviations along the axes. The probability that the length is below r is that of the component
+    along b being r sin(t), times that of the component along a being within r cos(t), integrated over t by quadrature.
     """
     if not np.isfinite(covariance_km2).all():
         return math.inf

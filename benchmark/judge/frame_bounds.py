@@ -1,4 +1,4 @@
-"""The Cramér-Rao bound of a dataset's frames, from their records and their truth."""
+"""The Cramér-Rao bounds of a dataset's frames, computed from their records and their truth."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from benchmark.judge.place_information import StarLight, background_variance
 
 
 def light_of(frame: Frame) -> StarLight | None:
-    """Gather a frame's true light, whatever the solver is given.
+    """Gather the true light of a frame, whatever solvers receive.
 
-    Read anew from the frame's record (``camera``, ``attitude.R_cam``, ``optics.psf_sigma_px``); None where there is
-    no record, or no width of the point spread function in it.
+    It is read anew from the frame's record (``camera``, ``attitude.R_cam``, ``optics.psf_sigma_px``); None where there is no
+    record, or where the record does not state the width of the point spread function.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def light_of(frame: Frame) -> StarLight | None:
         The record is damaged.
     """
     if not frame.image_path.name:
-        return None  # made in memory, without image or record
+        return None  # created in memory, without image or record
     path = frame.record_path or frame.image_path.with_suffix(".json")
     record = read_record(path)
     sigma_px = optional_number(path, record, "optics.psf_sigma_px")
@@ -45,15 +45,15 @@ def light_of(frame: Frame) -> StarLight | None:
 
 
 def ground_speed_km_s(latitude_deg: float) -> float:
-    """Speed of a place on WGS84 about the Earth's axis: the error of a longitude for each second's error of the time."""
+    """Speed of a place on WGS84 about the Earth's axis: the error of the longitude per second of error of the time."""
     return ROTATION_RAD_S * radii_of_curvature_km(latitude_deg)[0] * math.cos(math.radians(latitude_deg))
 
 
 def bound_of(frame: Frame) -> float | None:
-    """Least root mean square position error, km, for a solver with the stated uncertainty of attitude, lens and time.
+    """Least root-mean-square position error, km, for a solver with the stated uncertainties of attitude, lens and time.
 
-    None where the frame has no bound: no width of the point spread function on record, no stars that fix a position, or a
-    frame of a sequence after the first, where a solver may know more than the frame says.
+    None where the frame has no bound: the record does not state the width of the point spread function, the stars do not
+    determine a position, or the frame is not the first of its sequence, so that a solver may know more than the frame says.
     """
     if frame.observation.sequence is not None and frame.observation.sequence.index:
         return None
@@ -63,6 +63,6 @@ def bound_of(frame: Frame) -> float | None:
     given = frame.observation
     prior = Prior(given.tilt_sigma_deg, given.heading_sigma_deg, given.focal_sigma, given.principal_point_sigma_px)
     bound = bound_km(light, prior)
-    # An error of the time turns the sky about the pole, as another longitude does: the two add up.
+    # An error of the time rotates the sky about the pole, as a change of longitude does; the two add in quadrature.
     bound = math.hypot(bound, given.utc_sigma_s * ground_speed_km_s(light.latitude_deg))
     return bound if math.isfinite(bound) else None

@@ -10,7 +10,7 @@ WGS84_A_KM: float = Geodesic.WGS84.a / 1000.0
 WGS84_E2: float = Geodesic.WGS84.f * (2.0 - Geodesic.WGS84.f)
 """Square of the first eccentricity."""
 ROTATION_RAD_S = 7.292115e-5
-"""Nominal mean angular velocity of the Earth against the stars (WGS84, NGA.STND.0036)."""
+"""Nominal mean angular velocity of the Earth relative to the stars (WGS84, NGA.STND.0036)."""
 MEAN_RADIUS_KM = WGS84_A_KM * (1.0 - Geodesic.WGS84.f / 3.0)
 """Arithmetic mean radius (2 a + b) / 3, for formulas on a sphere (H. Moritz, Journal of Geodesy 74, 128-133, 2000)."""
 
@@ -31,7 +31,7 @@ def geodesic_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: flo
     Raises
     ------
     ValueError
-        A coordinate is not finite or a latitude is beyond a pole.
+        A coordinate is not finite, or a latitude is beyond a pole.
 
     References
     ----------
@@ -41,15 +41,15 @@ def geodesic_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: flo
 
 
 def east_north_km(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:
-    """Components to the east and to the north, at the first point, of the shortest path to the second.
+    """East and north components, at the first point, of the shortest path to the second.
 
-    Their root sum of squares is `geodesic_km`: the path's length in the direction in which it sets out (the geodesic
-    polar coordinates of the second point about the first).
+    Their root sum of squares is `geodesic_km`: the components are those of the path's length in the direction in which it
+    starts (the geodesic polar coordinates of the second point about the first).
 
     Parameters
     ----------
     lat1_deg, lon1_deg, lat2_deg, lon2_deg : float
-        As of `geodesic_km`.
+        As for `geodesic_km`.
 
     Returns
     -------

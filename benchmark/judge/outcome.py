@@ -1,4 +1,4 @@
-"""What is recorded of a solver's answer to one frame once it is judged."""
+"""Record of a solver's judged answer to one frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from benchmark.stats.metrics import FrameScore
 
 @dataclass(frozen=True)
 class DetectionRow:
-    """One detection of one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
+    """One detection in one frame; `flux` is None where unknown, `star_id` and `correct` where it is not identified."""
 
     frame_id: str
     detection: int
@@ -23,30 +23,30 @@ class DetectionRow:
 
 @dataclass(frozen=True)
 class FrameDetails:
-    """What is recorded of a frame beside its score.
+    """What is recorded about a frame besides its score.
 
     Attributes
     ----------
     cov_km2 : (float, float, float) or None
-        Covariance claimed: east-east, east-north, north-north.
+        Claimed covariance: east-east, east-north, north-north.
     confidence : float or None
-        As claimed.
+        As claimed by the solver.
     detect_ms, solve_ms : float
     stage_ms : mapping of str to float
-        The solver's own account.
+        Duration of the solver's stages, as it reports them.
     utc : str
         Mid-exposure.
     conditions : FrameConditions
     condition : float or None
         The frame's graded value in its task.
     site : str
-        Names the place and the night; frames of one site are not independent.
+        Name of the place and the night; frames of one site are not independent.
     error_east_km, error_north_km : float or None
         Components of the error; None without a fix.
     crlb_km : float or None
-        Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is none.
+        Root of the trace of the Cramér-Rao bound on the position's covariance; None where there is no bound.
     peak_memory_mib : float or None
-        Of the process that solved, while it did.
+        Peak memory of the solving process during the request.
     identity : FrameIdentity
         Hashes of the frame's image and truth.
     """
@@ -69,7 +69,7 @@ class FrameDetails:
 
 @dataclass(frozen=True)
 class SolverOutcome:
-    """One solver's judged answer on one frame, with what the results record beside the score."""
+    """One solver's judged answer to one frame, with what the results record besides the score."""
 
     score: FrameScore
     details: FrameDetails

@@ -1,8 +1,8 @@
-"""Fisher information that a star's pixels hold on its place in the image, for point images and for streaks.
+"""Fisher information that a star's pixels give on its place in the image, for point images and for streaks.
 
-A star of E electrons in a Gaussian of width s on a background whose variance is b per pixel gives Fisher information on
-its place; for Poisson and read noise it has the closed form of `centroid_information`. The stars are taken as apart from
-each other and unsaturated, the background as known.
+A star of E electrons in a Gaussian of width s, on a background with variance b per pixel, gives Fisher information on its
+place. For Poisson and read noise it has the closed form of `centroid_information`. The stars are taken as separate and
+unsaturated, and the background as known.
 
 References
 ----------
@@ -27,29 +27,29 @@ from benchmark.protocol import CameraRecord
 F8 = NDArray[np.float64]
 
 PIXEL_VARIANCE_PX2 = 1.0 / 12.0
-# A streak shorter than this share of the point spread function's width costs less than 0.1 % of the information.
+# A streak shorter than this fraction of the width of the point spread function costs less than 0.1 % of the information.
 _SHORTEST_STREAK = 0.1
 _REACH_SIGMAS = 6.0
 _NODES = 24
-"""Of a streak's quadrature, in each of two directions: exact to 2e-5 for streaks to 60 standard deviations."""
+"""Nodes of a streak's quadrature in each of two directions: exact to 2e-5 for streaks up to 60 standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class StarLight:
-    """A frame's true light, and the camera that saw it.
+    """True light of a frame, and the camera that recorded it.
 
     Attributes
     ----------
     uv : ndarray, shape (n, 2)
-        Stars' places at mid-exposure, px.
+        Places of the stars at mid-exposure, px.
     electrons_e : ndarray, shape (n,)
         Expected electrons of each star.
     background_e2 : ndarray, shape (n,)
         Variance per pixel at each star of everything but its own light (sky, dark current, read-out), e^2.
     streak_px : ndarray, shape (n, 2)
-        From where the star's light starts to where it ends; 0 where nothing moves.
+        Vector from the start to the end of the star's light; 0 where nothing moves.
     psf_sigma_px : float
-        Width of the point spread function, without the pixel's.
+        Width of the point spread function, without that of the pixel.
     camera : CameraRecord
     R_cam : ndarray, shape (3, 3)
         ENU to camera.
@@ -66,7 +66,7 @@ class StarLight:
     latitude_deg: float
 
     def take(self, rows: NDArray[np.bool_]) -> StarLight:
-        """Keep some of the stars, a mask of shape (n,)."""
+        """Select stars by a mask of shape (n,)."""
         names = ("uv", "electrons_e", "background_e2", "streak_px")
         return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names})
 
@@ -78,9 +78,9 @@ def centroid_information(electrons_e: F8, background_e2: F8, sigma_px: float) ->
 
     .. math:: F = \int (d\mu/dx)^2 / (\mu + b) = (E / s^2) [1 + \beta Li_2(-1/\beta)],  \beta = 2 \pi s^2 b / E,
 
-    with the dilogarithm Li_2; s^2 includes 1/12 px^2 of the pixel's own width. Its limits are the known ones: the
-    variance is s^2 / E for photons alone (King 1983; Thomas et al. 2006, equation 8) and 8 pi s^4 b / E^2 for
-    background alone (King 1983).
+    with the dilogarithm Li_2; s^2 includes the 1/12 px^2 of the pixel's own width. The limits are the known ones: the
+    variance is s^2 / E for photons alone (King 1983; Thomas et al. 2006, equation 8) and 8 pi s^4 b / E^2 for background
+    alone (King 1983).
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def centroid_information(electrons_e: F8, background_e2: F8, sigma_px: float) ->
 
 
 def _photon_share(beta: F8) -> F8:
-    """1 + beta Li_2(-1/beta): 1 without background, 1/(4 beta) for much of it."""
+    """Evaluate 1 + beta Li_2(-1/beta): 1 without background, 1/(4 beta) for a strong one."""
     safe = np.maximum(beta, 1e-12)
-    # Where the two terms nearly cancel, the series of the dilogarithm: 1/(4 b) - 1/(9 b^2) + 1/(16 b^3) - …
+    # Where the two terms nearly cancel, use the series of the dilogarithm: 1/(4 b) - 1/(9 b^2) + 1/(16 b^3) - …
     x = 1.0 / np.maximum(safe, 50.0)
     series = sum((-1.0) ** k * x ** (k - 1) / k**2 for k in range(2, 9))
     return np.where(safe < 50.0, 1.0 + safe * spence(1.0 + 1.0 / np.minimum(safe, 50.0)), series)
@@ -106,9 +106,9 @@ def _photon_share(beta: F8) -> F8:
 def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, length_px: F8) -> F8:
     """Fisher information along and across a streak, shape (n, 2), 1/px^2.
 
-    The light of a star that moves evenly by `length_px` is the Gaussian smeared over that length. Integrated by
-    Gauss-Legendre quadrature over the half plane of one end, where the derivative along the streak is, and over the
-    streak's middle, where it is not.
+    The light of a star that moves uniformly by `length_px` is the Gaussian smeared over that length. It is integrated over
+    one half of the streak by Gauss-Legendre quadrature, separately over the end, where the derivative along the streak is
+    not zero, and over the middle, where it is.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def streak_information(electrons_e: F8, background_e2: F8, sigma_px: float, leng
         )
         e, b = electrons_e[:, None, None], background_e2[:, None, None]
         noise = e * along[:, :, None] * across + b
-        # Four quarters of the plane are alike.
+        # The four quarters of the plane are equal.
         area = 4.0 * wx[:, :, None] * wy / np.maximum(noise, 1e-300)
         found[:, 0] += np.sum(area * (e * slope[:, :, None] * across) ** 2, axis=(1, 2))
         found[:, 1] += np.sum(area * (e * along[:, :, None] * across * y / sigma**2) ** 2, axis=(1, 2))
@@ -149,7 +149,7 @@ def place_information(light: StarLight) -> F8:
     found = np.asarray(still[:, None, None] * np.eye(2))
     if moving.any():
         rows = np.flatnonzero(moving)
-        # A quadrature of one star takes some 4 * _NODES^2 numbers.
+        # The quadrature for one star takes some 4 * _NODES^2 numbers.
         for part in np.array_split(rows, math.ceil(len(rows) / 200)):
             along, across = streak_information(
                 light.electrons_e[part], light.background_e2[part], light.psf_sigma_px, length[part]
@@ -164,9 +164,9 @@ def place_information(light: StarLight) -> F8:
 
 
 def background_variance(electrons_e: F8, snr: F8, sigma_px: float) -> F8:
-    """Variance per pixel of all but the star's own light, e^2, that a matched-filter signal-to-noise ratio holds.
+    """Variance per pixel of all but the star's own light, e^2, derived from a matched-filter signal-to-noise ratio.
 
-    The truth table's ratio is E / sqrt(E + 4 pi (s^2 + 1/12) b); NaN for a star without light.
+    The ratio in the truth table is E / sqrt(E + 4 pi (s^2 + 1/12) b); NaN for a star without light.
     """
     area = 4.0 * math.pi * (sigma_px**2 + PIXEL_VARIANCE_PX2)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,19 +1,19 @@
-"""Which of a solver's star identifications are true.
+"""Judgement of a solver's star identifications.
 
 Definitions (docs/benchmark.md repeats them):
 
 * A *truth star* of a frame is a row of its truth table with `snr` of at least `TRACE_SNR`: a star that leaves a trace.
-* A truth star lies where the centroid of its light is (`light_u_px`, `light_v_px`): coma and lateral colour take a detection
-  along, and a detector cannot know of them. Tables without these columns give the geometric place at mid-exposure.
-* A *match* (detection, star id) is correct when the truth star of that id lies within `MATCH_RADIUS_PX` of the
-  detection's position, and is the nearest of the truth stars that do, or gives at least `BLEND_SHARE` of the electrons
-  of the brightest of them. Of a faint star beside a bright one the nearest is meant, of a bright star in a crowd the
-  brightest, and a blend of equals may be named after any of them. Of photographs whose electrons are not known, V tells
-  which is the brightest.
-* Of a photograph whose stars nobody can name no match counts, neither as right nor as wrong.
+* The place of a truth star is the centroid of its light (`light_u_px`, `light_v_px`): coma and lateral colour shift a
+  detection, and a detector cannot know of them. Tables without these columns give the geometric place at mid-exposure.
+* A *match* (detection, star id) is correct when the truth star of that id is within `MATCH_RADIUS_PX` of the detection's
+  position, and either is the nearest such truth star, or gives at least `BLEND_SHARE` of the electrons of the brightest of
+  them. For a faint star next to a bright one the nearest is meant, for a bright star in a crowd the brightest, and a blend of
+  equals may be named after any of them. For photographs whose electrons are unknown, V decides which is the brightest.
+* In a photograph whose stars nobody can identify, no match counts, neither as correct nor as wrong.
 * A *detection of a star* is a detection with a truth star within the radius.
-* Precision is correct matches over matches claimed, recall is detections of a star that are matched correctly over
-  all detections of a star. Only frames with a fix claim matches; a refused frame counts in recall's denominator.
+* Precision is the number of correct matches over that of claimed matches. Recall is the number of detections of a star that
+  are matched correctly over that of all detections of a star. Only frames with a fix claim matches; a refused frame counts in
+  the denominator of recall.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class StarScore:
     n_detected_stars : int
         Detections of a star.
     n_matches, n_correct : int
-        Matches claimed, and those that are correct.
+        Matches claimed, and the correct ones among them.
     correct : ndarray of bool, shape (n_matches,)
     """
 
@@ -54,7 +54,7 @@ def score_matches(
     truth: TruthStars,
     radius_px: float = MATCH_RADIUS_PX,
 ) -> StarScore:
-    """Hold the matches of one frame against its truth.
+    """Judge the matches of one frame by its truth.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def score_matches(
     truth : TruthStars
         The frame's truth.
     radius_px : float
-        How far a detection may lie from its star.
+        Largest distance of a detection from its star.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def _identities(
     star_id: NDArray[np.int64],
     electrons: NDArray[np.float64],
 ) -> set[int]:
-    """Star ids that a detection at `place`, shape (2,), may rightly be given, of the stars within the radius."""
+    """Star ids that a detection at `place`, shape (2,), may correctly be given, from the stars within the radius."""
     if len(star_id) == 0:
         return set()
     distance = np.hypot(*(star_uv - place).T)

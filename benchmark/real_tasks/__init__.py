@@ -1,1 +1,1 @@
-"""Tasks of photographs: each by its address and SHA-256, the camera of another night, and what is graded."""
+"""Tasks of photographs: each photograph by address and SHA-256, the camera of another night, and the graded quantity."""

@@ -1,4 +1,4 @@
-"""What a task of photographs is: a strict file with the SHA-256 of every photograph, and the camera that solvers are told."""
+"""Definition of a task of photographs: a strict file with the SHA-256 of every photograph and the supplied camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Values = Annotated[tuple[float, ...], Field(min_length=1, max_length=40), Before
 
 
 class Condition(Strict):
-    """What is graded; of a photograph the least value that is not below its own."""
+    """The graded quantity; each photograph gets the smallest of these values that is not below its own."""
 
     name: Annotated[str, Field(min_length=3, max_length=80)]
     unit: Annotated[str, Field(max_length=20)]
@@ -41,11 +41,11 @@ class Source(Strict):
     bytes: Annotated[int, Field(gt=0, le=LARGEST_SOURCE_BYTES)]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     address: Annotated[str, Field(pattern=r"^https://[!-~]+$")] | None = None
-    """Of the file; by default the task's address and the file's name."""
+    """Address of the file; by default the task's address and the file's name."""
 
 
 class Site(Strict):
-    """Where the camera stands."""
+    """Position of the camera."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-360, le=360)]
@@ -59,15 +59,15 @@ class RealTaskDefinition(Strict):
     revision: Annotated[int, Field(ge=1, le=1000)]
     title: Annotated[str, Field(min_length=10, max_length=120)]
     licence: Annotated[str, Field(min_length=3, max_length=40)]
-    """SPDX, of the photographs."""
+    """SPDX identifier of the photographs' licence."""
     credit: Annotated[str, Field(min_length=3, max_length=300)]
     origin: Annotated[str, Field(min_length=3, max_length=300)]
     """Where the photographs were published."""
     camera: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.camera\.json$")]
-    """File beside this one: what solvers are told."""
+    """File next to this one: the camera that solvers receive."""
     calibrated_on: str
     attitude: Literal["night", "time"] = "night"
-    """What is told of the mount: its attitude for another night, or predicted for the time of each photograph."""
+    """Supplied attitude of the mount: that of another night, or predicted for the time of each photograph."""
     site: Site
     condition: Condition
     address: Annotated[str, Field(pattern=r"^https://[!-~]+/$")] | None = None
@@ -92,7 +92,7 @@ class RealTask:
     definition : RealTaskDefinition
     camera_file : Path
     sha256 : str
-        Of the meaning of the definition and of the camera's file.
+        Hash of the meaning of the definition and of the camera's file.
     """
 
     definition: RealTaskDefinition
@@ -106,7 +106,7 @@ class RealTask:
 
     @property
     def place(self) -> Place:
-        """Where the camera stands."""
+        """Position of the camera."""
         site = self.definition.site
         return Place(site.latitude_deg, site.longitude_deg, site.height_m)
 
@@ -118,12 +118,12 @@ class RealTask:
 
 
 def real_task_names() -> tuple[str, ...]:
-    """All tasks of photographs, sorted."""
+    """Names of all tasks of photographs, sorted."""
     return tuple(sorted(path.name.removesuffix(SUFFIX) for path in FOLDER.glob(f"*{SUFFIX}")))
 
 
 def is_real_task(target: str) -> bool:
-    """Whether a target is the name of one, with or without its revision."""
+    """Whether a target is the name of a task of photographs, with or without its revision."""
     return target.partition("@")[0] in real_task_names()
 
 
@@ -133,7 +133,7 @@ def load_real_task(name: str) -> RealTask:
     Raises
     ------
     TaskError
-        There is no such task or revision, or its files are wrong.
+        There is no such task or revision, or its files are invalid.
     """
     bare, _, revision = name.partition("@")
     if bare not in real_task_names():
@@ -150,7 +150,7 @@ def load_real_task(name: str) -> RealTask:
         )
     camera_file = FOLDER / definition.camera
     told = json.loads(camera_file.read_text(encoding="utf-8"))
-    # Where photographs are fetched from does not change them.
+    # The place from which photographs are fetched does not change them.
     kept = {key: value for key, value in tree.items() if key not in ("address", "origin", "credit")}
     kept["sources"] = [{key: each[key] for key in each if key != "address"} for each in tree["sources"]]
     keys = ("camera", "attitude") if definition.attitude == "night" else ("camera", "attitude", "calibration")

@@ -1,4 +1,4 @@
-"""Photographs of tasks, fetched by address or taken from a folder, and known by their SHA-256."""
+"""Photographs of tasks, fetched by address or taken from a folder, and identified by their SHA-256."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _ENDINGS = ("", ".gz", ".bz2")
 
 
 def sources_folder(task: RealTask, data: Path) -> Path:
-    """Where a task's photographs are kept."""
+    """Folder in which a task's photographs are kept."""
     return data / task.label / SOURCES
 
 
 def missing_sources(task: RealTask, data: Path) -> list[Source]:
-    """Photographs of a task that are not there, or not what they must be."""
+    """Photographs of a task that are missing or not the expected files."""
     folder = sources_folder(task, data)
     return [source for source in task.definition.sources if not _is_whole(folder / source.file, source)]
 
@@ -35,7 +35,7 @@ def missing_sources(task: RealTask, data: Path) -> list[Source]:
 def fetch_sources(
     task: RealTask, data: Path, folder: Path | None = None, progress: Callable[[str], None] = lambda file: None
 ) -> list[str]:
-    """Fetch what is missing of a task's photographs.
+    """Fetch the missing photographs of a task.
 
     Parameters
     ----------
@@ -43,19 +43,20 @@ def fetch_sources(
     data : Path
         Folder of all frames.
     folder : Path, optional
-        A folder that has the photographs, in it or below, perhaps packed (.gz, .bz2); nothing is fetched from elsewhere.
+        A folder that contains the photographs at any depth, possibly compressed (.gz, .bz2); nothing is fetched from
+        elsewhere.
     progress : callable
-        Called with each file that has come.
+        Called with each file that has arrived.
 
     Returns
     -------
     list of str
-        Files that came.
+        Files that have arrived.
 
     Raises
     ------
     TaskError
-        A photograph cannot be fetched, or is not the one of the task; says what to do.
+        A photograph cannot be fetched, or is not the one of the task; the message says what to do.
     """
     came = []
     for source in missing_sources(task, data):
@@ -76,7 +77,7 @@ def _from_address(task: RealTask, source: Source) -> bytes:
             f"{task.label}: no address of {source.file} is known; it was published in {task.definition.origin}. {elsewhere}"
         )
     try:
-        with urllib.request.urlopen(address, timeout=TIMEOUT_S) as stream:  # the definition allows https alone
+        with urllib.request.urlopen(address, timeout=TIMEOUT_S) as stream:  # the definition allows only https
             content: bytes = stream.read(source.bytes + 1)
     except (urllib.error.URLError, OSError, ValueError) as error:
         reason = getattr(error, "reason", None) or error
@@ -92,7 +93,7 @@ def _from_folder(task: RealTask, source: Source, folder: Path) -> bytes:
     refused = None
     for ending in _ENDINGS:
         for path in sorted(folder.rglob(f"{source.file}{ending}")):
-            # A file of the right size, or a packed one that cannot be much larger than what is in it.
+            # A file of the right size, or a compressed one that cannot be much larger than its content.
             if not path.is_file() or path.stat().st_size > source.bytes + 100_000:
                 refused = path
                 continue
@@ -109,7 +110,7 @@ def _from_folder(task: RealTask, source: Source, folder: Path) -> bytes:
 
 
 def _bounded(path: Path, ending: str, source: Source) -> bytes:
-    """Unpack a file, and no more of it than the photograph has."""
+    """Unpack a file, and no more of it than the photograph's size."""
     with gzip.open(path) if ending == ".gz" else bz2.open(path) as stream:
         return stream.read(source.bytes + 1)
 

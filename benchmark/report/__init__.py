@@ -1,1 +1,1 @@
-"""Results for people: terminal tables, pages and figures."""
+"""Presentation of results: terminal tables, pages and figures."""

@@ -1,4 +1,4 @@
-"""The page of `skybench demo`: what was rendered, which solver found how many places, and how far off they were."""
+"""The page of `skybench demo`: what was rendered, how many positions each solver found, and how accurate they were."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ MOST_PICTURES = 3
 
 @dataclass(frozen=True)
 class SolverRow:
-    """What became of one solver's answers.
+    """Summary of one solver's answers.
 
     Attributes
     ----------
     name, title, family : str
     found, wrong, refused, frames : int
-        Fixes within the limit, fixes further off, no fix (errors included), and all.
+        Fixes within the limit, fixes beyond it, frames without a fix (errors included), and all frames.
     median_km : float
-        Distance of the places found from the truth; NaN where none was.
+        Median distance of the found positions from the truth; NaN where there are none.
     median_ms : float
-        Time of a frame, refused ones included.
+        Median time per frame, including refused ones.
     by_bortle : tuple of (int, int, int)
         Bortle class, frames found and frames under it, darkest sky first.
     """
@@ -61,7 +61,7 @@ class SolverRow:
 
 @dataclass(frozen=True)
 class Picture:
-    """A frame as the page shows it: its picture as a data URI, what it is, and how many solvers found its place."""
+    """A frame on the page: its picture as a data URI, its description, and how many solvers found its position."""
 
     uri: str
     caption: str
@@ -70,7 +70,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Demo:
-    """Everything that the page shows; `left_out` says of solvers that cannot run here why not, and what brings them."""
+    """Content of the page; for solvers that cannot run here, `left_out` gives the reason and the remedy."""
 
     scenario: Scenario
     frames_folder: Path
@@ -93,7 +93,7 @@ class Demo:
 def make_demo(
     scenario: Scenario, frames_folder: Path, frames: Sequence[Frame], board: Board, left_out: Sequence[str]
 ) -> Demo:
-    """Gather what the page shows of a scenario's frames and of the solvers that were run over them."""
+    """Gather the content of the page from a scenario's frames and from the solvers that were run on them."""
     rows = sorted(
         (_row(entry, board) for entry in board.entries), key=lambda row: (-row.found, row.median_km, row.name)
     )
@@ -114,7 +114,7 @@ def make_demo(
 
 
 def write_demo(demo: Demo, folder: Path, details: Path) -> Path:
-    """Write the page to a folder; `details` is the page with all numbers. Returns the page's path."""
+    """Write the page to a folder and return its path; `details` is the page with all numbers."""
     path = folder / PAGE
     page = render_page(
         "demo.html",
@@ -129,7 +129,7 @@ def write_demo(demo: Demo, folder: Path, details: Path) -> Path:
 
 
 def shown_frames(frames: Sequence[Frame]) -> list[Frame]:
-    """At most three frames: of the first frame's site from the darkest to the brightest sky, else spread over all."""
+    """Select at most three frames: from the first frame's site, the darkest to the brightest sky, else spread over all."""
     first = frames[0].conditions
     here = [frame for frame in frames if frame.conditions.latitude_deg == first.latitude_deg]
     skies = {frame.conditions.bortle: frame for frame in here if frame.conditions.bortle is not None}

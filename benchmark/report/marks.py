@@ -1,15 +1,15 @@
-"""Marks: what a page, a figure or a table of measured numbers was made from, and of which revision it is.
+"""Marks: from which sources and revision a page, a figure or a table of measured numbers was produced.
 
-A mark is a comment on a line of its own, and the line after it prints what the mark says::
+A mark is a comment on its own line, and the next line prints what the mark says::
 
     <!-- measured {"by": "skybench speed --solver", "of": {"skybench": "979a1c351cf6"}} -->
     *Measured with revision 979a1c351cf6 of skybench.*
 
-``by`` is the command that measures again. ``of`` names what the numbers are of (`benchmark.report.stale` says what may be
-named), each with its revision then, null where that was not recorded. ``rows`` are patterns of rows of the leaderboard,
-which state their revisions themselves, and ``older`` a digest of those that are said not to be of today's code. ``from``
-holds the files that the numbers were taken from, each with the start of its SHA-256. The syntax is that of comments in
-Markdown, HTML and SVG alike.
+``by`` is the command that repeats the measurement. ``of`` names what the numbers describe (`benchmark.report.stale` lists the
+permitted names), each with its revision at that time, null where it was not recorded. ``rows`` are patterns of rows of the
+leaderboard, which state their revisions themselves, and ``older`` is a digest of those rows that are said not to be of
+today's code. ``from`` contains the files from which the numbers were taken, each with the start of its SHA-256. The syntax is
+that of comments in Markdown, HTML and SVG alike.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ _SENTENCE = re.compile(r"Measured (?:with|before) .*?\.(?=[\s<*]|$)")
 
 @dataclass(frozen=True)
 class Mark:
-    """What a mark says.
+    """Content of a mark.
 
     Attributes
     ----------
     by : str
-        Command that makes the numbers again.
+        Command that produces the numbers again.
     of : mapping of str to str or None
-        Revision of each thing that the numbers are of; None where it was not recorded.
+        Revision of each thing that the numbers describe; None where it was not recorded.
     sources : mapping of str to str
-        Files that the numbers were taken from, by their paths from the root, and the start of each one's SHA-256.
+        Files from which the numbers were taken, by path relative to the root, and the start of the SHA-256 of each.
     rows : tuple of str
         Patterns (`fnmatch`) of rows of the leaderboard.
     older : str
@@ -54,7 +54,7 @@ class Mark:
     older: str = ""
 
     def line(self) -> str:
-        """Write it as a comment."""
+        """Format the mark as a comment."""
         tree: dict[str, object] = {
             "by": self.by,
             "of": dict(self.of),
@@ -70,15 +70,15 @@ class Mark:
 
 @dataclass(frozen=True)
 class Printed:
-    """A mark as it stands in a file.
+    """A mark found in a file.
 
     Attributes
     ----------
     mark : Mark
     line_number : int
-        Of the mark, from 1.
+        Line number of the mark, from 1.
     sentence : str
-        What the line after it prints; empty where it prints no such sentence.
+        The sentence on the next line; empty where that line holds no such sentence.
     """
 
     mark: Mark
@@ -87,13 +87,13 @@ class Printed:
 
 
 def sentence_of(mark: Mark, states: Mapping[str, State]) -> str:
-    """What must be printed beside numbers.
+    """Sentence that must be printed next to numbers.
 
     Parameters
     ----------
     mark : Mark
     states : mapping of str to State
-        Of each name in ``mark.of``, or of each row that its patterns match.
+        State of each name in ``mark.of``, or of each row that its patterns match.
     """
     if mark.rows:
         return _counted(states)
@@ -127,7 +127,7 @@ def older_digest(states: Mapping[str, State]) -> str:
 
 
 def stated_path(path: Path) -> str:
-    """A file's path from the working folder; outside it the bare name, since a path says where somebody works."""
+    """Path of a file relative to the working folder; outside it only the name, since a path reveals where somebody works."""
     here, place = Path.cwd(), path.resolve()
     return place.relative_to(here).as_posix() if place.is_relative_to(here) else path.name
 
@@ -138,7 +138,7 @@ def source_digest(path: Path) -> str:
 
 
 def find_marks(text: str) -> list[Printed]:
-    """Find all marks of a file.
+    """Find all marks in a file.
 
     Raises
     ------
@@ -155,12 +155,12 @@ def find_marks(text: str) -> list[Printed]:
 
 
 def restamp(text: str, printed: Printed, mark: Mark, sentence: str) -> str:
-    """Replace a mark and what is printed of it.
+    """Replace a mark and the sentence after it.
 
     Raises
     ------
     ValueError
-        The line after the mark prints no such sentence.
+        The line after the mark holds no such sentence.
     """
     lines = text.split("\n")
     place = printed.line_number

@@ -1,7 +1,7 @@
-"""What a solver made of a frame, drawn over its picture: one drawing for every page that shows frames.
+"""A solver's answer drawn over the picture of a frame, in the same way on every page that shows frames.
 
-The marks are SVG path data in the frame's pixels, whole pixels being fine enough, so that a page scales them with the
-picture and its style sheet colours them.
+The marks are SVG path data in the frame's pixels, rounded to whole pixels, which is fine enough. A page scales them with the
+picture, and its style sheet colours them.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from benchmark.judge.outcome import DetectionRow
 
 @dataclass(frozen=True)
 class Overlay:
-    """Marks over one picture of a frame; an empty path has nothing to mark.
+    """Marks over one picture of a frame; a path is empty where there is nothing to mark.
 
     Attributes
     ----------
     view_box : str
-        Covers the picture from edge to edge, pixel centres being at integers.
+        Covers the picture from edge to edge; pixel centres are at integers.
     stroke_px, dot_px : str
         Widths of lines and of dots, in the frame's pixels.
     truth : str
@@ -52,11 +52,11 @@ def draw_overlay(
     Parameters
     ----------
     width_px, height_px : int
-        Of the frame.
+        Size of the frame.
     detections : sequence of DetectionRow
         The solver's detections in this frame.
     true_stars : iterable of (float, float)
-        Places u, v of true stars, px.
+        Positions u, v of true stars, px.
     """
     radius = max(width_px / 90.0, 2.5)
     return Overlay(

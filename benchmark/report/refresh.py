@@ -1,4 +1,4 @@
-"""Bringing a leaderboard to today's code: what is there is read, what is missing or older is run."""
+"""Bringing a leaderboard up to today's code: existing rows are kept, missing or older rows are run."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from benchmark.run.renewal import earlier_row, frames_as_before
 from benchmark.tasks.definition import TASK_SUFFIX, SplitName, Task, load_task, load_task_file
 
 SPLIT: SplitName = "dev"
-"""Of leaderboards."""
+"""Split of leaderboards."""
 
 
 @dataclass(frozen=True)
 class BoardsRequest:
-    """Which rows a leaderboard is to have.
+    """Rows that a leaderboard is to have.
 
     Attributes
     ----------
@@ -38,11 +38,11 @@ class BoardsRequest:
     out, data : Path
         Folders of results and of the tasks' frames.
     jobs : int
-        Frames that are solved at the same time.
+        Number of frames that are solved in parallel.
     per_condition : int or None
         Frames at each condition; None for the task's own number.
     existing : bool
-        Only rows that are there, none that are missing.
+        Whether only existing rows are renewed, and missing ones are not added.
     """
 
     tasks: tuple[str, ...]
@@ -55,13 +55,13 @@ class BoardsRequest:
 
     @property
     def choice(self) -> FrameChoice:
-        """The frames of a task that are wanted."""
+        """The requested frames of a task."""
         return FrameChoice(SPLIT, self.per_condition, None, self.data, self.jobs)
 
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """Frames of a task, and what is known of each."""
+    """Frames of a task, and what is known about each."""
 
     frames: FrameSet
     notes: Notes
@@ -69,12 +69,12 @@ class Opened:
 
 @dataclass(frozen=True)
 class Made:
-    """What came of a plan.
+    """Result of running a plan.
 
     Attributes
     ----------
     renewed : tuple of str
-        Of each row that holds answers of an earlier one, how many.
+        For each row that holds answers of an earlier one, how many.
     obstacles : tuple of str
         Why solvers could not run here, or that all their answers are errors.
     """
@@ -86,12 +86,12 @@ class Made:
 def plan_boards(request: BoardsRequest) -> Plan:
     """Find the rows that are missing or not of today's code.
 
-    A fused solver has rows of tasks of sequences alone; elsewhere it answers as the solver that it asks.
+    A fused solver only has rows for tasks of sequences; elsewhere it answers as the solver that it wraps.
 
     Raises
     ------
     BenchmarkError
-        A task, a solver or a result is wrong.
+        A task, a solver or a result is invalid.
     """
     tasks = {label: task for label, (_, task) in _tasks(request).items()}
     targets = {label: _size(task, request) for label, task in tasks.items()}
@@ -102,14 +102,14 @@ def plan_boards(request: BoardsRequest) -> Plan:
 
 
 def count_as_before(plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened]) -> Plan:
-    """Say of each row how many of its frames are the same as before; of frames that are not rendered yet nobody knows.
+    """Determine for each row how many of its frames are unchanged; unknown for frames that are not rendered yet.
 
     Parameters
     ----------
     plan : Plan
     request : BoardsRequest
     opened : mapping of str to Opened
-        Of tasks by label; those that are looked at are added, for `run_plan`.
+        Tasks by label; those that are opened here are added, for `run_plan`.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def count_as_before(plan: Plan, request: BoardsRequest, opened: MutableMapping[s
 
 def _counted(job: Job, request: BoardsRequest, found: Opened) -> Job:
     contestant, detections, frames = contestant_of(job.place.solver), job.place.detections, found.frames
-    facts = contestant.facts("", detections)  # its version takes a start to learn, and the revision says more
+    facts = contestant.facts("", detections)  # its version is only known after a start, and the revision says more
     wanted = provenance_of(contestant.name, facts, frames.facts, detections, request.jobs)
     row = earlier_row(request.out, contestant.name, wanted)
     if row is None:
@@ -148,21 +148,21 @@ def _opened(label: str, target: str, request: BoardsRequest, opened: MutableMapp
 def run_plan(
     plan: Plan, request: BoardsRequest, opened: MutableMapping[str, Opened], progress: Callable[[str, int], None]
 ) -> Made:
-    """Run the rows of a plan; answers of rows that are there to frames that are the same stay.
+    """Run the rows of a plan; existing answers to unchanged frames are kept.
 
     Parameters
     ----------
     plan : Plan
     request : BoardsRequest
     opened : mapping of str to Opened
-        Tasks that are open already, by label; others are added.
+        Tasks that are already open, by label; others are added.
     progress : callable
-        Called with a solver and the number of its frames done.
+        Called with a solver and the number of its frames that are done.
 
     Raises
     ------
     BenchmarkError
-        Frames cannot be made, or a result cannot be written.
+        Frames cannot be rendered, or a result cannot be written.
     """
     tasks = _tasks(request)
     wanted: defaultdict[tuple[DetectionsMode, str], list[str]] = defaultdict(list)
@@ -191,7 +191,7 @@ def _renewed_words(done: SolverRun) -> str:
 
 
 def missing_frames(plan: Plan, request: BoardsRequest) -> int:
-    """Frames of a plan's tasks that are to be rendered first, as far as none of a task is there."""
+    """Number of frames that must be rendered first, for those of a plan's tasks of which no frame exists."""
     tasks = _tasks(request)
     count = 0
     for label in dict.fromkeys(job.place.task for job in plan.jobs):
@@ -202,7 +202,7 @@ def missing_frames(plan: Plan, request: BoardsRequest) -> int:
 
 
 def _tasks(request: BoardsRequest) -> dict[str, tuple[str, Task]]:
-    """Tasks by their labels, each with the name under which it was asked for."""
+    """Tasks by their labels, each with the name under which it was requested."""
     found = {}
     for name in request.tasks:
         task = load_task_file(Path(name)) if name.endswith(TASK_SUFFIX) else load_task(name)

@@ -1,4 +1,4 @@
-"""What has to be run so that a leaderboard is of today's code: rows that are missing or older, and how long it takes."""
+"""Plan of what to run to bring a leaderboard up to today's code: missing or older rows, and the time that they take."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Standing:
-    """What is known of a row that is there.
+    """What is known about an existing row.
 
     Attributes
     ----------
     age : Age or None
-        None where today's code is not at hand.
+        None where today's code is not available.
     n_frames : int
     frame_s : float
-        Mean time of a frame.
+        Mean time per frame.
     """
 
     age: Age | None
@@ -42,7 +42,7 @@ class Standing:
 
 @dataclass(frozen=True)
 class Job:
-    """A row to be made.
+    """A row to be run.
 
     Attributes
     ----------
@@ -50,9 +50,9 @@ class Job:
     why : str
     n_frames : int
     seconds : float
-        Estimate of one process' time, from the row as it was, or from the other rows.
+        Estimated time of one process, from the existing row or from the other rows.
     n_as_before : int
-        Of these frames those that are the same as in the row as it was, which are not solved again.
+        Those of the frames that are unchanged since the existing row, and so are not solved again.
     """
 
     place: Place
@@ -64,13 +64,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Plan:
-    """Rows to be made, and those that are of today's code."""
+    """Rows to be run, and rows that are of today's code."""
 
     jobs: tuple[Job, ...]
     fresh: tuple[Place, ...]
 
     def seconds(self, processes: int, missing_frames: int) -> float:
-        """Estimate of the whole, with so many frames still to be rendered."""
+        """Estimate of the total time, including that of rendering the missing frames."""
         return (sum(job.seconds for job in self.jobs) + RENDER_S * missing_frames) / processes
 
 
@@ -81,20 +81,20 @@ def make_plan(
     modes: Sequence[DetectionsMode],
     left_out: Collection[tuple[str, str]] = (),
 ) -> Plan:
-    """Find what is missing or not of today's code.
+    """Find the rows that are missing or not of today's code.
 
     Parameters
     ----------
     standing : mapping of Place to Standing
-        The rows that are there.
+        The existing rows.
     tasks : mapping of str to int
-        Labels and the number of frames that each is to be run on.
+        Labels, and the number of frames on which each task is to be run.
     solvers : sequence of str
-        Each has a row to each task in each of the `modes`.
+        Each has a row for each task in each of the `modes`.
     modes : sequence of str
-        Rows in another mode of detections that are there are kept up to date too.
+        Existing rows in another mode of detection are kept up to date too.
     left_out : collection of (str, str)
-        Tasks and solvers that get no row where none is there.
+        Tasks and solvers for which no new row is added.
     """
     each = [(task, mode, solver) for task in tasks for mode in modes for solver in solvers]
     wanted = [Place(task, mode, solver) for task, mode, solver in each if (task, solver) not in left_out]
@@ -114,7 +114,7 @@ def make_plan(
 
 
 def _why(row: Standing | None, n_frames: int) -> str:
-    """Why a row is to be made; empty where it is not."""
+    """Why a row is to be run; empty where it is not."""
     if row is None:
         return "missing"
     if row.n_frames < n_frames:

@@ -1,10 +1,11 @@
-"""Whether what is printed is of the revision that stands beside it: the check behind `skybench bench stale`.
+"""Check whether printed numbers are of the revision stated next to them; used by `skybench bench stale`.
 
-Every file of measured numbers has a mark (`benchmark.report.marks`), and is held against the code of today. Numbers of
-an older revision may stay where the mark's sentence says so. What marks may name in ``of``:
+Every file of measured numbers has a mark (`benchmark.report.marks`), which is compared with today's code. Numbers of an older
+revision may stay where the mark's sentence says so. Permitted names in a mark's ``of``:
 
 * a solver that comes with skybench, or ``the shared detector``;
-* ``rendering``, ``the gallery``, ``the study thesis``, ``the study calibration``: the modules that these import;
+* ``rendering``, ``the gallery``, or one of the studies (``the study thesis``, ``the study calibration``,
+  ``the study realism``, ``the study independence``), which stand for the modules that these import.
 
 Patterns in ``rows`` match names of rows of the leaderboard, ``TASK@REVISION/SPLIT/DETECTIONS/SOLVER``.
 """
@@ -48,7 +49,7 @@ _SUBJECTS = {
         f"benchmark.studies.independence.{name}" for name in ("frames", "perturbations", "effects")
     ),
 }
-"""The modules that measure, by what is measured."""
+"""The modules that measure, by what they measure."""
 _MEASURED = (
     "docs/solver.md",
     "docs/performance.md",
@@ -67,14 +68,14 @@ _SEARCHED = (
     "results/*.md",
     *(f"results/{folder}/**/*.{kind}" for folder in ("leaderboard", "studies") for kind in ("md", "html")),
 )
-"""Files whose marks are checked: other folders of results are a user's own, whose rows are not of the leaderboard."""
+"""Files whose marks are checked; other folders of results are a user's own, with rows outside the leaderboard."""
 
 Rows = Mapping[str, State]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that is not as it says: the file, what is wrong, and what to do about it."""
+    """A discrepancy: the file, what is wrong, and what to do about it."""
 
     path: str
     what: str
@@ -90,9 +91,9 @@ def check_marks(root: Path, rows: Rows) -> list[Problem]:
     Parameters
     ----------
     root : Path
-        Of the repository.
+        Root of the repository.
     rows : mapping of str to State
-        How each row of the leaderboard stands to today's code.
+        State of each row of the leaderboard relative to today's code.
     """
     problems = []
     for pattern in _MEASURED:
@@ -109,18 +110,18 @@ def check_marks(root: Path, rows: Rows) -> list[Problem]:
 
 
 def stamp_file(root: Path, path: Path, rows: Rows, measured: bool) -> int:
-    """Bring marks of a file to what holds today.
+    """Update the marks of a file to what holds today.
 
     Parameters
     ----------
     root : Path
-        Of the repository.
+        Root of the repository.
     path : Path
     rows : mapping
         As for `check_marks`.
     measured : bool
-        The numbers have just been measured: their revisions and sources become today's. Without it, revisions stay, and
-        only the sentences are written anew.
+        Whether the numbers have just been measured, so that their revisions and sources become today's. Otherwise revisions
+        stay, and only the sentences are rewritten.
 
     Returns
     -------
@@ -149,17 +150,17 @@ def stamp_file(root: Path, path: Path, rows: Rows, measured: bool) -> int:
 
 
 def mark_of(root: Path, by: str, of: Mapping[str, str | None], sources: Iterable[Path]) -> Mark:
-    """Make a mark of numbers that were taken from files."""
+    """Make the mark of numbers that were taken from files."""
     return Mark(by, of, {_name(root, path): source_digest(path) for path in sources})
 
 
 def mark_of_today(by: str, name: str, source: Path) -> tuple[Mark, str]:
-    """Mark numbers that have just been measured and written to a file, whose path is stated from the working folder.
+    """Make the mark of numbers that were just measured and written to a file, with its path relative to the working folder.
 
     Returns
     -------
     tuple of (Mark, str)
-        The mark and the sentence to print beside it.
+        The mark, and the sentence to print next to it.
     """
     mark = Mark(by, {name: revision_today(name)}, {stated_path(source): source_digest(source)})
     return mark, sentence_of(mark, {name: State.TODAY})
@@ -167,7 +168,7 @@ def mark_of_today(by: str, name: str, source: Path) -> tuple[Mark, str]:
 
 @cache
 def revision_today(name: str) -> str:
-    """Revision of something that marks name, rows aside.
+    """Today's revision of something that marks can name, other than rows.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The one way to make a page: Jinja templates and style sheets of `benchmark/templates`, with everything escaped."""
+"""The single way to render pages: Jinja templates and style sheets of `benchmark/templates`, with everything escaped."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ PAGES = "benchmark"
 
 
 def environment(**shared: object) -> jinja2.Environment:
-    """Where templates come from; values are escaped, and a name without a value is an error.
+    """Environment of the templates; values are escaped, and a name without a value is an error.
 
     Parameters
     ----------
     **shared : object
-        Values and functions that all pages made from it see, imported macros included, beside ``palette``: the
-        style sheet with the colours of the house.
+        Values and functions visible in all pages rendered with it, including imported macros, in addition to ``palette``: the
+        style sheet with the colours of the project.
     """
     made = jinja2.Environment(
         loader=jinja2.PackageLoader(PAGES),
@@ -41,7 +41,7 @@ def render_page(template: str, **values: object) -> str:
     template : str
         Name of the file, from the folder of templates.
     **values : object
-        What the template names; text is escaped, `markupsafe.Markup` is not.
+        Values that the template names; text is escaped, `markupsafe.Markup` is not.
 
     Raises
     ------
@@ -52,5 +52,5 @@ def render_page(template: str, **values: object) -> str:
 
 
 def read_sheet(name: str) -> str:
-    """Read a style sheet or script beside the templates, as it stands."""
+    """Read a style sheet or script from the folder of templates, without changes."""
     return resources.files(PAGES).joinpath("templates", *name.split("/")).read_text(encoding="utf-8")

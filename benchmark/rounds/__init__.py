@@ -1,1 +1,1 @@
-"""Rounds: frames that a secret draws from published ranges, after the solvers are settled, and that are opened afterwards."""
+"""Rounds: a secret draws frames from published ranges once the solvers are settled; it is published afterwards."""

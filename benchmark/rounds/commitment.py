@@ -1,4 +1,4 @@
-"""What is published before a round's frames are drawn, and binds its secret, rules and contestants."""
+"""The commitment that is published before a round's frames are drawn; it binds secret, rules and contestants."""
 
 from __future__ import annotations
 
@@ -28,24 +28,25 @@ LARGEST_FILE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Terms:
-    """What a commitment binds beside the secret.
+    """What a commitment binds besides the secret.
 
     Attributes
     ----------
     name : str
-        Of the round.
+        Name of the round.
     frames : int
-        How many are drawn.
+        Number of frames that are drawn.
     date_utc : str
-        When it was committed.
+        Time of the commitment.
     rules_sha256 : str
-        Of the rules' text.
+        Hash of the rules' text.
     skybench, generator_revision : str
-        What is to render the frames.
+        Version and revision that are to render the frames.
     contestants : mapping of str to str
-        Revision of each solver as it was settled, by name; of an entrant who submits answers, what he gave.
+        Revision of each solver, by name, when the round was committed to; for an entrant who submits answers, what he
+        supplied.
     beacon : str
-        Which public random value that is not yet known will go into the draw, in words; empty for none.
+        Description of the public random value, still unknown, that will enter the draw; empty if there is none.
     """
 
     name: str
@@ -60,7 +61,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Commitment:
-    """The terms, and the hash that binds them to the secret.
+    """Terms, and the hash that binds them to the secret.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ _READER = TypeAdapter(Terms)
 
 
 def commitment_sha256(secret: bytes, terms: Terms) -> str:
-    """SHA-256 of the format's name, the secret (128 random bits, which hide themselves) and the terms as canonical JSON."""
+    """SHA-256 of the format's name, the secret (128 random bits, which need no salt) and the terms as canonical JSON."""
     text = json.dumps(dataclasses.asdict(terms), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(f"{FORMAT}:{secret.hex()}:{text}".encode("ascii")).hexdigest()
 
@@ -93,7 +94,7 @@ def write_commitment(folder: Path, secret: bytes, terms: Terms, rules: Rules) ->
     Raises
     ------
     RoundError
-        There is one already, or the folder cannot be written.
+        A commitment exists already, or the folder cannot be written.
     """
     if (folder / COMMITMENT).exists():
         raise RoundError(f"{folder / COMMITMENT}: there is a commitment already, which must not change; choose another")
@@ -108,7 +109,7 @@ def write_commitment(folder: Path, secret: bytes, terms: Terms, rules: Rules) ->
 
 
 def read_commitment(folder: Path) -> tuple[Commitment, Rules]:
-    """Read a round's commitment and the rules beside it.
+    """Read a round's commitment and the rules next to it.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def read_commitment(folder: Path) -> tuple[Commitment, Rules]:
 
 
 def check_secret(found: Commitment, secret: bytes) -> None:
-    """Refuse a secret, or terms, that are not those of the commitment. Raises RoundError."""
+    """Check that secret and terms are those of the commitment. Raises RoundError."""
     if not hmac.compare_digest(commitment_sha256(secret, found.terms), found.sha256):
         raise RoundError(
             f"round {found.terms.name}: secret and terms do not give the commitment {found.sha256[:12]}…: "
@@ -146,7 +147,7 @@ def check_secret(found: Commitment, secret: bytes) -> None:
 
 
 def key_of(found: Commitment, secret: bytes, beacon: str) -> RoundKey:
-    """Key that draws the round's frames. Raises RoundError where the beacon's value is missing, or there is none."""
+    """Key that draws the round's frames. Raises RoundError where the beacon's value is missing or not expected."""
     if bool(beacon) != bool(found.terms.beacon):
         wanted = f"the value of {found.terms.beacon} with --beacon" if found.terms.beacon else "no --beacon"
         raise RoundError(f"round {found.terms.name}: give {wanted}, as it was committed")
@@ -154,12 +155,12 @@ def key_of(found: Commitment, secret: bytes, beacon: str) -> RoundKey:
 
 
 def json_bytes(content: Mapping[str, Any]) -> bytes:
-    """A published file."""
+    """Serialise the content of a published file."""
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a published file. Raises RoundError where it is missing, too large or no object."""
+    """Read a published file. Raises RoundError where it is missing, too large or not a JSON object."""
     try:
         return dict(strict_json(read_at_most(path, LARGEST_FILE_BYTES), str(path), LARGEST_FILE_BYTES))
     except OSError as error:

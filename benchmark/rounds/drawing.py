@@ -1,4 +1,4 @@
-"""What a round's key draws by its rules: a scenario for every frame, how well it is told, and a name that says nothing."""
+"""Drawing a round's frames: for each a scenario, the precision of the supplied data, and a name that reveals nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from generator.scenario.file import Scenario, parse_scenario
 from generator.scenario.variation import Draw
 
 PURPOSES = {"site": "site", "time": "time", "attitude": "pose", "motion": "pose", "camera": "camera"}
-"""Stream of each section of a scenario; those of the others are nuisances."""
+"""Random stream for each section of a scenario; the sections not listed here are nuisances."""
 NUISANCE = "nuisance"
 NAME_DIGITS = 16
 MOST_FRAMES = 20_000
@@ -30,13 +30,13 @@ class DrawnFrame:
     Attributes
     ----------
     index : int
-        Order of drawing, which nobody is shown.
+        Position in the order of drawing, which is not published with the frames.
     name : str
-        That solvers see: a keyed hash of the index.
+        Name that solvers see: a keyed hash of the index.
     kind : str
-        Of the rules.
+        One of the kinds of the rules.
     scenario_text : str
-        YAML of one frame, every value fixed.
+        YAML of one frame, with every value fixed.
     precision : Precision
     """
 
@@ -48,19 +48,19 @@ class DrawnFrame:
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario."""
+        """The parsed scenario."""
         return parse_scenario(self.scenario_text, f"round frame {self.index}")
 
 
 def draw_frames(rules: Rules, key: RoundKey, count: int) -> tuple[DrawnFrame, ...]:
-    """Draw the frames of a round, in the order of drawing; the first are the same however many are drawn.
+    """Draw the frames of a round, in the order of drawing; a larger number begins with the same frames.
 
-    Every frame has a place, a time and a pose of its own, and each graded value one level: no two frames show one sky.
+    Every frame has its own place, time and pose, and one level of each graded quantity: no two frames share a sky.
 
     Raises
     ------
     RoundError
-        The rules allow what cannot be.
+        The rules allow an impossible value.
     """
     if not 1 <= count <= MOST_FRAMES:
         raise RoundError(f"{count} frames; a round has 1 to {MOST_FRAMES}")
@@ -81,7 +81,7 @@ def _draw_frame(rules: Rules, key: RoundKey, index: int) -> DrawnFrame:
     def stream_of(draw: Draw) -> np.random.Generator:
         return key.stream(f"{PURPOSES.get(draw.path[0], NUISANCE)}:{'.'.join(draw.path)}", index)
 
-    seed = int.from_bytes(key.digest("noise", index)[:8], "big") >> 1  # records hold signed integers of 64 bits
+    seed = int.from_bytes(key.digest("noise", index)[:8], "big") >> 1  # records store signed 64-bit integers
     head: dict[str, Any] = {"name": f"{rules.file.name}-{index:05d}", "seed": seed}
     text = yaml.safe_dump(head | template.drawn(0, stream_of), sort_keys=False)
     return DrawnFrame(

@@ -1,4 +1,4 @@
-"""A round's frames with their truth, in a folder that no solver sees: rendered where they are missing, and read."""
+"""A round's frames with their truth, in a folder that no solver sees: missing ones are rendered, then all are read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from generator.frame.render import render_dataset
 from generator.processes import follow_parent
 
 LATER = "later"
-"""Part of results whose solver was not settled before the frames were drawn."""
+"""Part of the results for solvers that were not settled before the frames were drawn."""
 
 
 def frame_folder(folder: Path, drawn: DrawnFrame) -> Path:
@@ -34,12 +34,12 @@ def frame_folder(folder: Path, drawn: DrawnFrame) -> Path:
 def render_frames(
     frames: Sequence[DrawnFrame], folder: Path, jobs: int, progress: Callable[[int], None] = lambda frames: None
 ) -> None:
-    """Render the frames that a folder lacks, each into a folder of its own; an interrupted run is continued.
+    """Render the missing frames, each into its own folder; an interrupted run is continued.
 
     Raises
     ------
     RoundError
-        A frame cannot be made, or a process ended.
+        A frame cannot be rendered, or a process ended.
     """
     try:
         if jobs == 1:
@@ -62,12 +62,12 @@ def _render(frame: DrawnFrame, folder: Path) -> None:
 
 
 def read_frames(drawn: Sequence[DrawnFrame], folder: Path, key: RoundKey) -> tuple[Frame, ...]:
-    """Read rendered frames under the names and with the circumstances that solvers are given, in the order of the names.
+    """Read rendered frames under the names and with the circumstances that solvers receive, in the order of the names.
 
     Raises
     ------
     DatasetError, RoundError
-        One is missing, damaged, or of another scenario.
+        A frame is missing, damaged, or of another scenario.
     """
     return tuple(sorted(_read(drawn, folder, key), key=lambda frame: frame.frame_id))
 
@@ -91,7 +91,7 @@ def _read(drawn: Sequence[DrawnFrame], folder: Path, key: RoundKey) -> Iterator[
 
 
 def check_different(frames: Sequence[Frame]) -> dict[str, FrameIdentity]:
-    """Identity of each frame by its name, no two of which may be the same. Raises RoundError."""
+    """Identity of each frame by its name; no two may be equal. Raises RoundError."""
     found = {frame.frame_id: identity_of(frame) for frame in frames}
     if len({identity.image_sha256 for identity in found.values()}) < len(found):
         raise RoundError("two frames have the same image, which would link them; the rules leave too little to chance")
@@ -99,7 +99,7 @@ def check_different(frames: Sequence[Frame]) -> dict[str, FrameIdentity]:
 
 
 def frame_set(found: Commitment, drawn: Sequence[DrawnFrame], frames: Sequence[Frame], later: bool = False) -> FrameSet:
-    """The frames of a round, and what results say of them."""
+    """The frames of a round, with what results say about them."""
     scenarios = "".join(sorted(frame.scenario.sha256 for frame in drawn))
     terms = found.terms
     facts = FrameFacts(

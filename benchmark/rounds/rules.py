@@ -1,7 +1,7 @@
 """The rules of a round: published ranges of cameras, skies, nuisances and instruments, in a strict YAML file.
 
-Every value may be a distribution of the scenario's language (docs/scenarios.md). `common` holds for all frames, and each of
-the `kinds` adds or replaces values; `instruments` say how well a solver is told time, attitude, camera and air.
+Every value may be a distribution in the language of scenarios (docs/scenarios.md). `common` applies to all frames, and each
+of the `kinds` adds or replaces values; `instruments` state how precisely solvers receive time, attitude, camera and air.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ INSTRUMENTS = {
     "pressure_sigma_hpa": (0.01, 50.0),
     "temperature_sigma_c": (0.01, 20.0),
 }
-"""Standard deviations that every set of rules gives, and their limits: nothing is told exactly."""
+"""Standard deviations that every set of rules must state, with their limits: nothing is supplied exactly."""
 
 
 class KindFile(Strict):
@@ -46,11 +46,11 @@ class KindFile(Strict):
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
     share: Annotated[int, Field(ge=1, le=1000)]
-    """Of the frames, in proportion to the shares of all kinds."""
+    """Share of the frames, relative to the shares of all kinds."""
     source: Annotated[str, Field(min_length=10, max_length=1000)]
-    """Where its ranges come from."""
+    """Source of its ranges."""
     scenario: dict[str, Any]
-    """Values of the scenario that replace or join those of `common`."""
+    """Values of the scenario that replace or extend those of `common`."""
 
 
 class RulesFile(Strict):
@@ -60,7 +60,7 @@ class RulesFile(Strict):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
     title: Annotated[str, Field(min_length=10, max_length=120)]
     sources: dict[str, Annotated[str, Field(min_length=10, max_length=1000)]]
-    """Where the ranges of `common` and `instruments` come from, by key."""
+    """Sources of the ranges of `common` and `instruments`, by key."""
     instruments: dict[str, Any]
     common: dict[str, Any]
     kinds: Annotated[list[KindFile], Field(min_length=1, max_length=MOST_KINDS)]
@@ -68,13 +68,13 @@ class RulesFile(Strict):
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules that were read and checked.
+    """Rules that have been read and checked.
 
     Attributes
     ----------
     file : RulesFile
     text : str
-        As it is published.
+        The text as published.
     """
 
     file: RulesFile
@@ -87,24 +87,24 @@ class Rules:
 
     @cached_property
     def templates(self) -> dict[str, Scenario]:
-        """Scenario of each kind, its distributions not yet drawn."""
+        """Scenario of each kind, with its distributions not yet drawn."""
         return {kind.name: _template(self.file, kind) for kind in self.file.kinds}
 
     @cached_property
     def instrument_draws(self) -> dict[str, Draw | float]:
-        """Each instrument's distribution, or its number."""
+        """Distribution or fixed value of each instrument."""
         _, draws = find_variations(self.file.instruments, f"{self.file.name}: instruments")
         varied: dict[str, Draw | float] = {draw.path[0]: draw for draw in draws}
         return {name: varied.get(name, given) for name, given in self.file.instruments.items()}
 
 
 def load_rules(place: str | Path) -> Rules:
-    """Read rules by their file, or by the name of those that come with skybench.
+    """Read rules from a file, or by the name of rules that come with skybench.
 
     Raises
     ------
     RoundError
-        There are none, or they are wrong; names the key.
+        There are no such rules, or they are invalid; the message names the key.
     """
     path = FOLDER / f"{place}{SUFFIX}" if str(place) in rules_names() else Path(place)
     try:
@@ -149,7 +149,7 @@ def _template(file: RulesFile, kind: KindFile) -> Scenario:
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """A kind's values over the common ones; where both have a mapping that is no distribution, key by key."""
+    """Merge a kind's values into the common ones; mappings that are no distributions are merged key by key."""
     result = copy.deepcopy(common)
     for key, value in own.items():
         there = result.get(key)

@@ -1,8 +1,8 @@
-"""The secret of a round, and the random numbers that come from it.
+"""The secret of a round, and the random numbers derived from it.
 
-Everything that a round draws comes from keys of HMAC-SHA-256 (RFC 2104), one for each purpose and frame: whoever finds the
-numbers of one draw learns nothing of another, which NumPy's ``SeedSequence`` alone does not promise (its mixing can be run
-backwards). Each key is the entropy, 256 bits, of a ``SeedSequence`` of its own.
+Everything that a round draws comes from keys of HMAC-SHA-256 (RFC 2104), one for each purpose and frame. Whoever recovers the
+numbers of one draw therefore learns nothing about another; NumPy's ``SeedSequence`` alone does not guarantee this, as its
+mixing can be inverted. Each key is the entropy, 256 bits, of its own ``SeedSequence``.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ class RoundKey:
 
     @classmethod
     def of(cls, secret: bytes, rules_sha256: str, beacon: str) -> RoundKey:
-        """Key of a secret, the rules that are drawn by, and a public random value that came after both; empty without."""
+        """Derive the key from the secret, the rules and a public random value published after both (empty without one)."""
         words = f"skybench-round/1:{rules_sha256}:{beacon}".encode()
         return cls(hmac.new(secret, words, hashlib.sha256).digest())
 
     def digest(self, purpose: str, index: int) -> bytes:
-        """32 bytes for one purpose and frame."""
+        """Derive 32 bytes for one purpose and frame."""
         return hmac.new(self.key, f"{purpose}:{index}".encode(), hashlib.sha256).digest()
 
     def stream(self, purpose: str, index: int) -> np.random.Generator:
-        """Random numbers for one purpose and frame, independent of all others."""
+        """Generator of random numbers for one purpose and frame, independent of all others."""
         entropy = int.from_bytes(self.digest(purpose, index), "big")
         return np.random.Generator(np.random.PCG64DXSM(np.random.SeedSequence(entropy)))
 
 
 def new_secret(path: Path) -> bytes:
-    """Draw a secret of 128 bits from the system and write it to a new file that only its owner can read.
+    """Draw a secret of 128 bits from the operating system and write it to a new file that only its owner can read.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def read_secret(path: Path) -> bytes:
     Raises
     ------
     RoundError
-        It is missing or of another length; what it holds is not printed.
+        It is missing or has another length; its content is not printed.
     """
     try:
         if path.stat().st_size > LARGEST_SECRET_FILE:

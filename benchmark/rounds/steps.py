@@ -1,4 +1,4 @@
-"""The four steps of a round: commit, pack, score, open; and the check that anyone can make of an opened one."""
+"""The four steps of a round: commit, pack, score, open; and the verification that anyone can make of an opened round."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Drawn:
-    """A round whose secret is at hand.
+    """A round whose secret is available.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def commit(
     Raises
     ------
     RoundError
-        The folder holds a commitment already, or the rules cannot be drawn by.
+        The folder contains a commitment already, or frames cannot be drawn by the rules.
     """
     terms = Terms(
         name=name,
@@ -79,7 +79,7 @@ def commit(
         contestants=dict(sorted(contestants.items())),
         beacon=beacon,
     )
-    # Rules by which something cannot be drawn are found now, with another secret's numbers.
+    # Trial draw with the numbers of another secret, to find rules that cannot be drawn before committing to them.
     draw_frames(
         rules, RoundKey.of(hashlib.sha256(rules.text.encode()).digest()[:16], rules.sha256, ""), min(frames, 20)
     )
@@ -103,15 +103,15 @@ def draw(folder: Path, secret: bytes, beacon: str = "") -> Drawn:
 def pack_round(
     folder: Path, drawn: Drawn, truth: Path, out: Path, jobs: int, progress: Progress = lambda frames: None
 ) -> int:
-    """Render the frames into a private folder, write the set for solvers, and publish the set's hash.
+    """Render the frames into a private folder, write the set for solvers, and publish the hash of the set.
 
     Parameters
     ----------
     folder : Path
-        Of the round, which is published.
+        Folder of the round, which is published.
     drawn : Drawn
     truth, out : Path
-        Private folder of the frames with their truth, and folder of the set; neither within another.
+        Private folder of the frames with their truth, and folder of the set; neither may contain the other.
     jobs : int
     progress : callable
 
@@ -123,7 +123,7 @@ def pack_round(
     Raises
     ------
     RoundError
-        Folders lie in each other, or the generator is not the one that was committed to.
+        A folder is inside another, or the generator is not the one that was committed to.
     """
     check_apart(truth, {"the set": out, "the round": folder})
     check_apart(out, {"the truth": truth})
@@ -143,7 +143,7 @@ def pack_round(
 
 
 def check_apart(inner: Path, others: Mapping[str, Path]) -> None:
-    """Refuse folders of which one lies in another, so that a solver could walk from images to truth. Raises RoundError."""
+    """Refuse nested folders, in which a solver could walk from images to truth. Raises RoundError."""
     mine = inner.resolve()
     for name, other in others.items():
         theirs = other.resolve()
@@ -154,7 +154,7 @@ def check_apart(inner: Path, others: Mapping[str, Path]) -> None:
 
 
 def check_generator(terms: Terms) -> None:
-    """Refuse to render with another generator than the one that was committed to. Raises RoundError."""
+    """Refuse to render with a generator other than the one that was committed to. Raises RoundError."""
     if generator_revision() != terms.generator_revision:
         raise RoundError(
             f"round {terms.name}: was committed to with the generator's revision {terms.generator_revision} (skybench "
@@ -195,13 +195,13 @@ def frames_to_score(folder: Path, drawn: Drawn, truth: Path, packed: Path, later
     if published.get("set_sha256") != set_sha256(packed):
         raise RoundError(f"{packed}: is not the set that {folder / PACKED} states (another SHA-256); restore it")
     frames = read_frames(drawn.frames, truth, drawn.key)
-    # Images are taken from where no truth lies beside them.
+    # Images are taken from the folder that holds no truth.
     shown = [dataclasses.replace(frame, image_path=packed / f"{frame.frame_id}.png") for frame in frames]
     return frame_set(drawn.commitment, drawn.frames, shown, later)
 
 
 def check_frozen(terms: Terms, revisions: Mapping[str, str | None]) -> None:
-    """Refuse solvers that are not as they were when the round was committed to. Raises RoundError."""
+    """Refuse solvers that have changed since the round was committed to. Raises RoundError."""
     for name, revision in revisions.items():
         settled = terms.contestants.get(name)
         if settled is None or settled != revision:
@@ -213,17 +213,17 @@ def check_frozen(terms: Terms, revisions: Mapping[str, str | None]) -> None:
 
 
 def open_round(folder: Path, secret: bytes, drawn: Drawn, truth: Path, beacon: str) -> Path:
-    """Publish the secret, and what it draws.
+    """Publish the secret and what it draws.
 
     Returns
     -------
     Path
-        The file written.
+        The file that was written.
 
     Raises
     ------
     RoundError
-        The frames are not there as they were drawn.
+        The frames are not available as they were drawn.
     """
     frames = read_frames(drawn.frames, truth, drawn.key)
     identities = check_different(frames)
@@ -251,14 +251,14 @@ def _opened_frame(drawn: DrawnFrame, identity: FrameIdentity) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Verified:
-    """What the check of an opened round found to be so.
+    """What the verification of an opened round has confirmed.
 
     Attributes
     ----------
     frames : int
-        Scenarios that were drawn again.
+        Number of scenarios that were drawn again.
     rendered : int
-        Frames that were rendered again, with the same image and truth.
+        Number of frames that were rendered again, with the same image and truth.
     """
 
     frames: int
@@ -271,7 +271,7 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
     Parameters
     ----------
     folder : Path
-        Of the round, with nothing private.
+        Folder of the round, without anything private.
     render : int
         Number of frames to render, spread evenly; 0 for none.
     progress : callable
@@ -279,7 +279,7 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
     Raises
     ------
     RoundError
-        Something is not as it was published.
+        Something differs from what was published.
     """
     path = folder / OPENED
     opened = read_json(path)
@@ -296,7 +296,7 @@ def verify_round(folder: Path, render: int, progress: Progress = lambda frames: 
         raise RoundError(f"{path}: secret is not hexadecimal") from error
     scenarios = [(one.name, one.kind, one.scenario.content_sha256) for one in drawn.frames]
     if scenarios != [(one.get("name"), one.get("kind"), one.get("scenario_sha256")) for one in listed]:
-        # Another generator reads the same draw as another scenario: a key more, or another value of a preset.
+        # Another generator may read the same draw as another scenario, with a key more or another value of a preset.
         check_generator(drawn.commitment.terms)
         raise RoundError(f"{path}: lists other frames than its secret draws")
     chosen = (

@@ -1,4 +1,4 @@
-"""Results of a task that has gained conditions: completed by results of the new conditions alone."""
+"""Completion of a task's results after the task has gained conditions, with results of the new conditions alone."""
 
 from __future__ import annotations
 
@@ -17,18 +17,23 @@ from benchmark.run.provenance import circumstances, machines_together, read_prov
 def results_alone(
     root: Path, row: PackedRow, today: FrameFacts, values: Sequence[float]
 ) -> dict[Path, PackedRow] | None:
-    """Packed results of single conditions by the solver of a row, by the listing of each; None where one is missing.
+    """Find packed results of single conditions by the solver of a row.
 
     Parameters
     ----------
     root : Path
-        Of the results.
+        Root folder of the results.
     row : PackedRow
-        Of the task's first conditions.
+        Result on the task's first conditions.
     today : FrameFacts
-        Of all frames of today's task.
+        Facts about all frames of today's task.
     values : sequence of float
         Conditions that the row lacks.
+
+    Returns
+    -------
+    dict of Path to PackedRow, or None
+        By the listing of each; None where one is missing.
     """
     alone: dict[Path, PackedRow] = {}
     for value in values:
@@ -42,7 +47,7 @@ def results_alone(
 
 
 def _is_of_the_same(row: PackedRow, alone: PackedRow, today: FrameFacts) -> bool:
-    """Whether a result is of the solver of another, and of today's task."""
+    """Whether a result has the same solver as another, and is of today's task."""
     mine, its = read_provenance(row.provenance), read_provenance(alone.provenance)
     settled = mine.solver.revision is not None and mine.solver.revision == its.solver.revision
     return (
@@ -55,7 +60,7 @@ def _is_of_the_same(row: PackedRow, alone: PackedRow, today: FrameFacts) -> bool
 
 
 def completed(row: PackedRow, alone: Sequence[PackedRow], today: FrameFacts) -> PackedRow:
-    """A row of a task's first conditions with the results of the others appended; its key is still the row's own."""
+    """Append the results of the other conditions to a row of a task's first conditions; the key stays the row's own."""
     mine = read_provenance(row.provenance)
     others = [read_provenance(one.provenance) for one in alone]
     facts = dataclasses.replace(
@@ -76,7 +81,7 @@ def completed(row: PackedRow, alone: Sequence[PackedRow], today: FrameFacts) -> 
 
 
 def remove_used(used: Mapping[Path, Sequence[PackedRow]]) -> None:
-    """Take rows out of their tables, by the listing; a table that is left without any is removed."""
+    """Remove rows from their tables, given by listing; a table that is left without rows is deleted."""
     for listing, gone in used.items():
         keys = {(row.detections, row.key) for row in gone}
         left = [row for row in read_packed(listing) if (row.detections, row.key) not in keys]

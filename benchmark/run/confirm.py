@@ -1,9 +1,11 @@
-"""Results that stay valid under another revision of the generator: because it renders their frames again, to the byte.
+"""Results that stay valid under another revision of the generator, because it renders the same frames to the byte.
 
-A revision is a digest of code, so that it changes with code that has no part in a task's frames. The frames themselves
-decide: where image and truth of each have the SHA-256 that the results state, the results are of today's frames, and say so.
+A revision is a digest of code, so it also changes with code that does not affect a task's frames. The frames themselves
+decide: where image and truth of each frame have the SHA-256 that the results state, the results hold for today's frames and
+are marked accordingly.
 
-So do those of a task that has gained conditions since, with the results of the new conditions alone, which complete them.
+The same is done for results of a task that has gained conditions since, once results of the new conditions alone complete
+them.
 
 Where some frames differ, `benchmark.run.renewal` keeps the answers to the others.
 """
@@ -29,16 +31,16 @@ from benchmark.run.provenance import read_provenance, result_key
 
 @dataclass(frozen=True)
 class Confirmed:
-    """Packed results that were held against frames rendered today.
+    """Packed results that were compared with frames rendered today.
 
     Attributes
     ----------
     listing : Path
     n_frames : int
     solvers : tuple of str
-        Whose results were of another revision's frames, and now are of today's.
+        Solvers whose results were of another revision's frames, and now are of today's.
     lacking : tuple of str
-        Whose results lack conditions that the task has gained; they stay as they were.
+        Solvers whose results lack conditions that the task has gained; these results stay as they were.
     """
 
     listing: Path
@@ -48,12 +50,12 @@ class Confirmed:
 
 
 def packed_listing(root: Path, place: Path) -> Path:
-    """The listing of packed results of some frames: of a task ``bortle@1/dev``.
+    """Path of the listing of packed results, for frames named like ``bortle@1/dev``.
 
     Raises
     ------
     ResultsError
-        There is none.
+        There is no such listing.
     """
     listing = root / place.with_name(f"{place.name}.json")
     if not listing.is_file():
@@ -62,23 +64,23 @@ def packed_listing(root: Path, place: Path) -> Path:
 
 
 def confirm(root: Path, today: FrameSet, earlier: Mapping[str, int] | None = None) -> Confirmed:
-    """Hold packed results against all frames of a task, and let those that are of the same frames say so.
+    """Compare packed results with all frames of a task, and mark those that are of the same frames.
 
     Parameters
     ----------
     root : Path
-        Of the results.
+        Root folder of the results.
     today : FrameSet
-        All frames of the results' task and split, as today's generator renders them.
+        All frames of the task and split of the results, as today's generator renders them.
     earlier : mapping of str to int, optional
-        Hashes of the task's definition before it gained conditions, and their number then
+        Hashes of the task's definition before it gained conditions, each with the number of conditions at that time
         (`benchmark.tasks.appended.earlier_definitions`).
 
     Raises
     ------
     ResultsError
-        There are no packed results; they are of other frames, state no hashes, or are of another definition of the task.
-        Nothing is changed then.
+        There are no packed results, or they are of other frames, state no hashes, or are of another definition of the task.
+        Nothing is changed in these cases.
     """
     listing = packed_listing(root, today.facts.place)
     rows = read_packed(listing)
@@ -111,7 +113,7 @@ def confirm(root: Path, today: FrameSet, earlier: Mapping[str, int] | None = Non
 
 
 def _check(listing: Path, rows: Sequence[PackedRow], frames: Sequence[Frame]) -> None:
-    """Refuse results that are not of these frames."""
+    """Raise an error for results that are not of these frames."""
     here = {frame.frame_id: identity_of(frame) for frame in frames}
     for row in rows:
         stated = identities_in(row.frames)

@@ -1,4 +1,4 @@
-"""Whatever a user calls a solver, ready to run: a name, a folder with a solver.yaml, a Python object."""
+"""Contestants: solvers ready to run, however a user names them – a name, a folder with a solver.yaml, a Python object."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ OWN_DETECTOR = "its own"
 
 @dataclass(frozen=True, eq=False)
 class Contestant:
-    """A solver and how its sessions are made.
+    """A solver and the way to create its sessions.
 
     Attributes
     ----------
     name : str
     target : str or None
-        What `--solver` is given to run it; None for a Python object.
+        Argument of `--solver` that runs it; None for a Python object.
     definition : SolverFolder or None
     instance : SolverUnderTest or None
-        Either of the two.
+        Exactly one of the two is set.
     """
 
     name: str
@@ -41,11 +41,11 @@ class Contestant:
 
     @property
     def settled(self) -> bool:
-        """Whether its revision is known, so that a finished result of it can be told from one of another solver."""
+        """Whether its revision is known, so that a finished result of it can be distinguished from one of another solver."""
         return self.definition is not None or _revision(self.instance) is not None
 
     def obstacle(self) -> str:
-        """Why it cannot run here, and what to do; empty where it can."""
+        """Why it cannot run here, and what to do about it; empty where it can run."""
         if self.definition is None:
             return ""
         asked = self.definition.asked
@@ -59,7 +59,7 @@ class Contestant:
         return ""
 
     def make_session(self, jobs: int, on_stderr: Callable[[bytes], None] | None = None) -> Session:
-        """Make one of `jobs` sessions; `on_stderr` gets what a program writes on its standard error."""
+        """Create one of `jobs` sessions; `on_stderr` receives what a program writes to its standard error."""
         if self.definition is not None:
             session = PipeSession(self.definition.asked, on_stderr)
             return session if self.definition.fused is None else FusedSession(session)
@@ -67,7 +67,7 @@ class Contestant:
         return InProcessSession(self.instance) if jobs == 1 else OtherProcessSession(self.instance)
 
     def facts(self, version: str, detections: DetectionsMode) -> SolverFacts:
-        """What results say of it; `version` is what its session says."""
+        """Facts that results state about the solver; `version` is what its session reports."""
         if self.definition is not None:
             spec, asked = self.definition.spec, self.definition.asked
             return SolverFacts(
@@ -97,12 +97,12 @@ class Contestant:
 
 
 def contestant_of(solver: SolverChoice) -> Contestant:
-    """Make a contestant.
+    """Make a contestant of whatever the user names.
 
     Raises
     ------
     UnknownSolverError, SolverError, ResultsError
-        There is no such solver, its definition is wrong, or its name cannot be a file name.
+        There is no such solver, its definition is wrong, or its name cannot be used as a file name.
     """
     if isinstance(solver, str | Path):
         definition = solver_folder(str(solver))
@@ -115,6 +115,6 @@ def contestant_of(solver: SolverChoice) -> Contestant:
 
 
 def _revision(instance: SolverUnderTest | None) -> str | None:
-    """What a Python object states of its revision, if it does."""
+    """Revision that a Python object states, if any."""
     found = getattr(instance, "revision", None)
     return found if isinstance(found, str) and found else None

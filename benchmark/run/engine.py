@@ -1,6 +1,6 @@
-"""The engine: frames x solver sessions -> judged outcomes, kept where results belong.
+"""The engine: puts frames to solver sessions, judges the answers and stores the results.
 
-A finished result is found by its path and left alone; an interrupted run resumes where it was.
+A finished result is found by its path and left alone; an interrupted run resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _NO_CHOICE = FrameChoice()
 
 @dataclass(frozen=True)
 class FrameNotes:
-    """What is the same of a frame for all solvers: its Cramér-Rao bound, km, and the hashes of its image and truth."""
+    """What is the same for all solvers on a frame: its Cramér-Rao bound, km, and the hashes of its image and truth."""
 
     bound_km: float | None
     identity: FrameIdentity
@@ -60,18 +60,18 @@ Notes = dict[str, FrameNotes]
 
 @dataclass(frozen=True)
 class SolverRun:
-    """One solver on one set of frames.
+    """One solver's run on one set of frames.
 
     Attributes
     ----------
     solver : str
     folder : Path
-        Of its result.
+        Folder of its result.
     summary : Summary
     n_solved : int
-        Frames that were put to it now: 0 where the result was finished before, less than all where a run resumed.
+        Frames that were solved in this run: 0 where the result was finished before, fewer than all where a run resumed.
     seconds : float
-        That this took.
+        Duration of this run.
     n_kept : int
         Frames whose answers are those of an earlier result.
     """
@@ -91,7 +91,7 @@ class SolverRun:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """A solver that is ready, and what it is to be run on."""
+    """A solver that is ready, and the frames on which it is to be run."""
 
     contestant: Contestant
     pool: SessionPool
@@ -113,7 +113,7 @@ def run(
 ) -> tuple[SolverRun, ...]:
     """Run solvers over frames, judge their answers and write the results.
 
-    A solver that raises, or whose answer makes no sense, is scored as refusing that frame with status ``error``.
+    A solver that raises, or whose answer is invalid, is scored as refusing that frame with status ``error``.
 
     Parameters
     ----------
@@ -122,15 +122,15 @@ def run(
     solvers : sequence
         Names of solvers, folders with a solver.yaml, or Python objects (`benchmark.protocol.SolverUnderTest`).
     out : Path
-        Root of all results, made if missing.
+        Root of all results, created if missing.
     detections : str
-        ``own``: each solver detects by itself; ``shared``: all get celnav's detections.
+        ``own``: each solver detects by itself; ``shared``: all receive celnav's detections.
     jobs : int
-        Frames that are solved at the same time; with more than one, times include what they take from each other.
+        Number of frames that are solved in parallel; with more than one, the times include mutual slowdown.
     choice : FrameChoice
-        Of the frames, where they are opened here.
+        Which frames to open, where `frames` names them.
     progress : callable
-        Called with a solver's name and the number of its frames done.
+        Called with a solver's name and the number of its frames that are done.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def run(
     Raises
     ------
     UnknownSolverError, SolverError, DatasetError, TaskError, ResultsError
-        Before any frame is solved, but for a damaged image, a solver that does not start and a disk that takes no more.
+        Raised before any frame is solved, except for a damaged image, a solver that does not start and a full disk.
     """
     contestants = check_contestants([contestant_of(solver) for solver in solvers], jobs)
     check_writable(out)
@@ -159,17 +159,17 @@ def run_all(
     notes: Sequence[Notes] | None = None,
     renew: bool = False,
 ) -> Iterator[SolverRun]:
-    """Run each solver over all sets of frames, one solver after another; parameters as for `run`.
+    """Run each solver over all sets of frames, one solver after another.
 
     Parameters
     ----------
     contestants, sets, out, detections, jobs, progress
-        As for `run`.
+        See `run`.
     notes : sequence of Notes, optional
-        Of each set, where some are known already; those that are missing are added.
+        Notes on each set, where some are known already; missing ones are added.
     renew : bool
-        Take over the answers of packed results to frames that are the same (`benchmark.run.renewal`). Such a result lacks
-        what packing leaves out: it is to be packed.
+        Take over the answers of packed results for frames that are the same (`benchmark.run.renewal`). A result with such
+        answers lacks what packing leaves out, so it must be packed.
     """
     notes = [{} for _ in sets] if notes is None else notes
     for contestant in contestants:
@@ -180,14 +180,14 @@ def run_all(
 
 
 def check_contestants(contestants: Sequence[Contestant], jobs: int) -> Sequence[Contestant]:
-    """Refuse, before any work, what cannot be run side by side.
+    """Refuse, before any work, contestants that cannot be run together.
 
     Raises
     ------
     ResultsError
-        No solver, one twice, or no job.
+        No solver is given, one is given twice, or the number of jobs is below one.
     SolverError
-        One cannot run here.
+        A solver cannot run here.
     """
     names = [contestant.name for contestant in contestants]
     if not names or len(set(names)) != len(names):
@@ -201,7 +201,7 @@ def check_contestants(contestants: Sequence[Contestant], jobs: int) -> Sequence[
 
 
 def check_sequences(contestants: Sequence[Contestant], sets: Sequence[FrameSet]) -> None:
-    """Refuse fused solvers on frames that are put one by one, where they answer as the solvers that they ask.
+    """Refuse fused solvers on single frames, where they would answer exactly as the solvers that they wrap.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def check_sequences(contestants: Sequence[Contestant], sets: Sequence[FrameSet])
 
 
 def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> SolverRun:
-    """Run one solver over one set of frames, unless its result is finished, made with as many frames or more.
+    """Run one solver over one set of frames, unless a finished result of at least as many frames exists.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
                     journal.add(outcome_before(earlier, frame, known.bound_km, known.identity))
             done |= {frame.frame_id for frame in kept}
         progress(len(done))
-        # A sequence that was broken off is put again from its first frame; what was answered then stays.
+        # An interrupted sequence is put again from its first frame; the answers it already has stay.
         groups = [group for group in asked_together(frames.frames) if any(one.frame_id not in done for one in group)]
         left = [frame for group in groups for frame in group]
         try:
@@ -274,7 +274,7 @@ def _run_solver(found: _Run, out: Path, progress: Callable[[int], None]) -> Solv
 
 
 def noted(frame: Frame, notes: Notes) -> FrameNotes:
-    """Notes of a frame, which are worked out and added where they are missing."""
+    """Look up the notes on a frame; compute and add them where they are missing."""
     if frame.frame_id not in notes:
         notes[frame.frame_id] = FrameNotes(bound_of(frame), identity_of(frame))
     return notes[frame.frame_id]
@@ -294,18 +294,18 @@ def outcomes(
     Parameters
     ----------
     frames : sequence of Frame
-        The frames of a sequence beside each other, in their order.
+        The frames of a sequence are adjacent and in order.
     pool : SessionPool
     detections : str
     notes : dict of str to FrameNotes
-        By frame id; those that are missing are worked out and added.
+        By frame id; missing notes are computed and added.
     recorded : mapping, optional
-        Identities of frames that results state already (`benchmark.run.identities`).
+        Identities of frames that results already state (`benchmark.run.identities`).
 
     Raises
     ------
     ResultsError
-        A frame is not the one that results are of; the solver is not asked about it.
+        A frame differs from the one that results are of; the solver is not asked about it.
     """
 
     def solve(frame: Frame, session: Session) -> SolverOutcome:
@@ -328,7 +328,7 @@ def outcomes(
 
 
 def finished(folder: Path, wanted: RunProvenance) -> bool:
-    """Whether a result is there, made with as many frames as wanted or more; one that is all errors is made again.
+    """Whether a result of at least as many frames as wanted exists; one that consists of errors alone does not count.
 
     Raises
     ------

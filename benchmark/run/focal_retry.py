@@ -1,7 +1,7 @@
-"""Refused frames tried again with other focal lengths, in one way for all contestants that do not search by themselves.
+"""Retries of refused frames with other focal lengths, the same for all contestants that do not search by themselves.
 
-The tries share the frame's time. Each is told its part of what is left of it, so that a search that is ended by the clock
-takes what it may and leaves something to the tries after it.
+The tries share the frame's time. Each receives its share of the remaining time, so that a search that the clock ends uses no
+more than that and leaves some for the tries after it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from benchmark.frames.dataset import Frame
 
 FOCAL_FACTORS = (0.88, 1.13)
-"""Of the told focal length, in this order: those of celnav's default solver (`celnav.skybench_solver`)."""
+"""Factors on the supplied focal length, in order; those of celnav's default solver (`celnav.skybench_solver`)."""
 FIRST_SHARE = 0.6
-"""Of the frame's time, for the told focal length, which is right more often than the others; these divide what is left."""
+"""Share of the frame's time for the supplied focal length, which is right most often; the others divide the rest."""
 
 
 def shares(retries: bool) -> tuple[float, ...]:
-    """Of the time that is left when it is asked, what each try should take at most."""
+    """Largest share of the remaining time for each try, in order."""
     if not retries:
         return (1.0,)
     others = len(FOCAL_FACTORS)
@@ -26,7 +26,7 @@ def shares(retries: bool) -> tuple[float, ...]:
 
 
 def at_other_focal_lengths(frame: Frame) -> Iterator[Frame]:
-    """The frame as it is told with other focal lengths, to be tried after the told one."""
+    """Yield the frame with other focal lengths, to be tried after the supplied one."""
     told = frame.observation
     for factor in FOCAL_FACTORS:
         camera = dataclasses.replace(told.camera, f_px=factor * told.camera.f_px, fy_px=factor * told.camera.fy_px)

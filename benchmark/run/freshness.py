@@ -1,4 +1,4 @@
-"""Whether a stored result is of today's code: of the solver as it is now, and of the task's frames as they are now."""
+"""Whether a stored result is of today's code: of the current solver and of the current frames of its task."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmark.solvers.registry import known_solvers, solver_folder
 from benchmark.tasks.definition import RETIRED, SPLITS, TASK_SUFFIX, load_task, load_task_file, task_names
 
 RETIRED_HASHES = ("", "")
-"""Of the frames of a task that is retired: those of no result."""
+"""Hashes for the frames of a retired task, which match no result."""
 
 
 class State(StrEnum):
@@ -27,18 +27,18 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Origin:
-    """What a result states of the code and the frames that it is of.
+    """What a result states about the code and the frames that produced it.
 
     Attributes
     ----------
     solver : str
         Its name or folder; empty where no command runs it.
     revision : str or None
-        None where it was not recorded.
+        None where the result does not record it.
     detector : str or None
         Name of the shared detector; None where the solver detected by itself.
     task, split : str
-        What `skybench bench run` is given to get the frames, ``bortle@1`` or the path of a task's file; and split.
+        Argument of `skybench bench run` that gets the frames, ``bortle@1`` or the path of a task's file; and the split.
     task_sha256, scenario_sha256 : str
     """
 
@@ -53,16 +53,16 @@ class Origin:
 
 @dataclass(frozen=True)
 class Today:
-    """Code and tasks as they are now.
+    """The code and the tasks as they are now.
 
     Attributes
     ----------
     revisions : mapping of str to str
-        Of the solvers that are at hand, by name or folder.
+        Revisions of the available solvers, by name or folder.
     detector : str
         Name of the shared detector.
     tasks : mapping of (str, str) to (str, str)
-        By task and split, the hashes of the task and of the split's scenario; an earlier revision of a task has today's.
+        Hashes of the task and of the split's scenario, by task and split; an earlier revision of a task has today's.
     """
 
     revisions: Mapping[str, str]
@@ -72,15 +72,15 @@ class Today:
 
 @dataclass(frozen=True)
 class Age:
-    """How a result stands to today's code.
+    """How a result relates to today's code.
 
     Attributes
     ----------
     state : State
     revision : str or None
-        Of the result.
+        Revision of the solver that the result states.
     reasons : tuple of str
-        What has changed since, in words; empty for one of today's code.
+        What has changed since, in words; empty for a result of today's code.
     """
 
     state: State
@@ -89,13 +89,13 @@ class Age:
 
     @property
     def words(self) -> str:
-        """In a sentence without its stop."""
+        """The age as a sentence without its full stop."""
         head = f"revision {self.revision}" if self.revision else "revision not recorded"
         return "; ".join((head, *self.reasons))
 
 
 def today(origins: Iterable[Origin]) -> Today:
-    """Look at the code as it is now, as far as some results are concerned."""
+    """Read the current state of the code, as far as it concerns some results."""
     wanted = list(origins)
     solvers = sorted({origin.solver for origin in wanted})
     splits = sorted({(origin.task, origin.split) for origin in wanted})
@@ -105,13 +105,13 @@ def today(origins: Iterable[Origin]) -> Today:
 
 
 def _revision(solver: str) -> str | None:
-    """Revision of a solver by its name or folder; None where it is not at hand."""
+    """Revision of a solver by its name or folder; None where it is not available."""
     at_hand = solver in known_solvers() or (solver and (Path(solver) / SPEC_NAME).is_file())
     return solver_folder(solver).revision if at_hand else None
 
 
 def _frames(target: str, split: str) -> tuple[str, str] | None:
-    """Hashes of a task and of a split's scenario, `RETIRED_HASHES` of a retired one; None for others."""
+    """Hashes of a task and of a split's scenario; `RETIRED_HASHES` for a retired task, None for anything else."""
     if split not in SPLITS:
         return None
     if target.endswith(TASK_SUFFIX):
@@ -125,7 +125,7 @@ def _frames(target: str, split: str) -> tuple[str, str] | None:
 
 
 def origin_of(source: RunProvenance) -> Origin:
-    """What a result's provenance states."""
+    """Origin that a result's provenance states."""
     frames = source.frames
     return Origin(
         solver=source.solver.target or "",
@@ -139,12 +139,12 @@ def origin_of(source: RunProvenance) -> Origin:
 
 
 def age_of(origin: Origin, now: Today) -> Age | None:
-    """Hold a result against today's code.
+    """Compare a result with today's code.
 
     Returns
     -------
     Age or None
-        None where today's code is not at hand: a Python object, a submission, frames that are not of a task.
+        None where today's code is not available: a Python object, a submission, frames that are not of a task.
     """
     revision = now.revisions.get(origin.solver)
     frames = now.tasks.get((origin.task, origin.split))

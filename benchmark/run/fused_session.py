@@ -1,4 +1,4 @@
-"""A session whose answers to the frames of a sequence go through one filter (`benchmark.solvers.fusion`)."""
+"""A session that passes its answers to the frames of a sequence through one filter (`benchmark.solvers.fusion`)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from benchmark.stats.metrics import ERROR, FIX, REFUSED
 
 
 class FusedSession:
-    """Asks another session about each frame by itself; the frames of a sequence must come in order.
+    """Asks another session about each frame separately; the frames of a sequence must come in order.
 
-    A frame on which the solver fails stays an error: the frames before do not hide it, and those that follow use them.
+    A frame on which the solver fails remains an error: the frames before do not hide it, and the following ones use them.
     """
 
     def __init__(self, session: Session) -> None:
@@ -28,7 +28,7 @@ class FusedSession:
         return self._session.start()
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the solver, and answer by all frames of the sequence so far; the filter's time is added to the solver's."""
+        """Ask the solver, then answer from all frames of the sequence so far; the filter's time is added to the solver's."""
         alone = self._session.answer(dataclasses.replace(frame, observation=as_by_itself(frame.observation)), shared)
         started = time.perf_counter()
         answer = self._fusion.answer(alone.answer, frame.observation)

@@ -1,4 +1,4 @@
-"""Frames at hand held against the frames that results are of: both are known by their hashes."""
+"""Comparison of the frames at hand with the frames that results are of; both are identified by their hashes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from benchmark.run.results import FRAMES_NAME, SUMMARY_NAME, read_summary, read_
 IDENTITY_COLUMNS = ("image_sha256", "truth_sha256")
 _COLUMNS = ("frame_id", *IDENTITY_COLUMNS)
 Recorded = Mapping[str, tuple[FrameIdentity, Path]]
-"""Identity of each frame by its id, and the result that states it."""
+"""Identity of each frame, by its id, and the result that states it."""
 
 
 def recorded_identities(out: Path, facts: FrameFacts) -> Recorded:
-    """Identities of frames by id, as results on the same frames of the same scenario state them, and which result does.
+    """Identities of frames by id, as stated by results on frames of the same scenario, each with the result that states it.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def recorded_identities(out: Path, facts: FrameFacts) -> Recorded:
 
 
 def identities_in(frames: pd.DataFrame) -> dict[str, FrameIdentity]:
-    """Identities that a result's table of frames states; those of a table without hashes are unknown."""
+    """Identities that the table of frames of a result states; in a table without hashes they are unknown."""
     if not set(IDENTITY_COLUMNS) <= set(frames.columns):
         return dict.fromkeys(frames["frame_id"], UNKNOWN)
     listed = frames[list(_COLUMNS)].itertuples(index=False)
@@ -51,7 +51,7 @@ def identities_in(frames: pd.DataFrame) -> dict[str, FrameIdentity]:
 
 
 def check_identity(frame_id: str, here: FrameIdentity, recorded: Recorded) -> None:
-    """Refuse a frame that is not the one that results are of. Raises ResultsError."""
+    """Check that a frame is the one that results are of. Raises ResultsError."""
     stated, place = recorded.get(frame_id, (UNKNOWN, Path()))
     if stated.contradicts(here):
         part = "image" if stated.image_sha256 != here.image_sha256 else "truth"
@@ -63,7 +63,7 @@ def check_identity(frame_id: str, here: FrameIdentity, recorded: Recorded) -> No
 
 
 def _tables(out: Path, facts: FrameFacts) -> Iterator[tuple[Path, pd.DataFrame]]:
-    """Tables of results on frames of the same scenario, each with its place."""
+    """Yield the tables of results on frames of the same scenario, each with its path."""
     for summary in sorted((out / facts.place).glob(f"*/*/{SUMMARY_NAME}")):
         if read_summary(summary).provenance.frames.scenario_sha256 == facts.scenario_sha256:
             yield summary.parent, read_table(summary.with_name(FRAMES_NAME), _COLUMNS).to_pandas()

@@ -1,4 +1,4 @@
-"""Outcomes of a run that has not ended, kept on disk so that an interrupted one resumes."""
+"""Journal of an unfinished run: its outcomes, kept on disk so that it resumes after an interruption."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from generator.files import write_bytes
 
 FOLDER = "unfinished"
 LONGEST_WAIT_S = 20.0
-"""Outcomes wait at most so long to be written: what an interruption may cost."""
+"""Longest time, in seconds, before outcomes are written, and so the most work that an interruption can lose."""
 
 
 class Journal:
-    """Tables of the frames that a run has done so far.
+    """Tables of the frames that a run has completed so far.
 
     Parameters
     ----------
     folder : Path
-        Of the result.
+        Folder of the result.
     stamp : dict
-        What must be the same for outcomes to be taken over: versions, machine, number of jobs.
+        What must agree for earlier outcomes to be taken over: versions, machine, number of jobs.
     kept : bool
-        Whether outcomes are kept on disk: not where the solver cannot be told from another one later.
+        Whether outcomes are kept on disk. They are not where the solver could not be distinguished from another one later.
     """
 
     def __init__(self, folder: Path, stamp: dict[str, object], kept: bool) -> None:
@@ -46,9 +46,9 @@ class Journal:
         self._written = time.monotonic()
 
     def take_over(self, wanted: Sequence[Frame]) -> set[str]:
-        """Read what an interrupted run has left, and return the ids of its frames among those wanted.
+        """Read the outcomes of an interrupted run, and return the ids of its frames among those wanted.
 
-        Nothing of it is taken over where a frame is another one since: its image or its truth has another hash.
+        Nothing is taken over if any frame has changed since, that is, if its image or its truth has another hash.
         """
         stamp = self._folder / "stamp.json"
         if not self._kept or not stamp.is_file() or stamp.read_text(encoding="utf-8") != self._stamp:
@@ -67,13 +67,13 @@ class Journal:
         return {frame.frame_id for frame in kept}
 
     def add(self, outcome: SolverOutcome) -> None:
-        """Keep an outcome; it is on disk after `LONGEST_WAIT_S` or `flush`."""
+        """Keep an outcome; it is on disk after `LONGEST_WAIT_S` or after `flush`."""
         self._waiting.append(outcome)
         if time.monotonic() - self._written > LONGEST_WAIT_S:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits; the table of frames comes last and vouches for that of detections."""
+        """Write the waiting outcomes; the table of frames comes last: it confirms that that of detections is complete."""
         if self._waiting and self._kept:
             part = f"{len(self._frames):05d}.parquet"
             self._gather()
@@ -90,7 +90,7 @@ class Journal:
         return in_order(frames, frame_ids), in_order(matches, frame_ids)
 
     def clear(self) -> None:
-        """Forget what was done, here and on disk."""
+        """Discard all outcomes, in memory and on disk."""
         self._frames, self._matches, self._waiting = [], [], []
         shutil.rmtree(self._folder, ignore_errors=True)
 

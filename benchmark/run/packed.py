@@ -1,12 +1,12 @@
-"""Packed results: all solvers' answers to one set of frames in one Parquet file, and where each comes from beside it.
+"""Packed results: all solvers' answers to one set of frames in one Parquet file, with their provenance in a JSON file.
 
-``PART.parquet`` has a row to each frame: its circumstances once, and in the column ``answers`` a list with a structure to
-each solver, in the order of the rows of ``PART.json``; null where a solver was not given that frame. ``PART.json`` holds
-a provenance for each row and the SHA-256 of the table that it belongs to, so that neither changes alone.
+``PART.parquet`` has one row per frame. A row holds the circumstances of the frame once and, in the column ``answers``, a list
+with one structure per solver, in the order of the rows of ``PART.json``; null where a solver was not given that frame.
+``PART.json`` holds the provenance of each row and the SHA-256 of the table that it belongs to, so neither can change alone.
 
-Numbers are kept to as many binary digits as their use needs (`_DIGITS`), which is more than any page prints. Errors are cut
-towards zero, so that none comes to lie on the other side of a limit of whole kilometres; others are rounded. Hashes: bytes.
-Positions, the solver's own account of its stages and its detections are not kept: a run makes them again.
+Numbers are kept to as many binary digits as their use needs (`_DIGITS`), which is more than any page prints. Errors are
+truncated towards zero, so that none moves across a limit of whole kilometres; other numbers are rounded. Hashes are stored as
+bytes. Positions, the solver's own timing of its stages and its detections are not kept; a new run reproduces them.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _ANSWER_COLUMNS = {
     "cov_ee_km2": pa.float32(),
     "cov_en_km2": pa.float32(),
     "cov_nn_km2": pa.float32(),
-    "confidence": pa.float64(),  # its order near 1 counts
+    "confidence": pa.float64(),  # full precision, because the order of values near 1 matters
     "n_detections": pa.int32(),
     "n_detected_stars": pa.int32(),
     "n_matches": pa.int32(),
@@ -91,28 +91,28 @@ _DIGITS = {
     "moon_altitude_deg": 24,
     "moon_illuminated": 24,
 }
-"""Binary digits that are kept, 24 being single precision: 4 mm of an error of 1 km, 1 µs of a time of 50 ms."""
+"""Binary digits that are kept. 24 are single precision: 4 mm for an error of 1 km, 1 µs for a time of 50 ms."""
 _HASHES = ("image_sha256", "truth_sha256")
 
 
 class OtherFramesError(ResultsError):
-    """Results for one table are of frames that differ."""
+    """Results for one table are of different frames."""
 
 
 @dataclass(frozen=True, eq=False)
 class PackedRow:
-    """One solver's result.
+    """The result of one solver.
 
     Attributes
     ----------
     solver, detections, key : str
-        As in the folder of its raw result.
+        As in the folder of the raw result.
     provenance : mapping of str to object
         As JSON.
     frames : DataFrame
         As read from its ``frames.parquet``.
     established : str
-        How the solver's revision was found where the run did not record it; empty where it did, or where nobody knows.
+        How the solver's revision was established where the run did not record it; empty where it did, or where it is unknown.
     """
 
     solver: str
@@ -124,22 +124,22 @@ class PackedRow:
 
 
 def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
-    """Put results on the same frames into one table.
+    """Pack results on the same frames into one table.
 
     Parameters
     ----------
     rows : sequence of PackedRow
-        Their frames may be fewer than the others', but not different.
+        Some may have fewer frames than others, but no different ones.
 
     Returns
     -------
     tuple of (bytes, bytes)
-        The table (Parquet) and what it holds (JSON).
+        The table (Parquet) and its listing (JSON).
 
     Raises
     ------
     OtherFramesError
-        Two of them disagree about a frame.
+        Two results disagree about a frame.
     """
     largest = max(rows, key=lambda row: len(row.frames))
     frames = _frame_part(largest.frames)
@@ -172,12 +172,12 @@ def pack(rows: Sequence[PackedRow]) -> tuple[bytes, bytes]:
 
 
 def read_packed(listing: Path) -> list[PackedRow]:
-    """Read a packed table by its ``PART.json``.
+    """Read a packed table, given its ``PART.json``.
 
     Raises
     ------
     ResultsError
-        It is damaged, or does not belong to the table beside it.
+        It is damaged, or does not belong to the table next to it.
     """
     path = listing.with_suffix(".parquet")
     try:
@@ -225,7 +225,7 @@ def _frame_part(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def _kept(values: pd.Series) -> pd.Series:
-    """A column to its binary digits; what has no more already stays as it is."""
+    """Reduce a column to its binary digits; values without further digits stay as they are."""
     digits = _DIGITS[str(values.name)]
     mantissa, exponent = np.frexp(values.to_numpy(dtype=np.float64, na_value=np.nan))
     whole = np.trunc if values.name == _ERROR else np.rint
@@ -233,7 +233,7 @@ def _kept(values: pd.Series) -> pd.Series:
 
 
 def _as_stored(frames: pa.Table) -> pa.Table:
-    """Hashes as bytes, and numbers of few digits in single precision."""
+    """Convert hashes to bytes, and numbers of few digits to single precision."""
     for place, name in enumerate(frames.column_names):
         if name in _DIGITS:
             frames = frames.set_column(place, name, frames[name].cast(pa.float32()))
@@ -244,7 +244,7 @@ def _as_stored(frames: pa.Table) -> pa.Table:
 
 
 def _as_read(stored: pa.Table) -> pd.DataFrame:
-    """Circumstances as a run's table has them; tables of earlier dates hold hashes as text."""
+    """Convert circumstances to the types of a run's table; older packed tables hold hashes as text."""
     for place, name in enumerate(stored.column_names):
         if name in _DIGITS:
             stored = stored.set_column(place, name, stored[name].cast(pa.float64()))
@@ -265,14 +265,14 @@ def _check_same(largest: PackedRow, row: PackedRow, frames: pd.DataFrame) -> Non
 
 
 def _spread(frames: pd.DataFrame, ids: pd.Index) -> dict[str, pd.Series]:
-    """One solver's columns over all frames."""
+    """Extend one solver's columns to all frames."""
     spread = frames.set_index("frame_id").reindex(ids)
     columns = {name: _kept(spread[name]) if name in _DIGITS else spread[name] for name in _ANSWER_COLUMNS}
     return columns | {"absent": pd.Series(~ids.isin(frames["frame_id"]), index=ids)}
 
 
 def _interleaved(columns: Sequence[pd.Series], kind: pa.DataType) -> pa.Array:
-    """Frame after frame, each with all solvers' values."""
+    """Order values frame by frame, each frame with the values of all solvers."""
     stacked = pd.concat(list(columns), axis=1).to_numpy(dtype=object).ravel()
     return pa.array([None if pd.isna(value) else value for value in stacked], type=kind)
 

@@ -1,4 +1,4 @@
-"""Packing a tree of results: raw ones go into the tables of `benchmark.run.packed`, and their folders go."""
+"""Packing a tree of results: raw results move into the tables of `benchmark.run.packed`, and their folders are removed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from generator.files import write_bytes
 
 @dataclass(frozen=True)
 class PackedTable:
-    """A table that was written: its listing, the rows that came anew, and its size."""
+    """A table that was written: its listing, the rows that are new, and its size."""
 
     listing: Path
     n_new: int
@@ -26,27 +26,27 @@ class PackedTable:
 
 
 def pack_tree(root: Path, leave_others: bool = False) -> list[PackedTable]:
-    """Pack all raw results of a tree; each takes the place of a packed one of the same solver and mode of detections.
+    """Pack all raw results of a tree; each replaces the packed one of the same solver and mode of detection.
 
-    The folders of raw results are removed once the table holds what they held. Results of frames that differ from those of
-    the other rows stay raw, and do not keep other tables from being packed.
+    The folders of raw results are removed once the table holds their contents. Results on other frames than those of the
+    other rows stay raw, and do not keep other tables from being packed.
 
     Parameters
     ----------
     root : Path
     leave_others : bool
-        Whether results that stay raw are no error: the other rows are still to be made.
+        Whether results that stay raw are no error, because the other rows are still to be run.
 
     Returns
     -------
     list of PackedTable
-        Of the tables that changed.
+        The tables that changed.
 
     Raises
     ------
     ResultsError
-        A result is damaged, a solver has two raw results for one table, or, once all else is packed, results disagree about
-        their frames.
+        A result is damaged, or a solver has two raw results for one table, or, once everything else is packed, results
+        disagree about their frames.
     """
     found: defaultdict[Path, list[tuple[Path, PackedRow]]] = defaultdict(list)
     for summary in sorted(root.glob(f"*@*/*/*/*/{SUMMARY_NAME}")):
@@ -94,7 +94,7 @@ def _pack_part(part: Path, raw: list[tuple[Path, PackedRow]]) -> PackedTable:
 
 
 def write_packed(listing: Path, rows: list[PackedRow]) -> int:
-    """Write a packed table and its listing, and read them again; bytes of both. Raises ResultsError."""
+    """Write a packed table and its listing, and read them back; returns the bytes of both. Raises ResultsError."""
     table, text = pack(rows)
     write_bytes(listing.with_suffix(".parquet"), table)
     write_bytes(listing, text)

@@ -1,4 +1,4 @@
-"""Frames of any lens as a pinhole shows them, for programs that know pinholes only (`lens: pinhole` in solver.yaml)."""
+"""Frames of any lens as a pinhole shows them, for programs that only support pinholes (`lens: pinhole` in solver.yaml)."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from benchmark.solvers.pinhole import pinhole_view
 
 @dataclass(frozen=True)
 class PinholeFrame:
-    """A frame as a pinhole shows it, and the way back.
+    """A frame as a pinhole shows it, and the transformation back.
 
     Attributes
     ----------
     frame : Frame
-        With a pinhole for its camera, principal point in the middle.
+        The frame with a pinhole camera whose principal point is in the middle.
     shared : Detections or None
-        Those detections that the pinhole shows, in its pixels.
+        Those of the given detections that the pinhole shows, in its pixels.
     whole : Frame
-        With the camera as it is.
+        The frame with the original camera.
     rows : ndarray of int, shape (n,)
-        Which of the detections they are.
+        Indices of these detections among the given ones.
     """
 
     frame: Frame
@@ -41,7 +41,10 @@ class PinholeFrame:
     rows: NDArray[np.intp]
 
     def write_image(self, path: Path) -> None:
-        """Lay the image on the pinhole by linear interpolation; what the lens does not show is 0. Raises OSError."""
+        """Resample the image to the pinhole by linear interpolation; pixels outside the lens's image are 0.
+
+        Raises OSError.
+        """
         pinhole = self.frame.observation.camera
         u, v = np.meshgrid(np.arange(pinhole.width), np.arange(pinhole.height))
         uv = self.to_lens(np.column_stack((u.ravel(), v.ravel())).astype(np.float64))
@@ -52,19 +55,19 @@ class PinholeFrame:
         )
 
     def to_lens(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels of the camera as it is, shape (n, 2), of pixels of the pinhole; NaN where it shows nothing."""
+        """Transform pixels of the pinhole to pixels of the original camera, shape (n, 2); NaN where it shows nothing."""
         rays = _camera(self.frame.observation.camera).to_rays(uv)
         return np.asarray(_camera(self.whole.observation.camera).project(rays))
 
     def back(self, response: Response, shared: Detections | None) -> Response:
-        """The program's response in the pixels of the camera as it is, and in the rows of the detections as they are."""
+        """Transform a program's response to the pixels of the original camera and the indices of the original detections."""
         if shared is None:
             uv = self.to_lens(response.uv) if len(response.uv) else response.uv
             kept = np.flatnonzero(np.isfinite(uv).all(axis=1))
             return dataclasses.replace(
                 response, answer=_renumbered(response.answer, kept), uv=uv[kept], flux=response.flux[kept]
             )
-        if not len(response.uv):  # a failure shows none
+        if not len(response.uv):  # a failure has no detections
             return response
         matches = response.answer.matches.copy()
         matches[:, 0] = self.rows[matches[:, 0]]
@@ -74,7 +77,7 @@ class PinholeFrame:
 
 
 def _renumbered(answer: Answer, kept: NDArray[np.intp]) -> Answer:
-    """Matches of those detections that are kept."""
+    """Renumber matches, keeping those whose detections are kept."""
     matches = answer.matches[np.isin(answer.matches[:, 0], kept)].copy()
     matches[:, 0] = np.searchsorted(kept, matches[:, 0])
     return dataclasses.replace(answer, matches=matches)
@@ -88,7 +91,7 @@ def is_centred_pinhole(camera: CameraRecord) -> bool:
 
 
 def as_pinhole(frame: Frame, shared: Detections | None) -> PinholeFrame:
-    """Show a frame, and detections where they are given, as a pinhole of the same focal length does."""
+    """Transform a frame, and detections where given, to a pinhole of the same focal length."""
     lens = frame.observation.camera
     view = pinhole_view(np.empty((0, 2)) if shared is None else np.asarray(shared.uv), lens)
     middle = np.array([(view.width - 1) / 2.0, (view.height - 1) / 2.0])

@@ -1,4 +1,4 @@
-"""Where a result comes from: one record for all runs, and nothing of it left blank."""
+"""Provenance of a result: one complete record, of the same form for all runs."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ UNKNOWN = "not stated"
 
 @dataclass(frozen=True)
 class SolverFacts:
-    """What results say of the solver.
+    """What results say about the solver.
 
     Attributes
     ----------
     target : str or None
-        What `skybench bench run --solver` is given to run it; None where no command runs it.
+        Argument of `skybench bench run --solver` that runs it; None where no command runs it.
     kind : str
-        ``registered``: comes with skybench; ``folder``: of the user's own; ``object``: in Python; ``submission``: ran
-        elsewhere.
+        ``registered``: comes with skybench; ``folder``: the user's own folder; ``object``: a Python object; ``submission``:
+        ran elsewhere.
     title, licence, version : str
     detector : str
-        Whose detections it was given.
+        Name of the detector whose detections it received.
     revision : str or None
-        Digest of its behaviour: another digest, another solver. None for a Python object that states none.
+        Digest of its behaviour: a different digest means a different solver. None for a Python object that states none.
     time_limit_s, memory_limit_mib : float or None
-        Per frame; None where nothing limited it.
+        Per frame; None where there was no limit.
     isolation : str or None
-        How its program was kept from files and network; None where that is not known.
+        How its program was kept from files and network; None where that is unknown.
     """
 
     target: str | None
@@ -57,19 +57,19 @@ class SolverFacts:
 
 @dataclass(frozen=True)
 class Renewal:
-    """Answers that a result has from an earlier one, to frames that are the same since (`benchmark.run.renewal`).
+    """Answers that a result takes over from an earlier one, for frames that have not changed (`benchmark.run.renewal`).
 
     Attributes
     ----------
     n_kept : int
-        Frames whose answers are of an earlier run.
+        Frames whose answers are from an earlier run.
     n_solved : int
-        Frames that were solved again, because they are others now.
+        Frames that were solved again because they have changed.
     date_utc : str
-        When the earlier run ended; of several, the first.
+        When the earlier run ended; the first, if there were several.
     scenario_sha256 : str
     rendered_with : mapping of str to str
-        Of that run's frames, and the generator's versions.
+        Scenario of that run's frames, and versions of the generator that rendered them.
     """
 
     n_kept: int
@@ -81,16 +81,16 @@ class Renewal:
 
 @dataclass(frozen=True)
 class RunProvenance:
-    """Where a result comes from.
+    """Provenance of a result.
 
     Attributes
     ----------
     frames : FrameFacts
-        What was solved.
+        Frames that were solved.
     solver : SolverFacts
-        What solved it.
+        Solver that solved them.
     detections : str
-        ``own``: the solver detected by itself; ``shared``: it got celnav's detections.
+        ``own``: the solver detected by itself; ``shared``: it received celnav's detections.
     key : str
         See `result_key`.
     versions, machine : mapping of str to str
@@ -98,9 +98,9 @@ class RunProvenance:
     date_utc : str
         When the run ended.
     jobs : int
-        Frames that were solved at the same time, which bears on the times.
+        Number of frames that were solved in parallel, which affects the times.
     renewed : Renewal or None
-        None where all answers are of one run.
+        None where all answers are from one run.
     """
 
     frames: FrameFacts
@@ -118,7 +118,7 @@ _READER = TypeAdapter(RunProvenance)
 
 
 def result_key(name: str, solver: SolverFacts, frames: FrameFacts) -> str:
-    """Digest of all that may change a result: solver and its revision, frames and detections."""
+    """Digest of everything that may change a result: solver and its revision, frames and detections."""
     parts = [
         name,
         solver.version if solver.revision is None else solver.revision,
@@ -133,18 +133,18 @@ def result_key(name: str, solver: SolverFacts, frames: FrameFacts) -> str:
 def provenance_of(
     name: str, solver: SolverFacts, frames: FrameFacts, detections: DetectionsMode, jobs: int, here: bool = True
 ) -> RunProvenance:
-    """Where a result comes from that has just been made.
+    """Provenance of a result that has just been produced.
 
     Parameters
     ----------
     name : str
-        Of the solver.
+        Name of the solver.
     solver : SolverFacts
     frames : FrameFacts
     detections : str
     jobs : int
     here : bool
-        Whether this machine solved; else the machine is not known.
+        Whether this machine ran the solver; otherwise the machine is unknown.
     """
     machine = provenance.machine()
     return RunProvenance(
@@ -160,19 +160,19 @@ def provenance_of(
 
 
 def circumstances(source: RunProvenance) -> tuple[object, ...]:
-    """What bears on answers beside frames and solver: limits, detector, libraries."""
+    """What affects answers besides frames and solver: limits, detector, libraries."""
     solver = source.solver
     limits = solver.time_limit_s, solver.memory_limit_mib, solver.isolation
     return (*limits, solver.detector, tuple(sorted(source.versions.items())))
 
 
 def machines_together(machines: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """What runs on several machines say of these."""
+    """Combine the descriptions of several machines into one."""
     return {key: "; ".join(dict.fromkeys(one[key] for one in machines)) for key in machines[0]}
 
 
 def blanks(found: RunProvenance) -> list[str]:
-    """Names of texts and mappings that are empty; those that may be unknown say so by None."""
+    """Names of texts and mappings that are empty; a value that may be unknown is None instead."""
 
     def empty(prefix: str, tree: Mapping[str, Any]) -> list[str]:
         names = []
@@ -192,7 +192,7 @@ def read_provenance(tree: object) -> RunProvenance:
     Raises
     ------
     ResultsError
-        Says which key is wrong.
+        The message names the key that is wrong.
     """
     try:
         return _READER.validate_python(tree)

@@ -1,11 +1,11 @@
-"""A result of today's frames made from an earlier one: answers to frames that are the same stay, the others are solved again.
+"""Renewal of an earlier result for today's frames: answers to unchanged frames are kept, the others are solved again.
 
-An answer depends on the solver's revision and on what the solver is given. The image is known by its hash. What is told of
-its circumstances follows from the task's definition, the frame's number and the truth. The hash of the truth holds the
-place and where each star stands, to the last bit, which camera, attitude, time and air decide together; size and time are
-compared as well. A frame without stars shows none of that and is solved again. Two changes are not seen: of what a frame
-record states as told (``told``, pressure, temperature) where it moves no star, and of `benchmark.instruments`, which is of
-no revision. After these, results are to be made anew.
+An answer depends on the solver's revision and on what the solver receives. The image is identified by its hash. The
+circumstances that a solver receives follow from the task's definition, the frame's number and the truth. The hash of the
+truth covers the site and the position of each star to the last bit; camera, attitude, time and air together determine these.
+Size and time are compared as well. A frame without stars reveals none of this and is solved again. Two kinds of change go
+unnoticed: changes of what a frame record states for solvers (``told``, pressure, temperature) that move no star, and changes
+of `benchmark.instruments`, which is not part of any revision. After such changes, produce the results anew.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from benchmark.stats.metrics import ERROR, FrameScore
 
 
 def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | None:
-    """Packed result whose answers are those that a run would give, as far as the frames are the same; None without one.
+    """Find the packed result whose answers equal those that a run would give, as far as the frames are the same.
 
     Parameters
     ----------
@@ -36,8 +36,13 @@ def earlier_row(out: Path, solver: str, wanted: RunProvenance) -> PackedRow | No
         Root of all results.
     solver : str
     wanted : RunProvenance
-        Of the run. Revision, detector, limits, libraries and the task's definition must be the same. A result that is all
-        errors is no such one.
+        Provenance of the run. Revision, detector, limits, libraries and the task's definition must agree. A result that
+        consists of errors alone does not count.
+
+    Returns
+    -------
+    PackedRow or None
+        None where there is no such result.
     """
     listing = out / wanted.frames.place.with_name(f"{wanted.frames.place.name}.json")
     for row in read_packed(listing) if listing.is_file() else ():
@@ -56,15 +61,15 @@ def _same_but_for_frames(earlier: RunProvenance, wanted: RunProvenance) -> bool:
 def frames_as_before(
     row: PackedRow, frames: Sequence[Frame], identity: Callable[[Frame], FrameIdentity]
 ) -> list[Frame]:
-    """Frames that are those of a result; of a sequence all or none.
+    """Frames that are unchanged since a result; of a sequence either all frames or none.
 
     Parameters
     ----------
     row : PackedRow
     frames : sequence of Frame
-        As `outcomes` of the engine takes them.
+        In the order that `outcomes` of the engine takes.
     identity : callable
-        Gives a frame's hashes.
+        Returns the hashes of a frame.
     """
     stated = identities_in(row.frames)
     columns = ["index", "width_px", "height_px", "utc_mid"]
@@ -84,7 +89,7 @@ def frames_as_before(
 def outcome_before(row: PackedRow, frame: Frame, bound_km: float | None, identity: FrameIdentity) -> SolverOutcome:
     """A result's answer to one of its frames, with the frame's circumstances as they are read today.
 
-    Position, detections and the parts of the time are not known, because packing leaves them out.
+    Position, detections and the times of single stages are unknown, because packing leaves them out.
     """
     (answer,) = row.frames.loc[row.frames["frame_id"] == frame.frame_id].to_dict("records")
     error_km, conditions = _number(answer["error_km"]), frame.conditions
@@ -131,18 +136,18 @@ def _number(value: Any) -> float | None:
 
 
 def renewed(run: RunProvenance, row: PackedRow, n_kept: int, n_solved: int) -> RunProvenance:
-    """Where a result comes from that has answers of an earlier one.
+    """Provenance of a result with answers taken over from an earlier one.
 
-    Where no frame was solved again it is the earlier result, of frames that were rendered again.
+    Where no frame was solved again, it is the earlier result's, for frames that were rendered again.
 
     Parameters
     ----------
     run : RunProvenance
-        Of the run that solved the others.
+        Provenance of the run that solved the other frames.
     row : PackedRow
         The earlier result.
     n_kept, n_solved : int
-        Frames with its answers, and with new ones.
+        Number of frames with its answers, and with new ones.
     """
     earlier = read_provenance(row.provenance)
     if not n_solved:

@@ -22,7 +22,7 @@ CONDITION_UNITS = {
     "altitude_deg": "deg",
     "roll_deg": "deg",
 }
-"""Circumstances with a column of their own, and its unit."""
+"""Circumstances that have a column of their own, with their units."""
 
 
 def frame_table(outcomes: Sequence[SolverOutcome]) -> pa.Table:
@@ -100,7 +100,7 @@ def scores_of(frames: pa.Table) -> list[FrameScore]:
 
 
 def in_order(table: pa.Table, frame_ids: Sequence[str]) -> pa.Table:
-    """The rows of these frames, in their order; rows of one frame keep theirs."""
+    """Select the rows of these frames, in this order; rows of the same frame keep their order."""
     place = pc.index_in(table["frame_id"], value_set=pa.array(frame_ids, pa.string()))
     known = pc.is_valid(place)
     numbered = pa.table({"place": place.filter(known), "row": pa.array(range(len(table)), pa.int64()).filter(known)})

@@ -1,8 +1,8 @@
-"""Results on disk: written by the engine, read by the report (docs/benchmark.md describes the files).
+"""Result files: written by the engine, read by the report (docs/benchmark.md describes the files).
 
 ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/`` holds the result of one solver on one set of frames. Every file appears under
-its name only when it is whole; the summary is written last, so that a folder holds one only when the tables beside it
-belong to it.
+its name only when it is complete. The summary is written last, so a folder contains a summary only when it belongs to the
+tables next to it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from generator.reading.table import check_claims
 RESULT_FORMAT = "skybench-result/2"
 SUMMARY_NAME = "summary.json"
 SAME_COUNTS = ("skybench-metrics/1", DEFINITIONS)
-"""Definitions of a summary whose counts of frames, which are all that is read of it, mean the same."""
+"""Definitions of metrics under which a summary's counts of frames, the only numbers read from it, mean the same."""
 LARGEST_SUMMARY_BYTES = 16 * 2**20
 FRAMES_NAME = "frames.parquet"
 MATCHES_NAME = "matches.parquet"
@@ -45,7 +45,7 @@ RUN_AGAIN = "run `skybench bench run` again"
 
 
 def check_solver_name(name: str) -> None:
-    """Refuse a solver name that cannot be a file name.
+    """Refuse a solver name that cannot be used as a file name.
 
     Raises
     ------
@@ -56,14 +56,14 @@ def check_solver_name(name: str) -> None:
 
 
 def result_folder(out: Path, solver: str, provenance: RunProvenance) -> Path:
-    """Folder of a result. Raises ResultsError for a name that is no file name."""
+    """Folder of a result. Raises ResultsError for a name that cannot be used as a file name."""
     check_solver_name(solver)
     return out / provenance.frames.place / provenance.detections / f"{solver}-{provenance.key}"
 
 
 @dataclass(frozen=True)
 class StoredSummary:
-    """What a result's summary says: whose it is, where it comes from, and its counts of frames.
+    """What a result's summary says: its solver, its provenance and its counts of frames.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def read_summary(path: Path) -> StoredSummary:
     Raises
     ------
     ResultsError
-        It is damaged, of another format or other definitions, or not of the solver and frames that its path says.
+        It is damaged, has another format or other definitions, or does not match the solver and frames in its path.
     """
     try:
         tree = strict_json(read_at_most(path, LARGEST_SUMMARY_BYTES), str(path), LARGEST_SUMMARY_BYTES)
@@ -152,12 +152,12 @@ def read_summary(path: Path) -> StoredSummary:
 def read_table(
     path: Path, columns: Sequence[str] | None = None, filters: Sequence[tuple[str, str, object]] | None = None
 ) -> pa.Table:
-    """Read a table of a result: of those columns that it has, and rows that pass all filters, as Arrow states them.
+    """Read a table of a result: only the columns that it has, and the rows that pass all filters (in Arrow's notation).
 
     Raises
     ------
     ResultsError
-        It is missing or damaged, or claims more than a file of its size may hold.
+        It is missing or damaged, or claims more data than a file of its size can hold.
     """
     try:
         check_claims(path)
@@ -168,12 +168,12 @@ def read_table(
 
 
 def check_writable(out: Path) -> None:
-    """Find out whether results can be written to a folder, or one be made there, before there are any; leaves no trace.
+    """Check whether results can be written to a folder, or the folder created, without leaving a trace.
 
     Raises
     ------
     ResultsError
-        They cannot.
+        It is not possible.
     """
     try:
         there = next(folder for folder in (out, *out.absolute().parents) if os.path.lexists(folder))
@@ -185,12 +185,12 @@ def check_writable(out: Path) -> None:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Do what writes results into a folder; each file appears under its name only when whole.
+    """Context in which files of a result are written; each appears under its name only when complete.
 
     Raises
     ------
     ResultsError
-        The operating system refuses: a full disk, a renaming that fails.
+        The operating system refuses: for example a full disk or a failed renaming.
     """
     try:
         yield
@@ -202,7 +202,7 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:
-    """Write a table that appears under its name only when whole."""
+    """Write a table that appears under its name only when complete."""
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     write_bytes(path, sink.getvalue().to_pybytes())

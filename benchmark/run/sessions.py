@@ -1,7 +1,7 @@
-"""Solver sessions: a frame is put to a solver, and its answer comes back checked, whatever the solver does.
+"""Solver sessions: a session puts a frame to a solver and returns a checked answer, whatever the solver does.
 
-Two kinds: a Python object in this process (`InProcessSession`) or in one of its own (`OtherProcessSession`), and a program
-over a pipe (`PipeSession`).
+There are two kinds: a Python object, in this process (`InProcessSession`) or in its own (`OtherProcessSession`), and a
+program over a pipe (`PipeSession`).
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ from generator.processes import follow_parent
 
 
 class Session(Protocol):
-    """One solver, ready for one frame at a time."""
+    """One solver that answers one frame at a time."""
 
     def start(self) -> str:
-        """Make ready, and return the solver's version. Raises SolverError where it cannot run here."""
+        """Start the solver and return its version. Raises SolverError where it cannot run here."""
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Put a frame to the solver; `shared` are the detections that it is to use, None to detect by itself.
+        """Put a frame to the solver, with the detections that it is to use; with None it detects by itself.
 
-        Frames of a sequence come in order, none of another between them.
+        The frames of a sequence come in order, without other frames between them.
         """
 
     def close(self) -> None:
@@ -56,7 +56,7 @@ class Session(Protocol):
 
 
 def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
-    """Frames in groups that one session is asked in order: each sequence is one, and each frame by itself."""
+    """Group frames that one session answers in order: each sequence is a group, and so is each single frame."""
 
     def key(frame: Frame) -> tuple[str, str]:
         place = frame.observation.sequence
@@ -66,13 +66,13 @@ def asked_together(frames: Sequence[Frame]) -> list[list[Frame]]:
 
 
 def isolation_of(solver: SolverFolder) -> str:
-    """How a solver's program is kept from files and network: adapters, which come with skybench, are not."""
+    """How a solver's program is kept from files and network; adapters, which come with skybench, are not isolated."""
     return ISOLATED if solver.spec.command and not isolation_obstacle() else NOT_ISOLATED
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Detections that a program has found before."""
+    """Detections that a program found earlier."""
 
     uv: NDArray[np.float64]
     flux: NDArray[np.float64] | None
@@ -80,17 +80,17 @@ class _Found:
 
 @dataclass(frozen=True)
 class _Time:
-    """Of a frame's limit: what a request should take at most, and what those before it have taken."""
+    """Time within a frame's limit, s: the most that a request should take, and what earlier requests have taken."""
 
     share_s: float
     spent_s: float = 0.0
 
 
 class PipeSession:
-    """A solver's program, started anew after every frame that it did not survive.
+    """A solver's program, which is restarted after every frame that it did not survive.
 
-    It reads each image in a folder that holds nothing else: beside the frame lies its truth. A program of the user's is
-    isolated where the system allows it.
+    It reads each image in a folder that holds nothing else, because the truth is stored next to the original. A user's
+    program is isolated where the system allows it.
     """
 
     def __init__(self, solver: SolverFolder, on_stderr: Callable[[bytes], None] | None = None) -> None:
@@ -115,10 +115,11 @@ class PipeSession:
         return version
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the program; whatever goes wrong is a refusal of this frame.
+        """Ask the program; any failure counts as a refusal of this frame.
 
-        One that does not search the focal length by itself is asked again where it refuses (`benchmark.run.focal_retry`),
-        with the detections that it has found; the times add up, and the frame's limit is that of their sum.
+        A program that does not search the focal length by itself is asked again when it refuses
+        (`benchmark.run.focal_retry`), with the detections that it has found. The times add up, and the frame's limit applies
+        to their sum.
         """
         retries, limit_s = self._solver.spec.focal_retries, self._solver.limits.time_s
         share, *later = shares(retries)
@@ -134,7 +135,7 @@ class PipeSession:
             responses.append(self._asked_once(other, found, _Time(share * (limit_s - spent_s), spent_s)))
             if responses[-1].status == FIX:
                 break
-        # The reason of a refusal is that of the told focal length.
+        # The reason given for a refusal is that for the supplied focal length.
         chosen = responses[-1] if responses[-1].status == FIX else first
         memory = [one.peak_memory_mib for one in responses if one.peak_memory_mib is not None]
         solve_ms = sum(one.detect_ms + one.solve_ms for one in responses) - first.detect_ms
@@ -143,14 +144,14 @@ class PipeSession:
         )
 
     def _asked_once(self, frame: Frame, shared: Detections | None, allowed: _Time) -> Response:
-        """Ask the program about a frame as it is told; one that knows pinholes only about what a pinhole shows of it."""
+        """Ask about a frame with its supplied camera; a program that only supports pinholes gets a pinhole's view of it."""
         if self._solver.spec.lens == "any" or is_centred_pinhole(frame.observation.camera):
             return self._put(frame, shared, None, allowed)
         shown = as_pinhole(frame, shared)
         return shown.back(self._put(shown.frame, shown.shared, shown, allowed), shared)
 
     def _put(self, frame: Frame, shared: Detections | None, shown: PinholeFrame | None, allowed: _Time) -> Response:
-        """Ask the program; of `shown` it gets the image that a pinhole shows."""
+        """Put a request to the program; with `shown`, it gets the image of that pinhole."""
         try:
             request = request_of(frame, shared, self._shown(frame.image_path, shown), allowed.share_s)
         except OSError as error:
@@ -192,7 +193,7 @@ class PipeSession:
             self.start()
 
     def _shown(self, image: Path, by_pinhole: PinholeFrame | None) -> Path:
-        """Put an image where the program may read it, alone, under a name that was not used before. Raises OSError."""
+        """Place an image, alone and under an unused name, where the program may read it. Raises OSError."""
         assert self._folder is not None, "the session is closed"
         folder = Path(self._folder.name)
         for before in folder.iterdir():
@@ -200,13 +201,13 @@ class PipeSession:
         self._asked += 1
         shown = folder / f"{self._asked}{image.suffix}"
         if by_pinhole is None:
-            shutil.copyfile(image, shown)  # no link: the program may write to what it is given
+            shutil.copyfile(image, shown)  # a copy, no link: the program may write to it
         else:
             by_pinhole.write_image(shown)
         return shown
 
     def close(self) -> None:
-        """End the program and all that it has started."""
+        """End the program and everything that it has started."""
         self._program.close()
         if self._folder is not None:
             self._folder.cleanup()
@@ -214,7 +215,7 @@ class PipeSession:
 
 
 class InProcessSession:
-    """A Python object in this process. It gets copies and an image it cannot write to, and may raise anything."""
+    """A Python object in this process. It gets copies and a read-only image, and may raise any exception."""
 
     def __init__(self, solver: SolverUnderTest) -> None:
         self._solver = solver
@@ -237,24 +238,24 @@ class InProcessSession:
 
 
 def by_itself(frame: Frame) -> Frame:
-    """A frame without its sequence, in which a frame that is not judged would be one too many."""
+    """A frame without its sequence, for requests that are not judged and must not count as frames of the sequence."""
     return dataclasses.replace(frame, observation=dataclasses.replace(frame.observation, sequence=None))
 
 
 def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared: Detections | None = None) -> Response:
-    """Put a frame to a Python object; an exception or an answer that makes no sense is a refusal of this frame.
+    """Put a frame to a Python object; an exception or an invalid answer counts as a refusal of this frame.
 
     Parameters
     ----------
     solver : SolverUnderTest
     frame : Frame
-        Its `observation`, the image and the detections are all that the solver gets.
+        The solver receives only its `observation`, the image and the detections.
     image : ndarray of uint16, shape (height, width)
         DN.
     shared : Detections, optional
         To be used instead of the solver's own.
     """
-    # A copy that cannot be written to: no solver may change what the next one sees.
+    # A read-only copy: no solver may change what the next one sees.
     image = image.copy()
     image.flags.writeable = False
     known = reset_peak()
@@ -277,7 +278,7 @@ def ask(solver: SolverUnderTest, frame: Frame, image: NDArray[np.uint16], shared
 
 
 def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for unknown flux."""
+    """Copy positions and fluxes, so that the solver cannot change what is judged; NaN for an unknown flux."""
     uv = np.array(detections.uv, dtype=np.float64)
     flux = np.full(len(uv), np.nan) if detections.flux is None else np.array(detections.flux, dtype=np.float64)
     check_points(uv, flux)
@@ -285,7 +286,7 @@ def _points(detections: Detections) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 class OtherProcessSession:
-    """A Python object in a process of its own, to which it is sent: it must be picklable."""
+    """A Python object in a separate process, to which it is sent; it must be picklable."""
 
     def __init__(self, solver: SolverUnderTest) -> None:
         self._solver = solver
@@ -296,7 +297,7 @@ class OtherProcessSession:
         return self._solver.version
 
     def answer(self, frame: Frame, shared: Detections | None) -> Response:
-        """Ask the object in its process; one that ends its process is started again for the next frame."""
+        """Ask the object in its process; if it ends the process, a new one is started for the next frame."""
         if self._process is None:
             self._process = ProcessPoolExecutor(1, get_context("spawn"), _hold_in_process, (self._solver,))
         started = time.perf_counter()
@@ -313,7 +314,7 @@ class OtherProcessSession:
         self._process = None
 
 
-# One session per process: an executor offers no other place for what a process keeps.
+# One session per process: an executor offers no other place for a process's state.
 _session_of_process: list[InProcessSession] = []
 
 
@@ -327,7 +328,7 @@ def _answer_in_process(frame: Frame, shared: Detections | None) -> Response:
 
 
 class SessionPool:
-    """Sessions of one solver, as many as there are frames solved at the same time.
+    """Sessions of one solver, as many as the frames that are solved in parallel.
 
     Raises
     ------
@@ -342,7 +343,7 @@ class SessionPool:
         for session in self._sessions:
             self._idle.put(session)
         try:
-            # The last one in is the first one out; the others start when they are needed.
+            # The session returned last is used first; the others start when they are needed.
             self.version = self._sessions[-1].start()
         except SolverError:
             self.close()
@@ -350,7 +351,7 @@ class SessionPool:
 
     @contextmanager
     def idle_session(self) -> Iterator[Session]:
-        """A session that nobody else uses meanwhile."""
+        """Borrow a session that nobody else uses in the meantime."""
         session = self._idle.get()
         try:
             yield session
@@ -365,7 +366,7 @@ class SessionPool:
 
 @contextmanager
 def session_pool(make_session: Callable[[], Session], jobs: int) -> Iterator[SessionPool]:
-    """Start a solver, and end it whatever happens.
+    """Start a solver, and end it in any case.
 
     Raises
     ------

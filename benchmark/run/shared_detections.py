@@ -8,7 +8,7 @@ from benchmark.protocol import Detections
 from benchmark.solvers.revision import installed_packages
 
 SHARED_DETECTIONS = "shared-detections"
-"""Under this name a round's commitment states the detector's revision."""
+"""Name under which a round's commitment states the detector's revision."""
 
 
 def shared_detector() -> str:
@@ -17,11 +17,11 @@ def shared_detector() -> str:
 
 
 def shared_detections(frame: Frame) -> Detections:
-    """Detect in a frame's image."""
+    """Detect stars in a frame's image."""
     return _detect(frame.image_path, frame)
 
 
-# Solvers come to the same frames one after another, and levels of one task share their images.
+# Solvers process the same frames one after another, and the levels of one task share their images.
 _kept: dict[Path, Detections] = {}
 
 

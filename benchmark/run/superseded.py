@@ -1,4 +1,4 @@
-"""Results of tasks that are no more: an earlier revision beside a later one, and retired tasks."""
+"""Superseded results: those of an earlier revision of a task next to a later one, and those of retired tasks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmark.tasks.definition import RETIRED
 
 
 def superseded(root: Path) -> dict[Path, str]:
-    """Folders of results that have a later revision of their task beside them, and why none of them counts.
+    """Folders of results that have a later revision of their task next to them, and why they do not count.
 
     Revisions differ in meaning: a mean over both would count one question twice.
     """
@@ -34,7 +34,7 @@ def outdated(root: Path) -> dict[Path, str]:
 
 
 def remove_outdated(root: Path) -> dict[Path, str]:
-    """Remove the `outdated` folders of a tree of results; returns which, and why."""
+    """Remove the `outdated` folders of a tree of results; returns them with the reasons."""
     found = outdated(root)
     for folder in found:
         shutil.rmtree(folder)

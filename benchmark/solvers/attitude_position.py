@@ -1,4 +1,4 @@
-"""From an attitude among the stars to a position: the last step for solvers that answer with an attitude alone."""
+"""Conversion of an attitude among the stars to a position: the last step for solvers that only return an attitude."""
 
 import dataclasses
 import math
@@ -17,10 +17,10 @@ from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 ROTATION_TOLERANCE = 1e-4
 _LEAST_RAYS = 3
-"""Fewer directions leave a turn open."""
+"""With fewer directions, a rotation remains undetermined."""
 _GRID = 7
 _LOWEST_SINE = 0.05
-"""Of the altitude below which a direction of the grid over the frame holds no stars worth counting."""
+"""Sine of the altitude below which a direction of the grid over the frame contains no stars worth counting."""
 
 
 def position_of_attitude(
@@ -31,29 +31,28 @@ def position_of_attitude(
     pressure_hpa: float,
     temperature_c: float,
 ) -> tuple[float, float]:
-    """Find the place whose vertical points where the frame's does.
+    """Find the place whose vertical points to where the frame's vertical does.
 
-    An attitude that was fitted to catalogue directions has taken in what the Earth's motion and the air do to the stars that
-    it was fitted to: annual aberration (at most 20.5 arcsec or 0.63 km) and refraction (60 arcsec or 1.8 km at an altitude
-    of 45 deg). Both are taken off those stars: what was seen is freed of refraction about the frame's vertical, the
-    catalogue directions that the attitude gives it are aberrated, and the rotation that fits the one to the other in the
-    least squares takes the vertical to the sky. There, in the Earth's frame, it is the normal of the ellipsoid at the place.
-    Parallax and diurnal aberration (0.3 arcsec, 10 m) are left out.
+    An attitude that was fitted to catalogue directions has absorbed the effects of the Earth's motion and of the air on the
+    stars used in the fit: annual aberration (at most 20.5 arcsec or 0.63 km) and refraction (60 arcsec or 1.8 km at an
+    altitude of 45 deg). Both are removed for those stars. Refraction about the frame's vertical is removed from the observed
+    directions, aberration is applied to the catalogue directions that the attitude assigns to them, and the least-squares
+    rotation between the two takes the vertical to the sky. In the Earth's frame, this direction is the normal of the
+    ellipsoid at the place. Parallax and diurnal aberration (0.3 arcsec, 10 m) are neglected.
 
     Parameters
     ----------
     R_icrs_to_camera : array_like, shape (3, 3)
-        Takes catalogue directions (ICRS, at the frame's epoch, without aberration) to the camera frame: x right, y down,
-        z along the boresight.
+        Rotation from catalogue directions (ICRS, at the frame's epoch, without aberration) to the camera frame: x right, y
+        down, z along the boresight.
     up_camera : array_like, shape (3,)
         The zenith in the camera frame; any length.
     utc : str
         Mid-exposure.
     seen : ndarray, shape (n, 3)
-        Directions of the stars that the attitude was fitted to, unit vectors in the camera frame, 3 or more
-        (`rays_of_fit`).
+        Directions of the stars used to fit the attitude, unit vectors in the camera frame, at least 3 (`rays_of_fit`).
     pressure_hpa, temperature_c : float
-        Air at the observer; pressure 0: no refraction.
+        Air at the observer; with pressure 0 there is no refraction.
 
     Returns
     -------
@@ -63,7 +62,7 @@ def position_of_attitude(
     Raises
     ------
     ValueError
-        The matrix is no rotation, the vertical has no length, or there are too few directions.
+        The matrix is no rotation, the vertical has length zero, or there are too few directions.
 
     References
     ----------
@@ -94,34 +93,34 @@ def position_of_attitude(
 def covariance_of_attitude(
     cov_rad2: NDArray[np.float64], R_icrs_to_camera: NDArray[np.float64], place: tuple[float, float], told: Observation
 ) -> NDArray[np.float64]:
-    """East-north covariance of a position, shape (2, 2), km^2, of an attitude's and of what is told of the frame.
+    """East-north covariance of a position, shape (2, 2), km^2, from that of an attitude and from the supplied uncertainties.
 
     Parameters
     ----------
     cov_rad2 : ndarray, shape (3, 3)
-        Of small turns of the camera about its own axes.
+        Covariance of small rotations of the camera about its own axes.
     R_icrs_to_camera : ndarray, shape (3, 3)
     place : (float, float)
-        What `position_of_attitude` makes of it.
+        Result of `position_of_attitude`.
     told : Observation
-        Its vertical and its time have standard deviations.
+        Supplies the standard deviations of vertical and time.
     """
     instant = parse_utc(told.utc)
     to_enu = enu_rotation(*place) @ celestial_to_terrestrial(instant, earth_orientation(instant)) @ R_icrs_to_camera.T
     about = to_enu @ cov_rad2 @ to_enu.T
-    # A turn about north takes the zenith to the east, one about east takes it to the south.
+    # A rotation about north moves the zenith to the east, one about east moves it to the south.
     turned = np.array([[about[1, 1], -about[0, 1]], [-about[0, 1], about[0, 0]]])
     return MEAN_RADIUS_KM**2 * turned + covariance_of_told(place[0], told)
 
 
 def best_rotation(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation, shape (3, 3), that takes unit vectors `before` nearest to `after`, both (n, 3): Wahba's problem."""
+    """Rotation, shape (3, 3), that best maps unit vectors `before` to `after`, both (n, 3): Wahba's problem."""
     u, _, vt = np.linalg.svd(after.T @ before)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 def rays_of_fit(camera: CameraRecord, uv: NDArray[np.float64], up_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Directions of the stars that an attitude was fitted to: those that it names, else a grid over the frame.
+    """Directions of the stars used to fit an attitude: those that the solver names, otherwise a grid over the frame.
 
     Parameters
     ----------
@@ -129,7 +128,7 @@ def rays_of_fit(camera: CameraRecord, uv: NDArray[np.float64], up_camera: NDArra
     uv : ndarray, shape (n, 2)
         Pixels of the detections that the solver has matched; may be empty.
     up_camera : ndarray, shape (3,)
-        The zenith in the camera frame; the grid keeps to the sky.
+        The zenith in the camera frame; the grid is restricted to the sky.
 
     Returns
     -------
@@ -147,5 +146,5 @@ def rays_of_fit(camera: CameraRecord, uv: NDArray[np.float64], up_camera: NDArra
 
 
 def _finite(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels outside a fisheye's image circle have no direction."""
+    """Drop pixels outside a fisheye's image circle, which have no direction."""
     return rays[np.isfinite(rays).all(axis=1)]

@@ -29,7 +29,7 @@ class CelnavSolver:
 
     @property
     def version(self) -> str:
-        """Version of the distribution, of which celnav is a part."""
+        """Version of the skybench distribution, which contains celnav."""
         return distribution_version()
 
     @property
@@ -43,7 +43,7 @@ class CelnavSolver:
         return found
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Solve without history, so that each frame stands alone, but for a sequence, which the default solver tracks."""
+        """Solve each frame on its own; only the frames of a sequence are tracked, by the default solver."""
         if observation.sequence is None or self.name != "skybench":
             return answer_of(self._fix(detections, observation))
         fix = self._fix(detections, without_bias(observation))
@@ -73,7 +73,7 @@ class CelnavSolver:
         )
 
     def _attitude(self, observation: Observation) -> celnav.Attitude:
-        """What is known of the attitude; the thesis' solvers take none but a whole one, however uncertain."""
+        """What is known about the attitude; the thesis' solvers require a complete attitude, however uncertain."""
         tilt, heading = observation.tilt_sigma_deg, observation.heading_sigma_deg
         if (tilt == 0.0 and heading == 0.0) or self.name != "skybench":
             return celnav.Attitude.exact(observation.R_cam)
@@ -83,7 +83,7 @@ class CelnavSolver:
 
 
 def answer_of(fix: celnav.Fix) -> Answer:
-    """Put a fix of celnav into the benchmark's terms."""
+    """Convert celnav's fix to the benchmark's terms."""
     return Answer(
         ok=bool(fix.ok),
         reason="" if fix.ok else str(fix.reason),
@@ -97,7 +97,7 @@ def answer_of(fix: celnav.Fix) -> Answer:
 
 
 def _with_dataset_ids(matches: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Name planets as docs/dataset_format.md does: 900,000,000 and the NAIF number, planet k being 100 k + 99."""
+    """Number planets as docs/dataset_format.md does: 900,000,000 plus the NAIF number, which is 100 k + 99 for planet k."""
     named = matches.copy()
 
     rows = np.isin(named[:, 1], planet_ids())

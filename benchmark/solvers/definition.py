@@ -1,4 +1,4 @@
-"""Solver folders: what `solver.yaml` says, and the revision of all that makes a solver what it is."""
+"""Solver folders: the content of `solver.yaml`, and the revision of everything that determines a solver's behaviour."""
 
 from __future__ import annotations
 
@@ -32,44 +32,44 @@ class SolverSpec(Strict):
     """The content of ``solver.yaml``."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$")]
-    """In tables and in the names of folders."""
+    """Name in tables and in the names of folders."""
     title: Annotated[str, Field(min_length=5, max_length=120)]
-    """In a few words."""
+    """Description in a few words."""
     licence: Annotated[str, Field(max_length=60)]
     """SPDX identifier."""
     adapter: AdapterName | None = None
-    """One of the benchmark's own adapters; or give `command`."""
+    """One of the benchmark's own adapters; alternative to `command`."""
     install: Annotated[str, Field(max_length=120)] | None = None
-    """Command that brings the adapter's packages, or a command's programs."""
+    """Command that installs the packages of an adapter or the programs of a command."""
     requires: Annotated[
         tuple[Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}==[0-9][0-9a-z.]{0,30}$")], ...], BeforeValidator(listed)
     ] = ()
-    """Packages that the adapter imports, each with its version: ``sep==1.4.1``. Results are of these versions."""
+    """Packages that the adapter imports, each with its version: ``sep==1.4.1``. Results refer to these versions."""
     command: Annotated[tuple[str, ...], Field(max_length=50), BeforeValidator(listed)] = ()
-    """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is its environment's."""
+    """Program that speaks docs/solver_protocol.md, started in the folder; ``python`` is that of its environment."""
     version: Annotated[str, Field(max_length=60)] | None = None
-    """Of the program; it must say the same in its hello."""
+    """Version of the program, which must state the same in its hello."""
     programs: Annotated[
         tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,60}$")], ...], BeforeValidator(listed)
     ] = ()
-    """Programs of the system that a command starts; `install` says what brings them."""
+    """System programs that a command starts; `install` says how to get them."""
     environment: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")] | None = None
-    """Name of a virtual environment made from the folder's requirements.txt; without it, skybench's own Python."""
+    """Name of a virtual environment built from the folder's requirements.txt; without it, skybench's own Python is used."""
     reads: Annotated[
         tuple[Annotated[str, Field(min_length=1, max_length=500)], ...], Field(max_length=20), BeforeValidator(listed)
     ] = ()
-    """Files and folders beside its own that an isolated command needs; ``~`` is the user's home."""
+    """Files and folders outside its own folder that an isolated command needs; ``~`` is the user's home."""
     lens: Literal["any", "pinhole"] = "any"
-    """What a command knows: with ``pinhole`` it gets every frame as a pinhole shows it (`benchmark.run.pinhole_frames`)."""
+    """Lenses that a command supports; ``pinhole`` gives it what a pinhole shows (`benchmark.run.pinhole_frames`)."""
     focal_retries: bool = False
-    """Whether it is asked again with other focal lengths where it refuses (`benchmark.run.focal_retry`)."""
+    """Whether it is asked again with other focal lengths when it refuses (`benchmark.run.focal_retry`)."""
     fuses: Annotated[str, Field(min_length=1, max_length=500)] | None = None
-    """Folder of another solver, from this one's, in place of adapter and command: its positions of a sequence's frames go
-    through one filter (`benchmark.solvers.fusion`). How it runs stands in its own ``solver.yaml``."""
+    """Folder of another solver, relative to this one, instead of adapter and command: its positions for a sequence's frames
+    go through one filter (`benchmark.solvers.fusion`). Its own ``solver.yaml`` says how it runs."""
     time_limit_s: Annotated[float, Field(gt=0, le=600)] = 10.0
-    """Per frame."""
+    """Limit per frame."""
     memory_limit_mib: Annotated[int, Field(ge=64, le=1_000_000)] = 4096
-    """Address space."""
+    """Limit of the address space."""
 
     @model_validator(mode="after")
     def _one_way(self) -> SolverSpec:
@@ -91,7 +91,7 @@ class SolverSpec(Strict):
 
     @property
     def settings(self) -> dict[str, object]:
-        """What bears on how it runs."""
+        """The settings that affect how it runs."""
         optional = {"programs": not self.programs, "lens": self.lens == "any", "focal_retries": not self.focal_retries}
         unused = {name for name, is_unused in optional.items() if is_unused}
         left_out = {"title", "licence", "install", "reads", "fuses", *unused}
@@ -105,11 +105,11 @@ class SolverFolder:
     folder: Path
     spec: SolverSpec
     fused: SolverFolder | None = None
-    """Another solver, whose answers it fuses."""
+    """Another solver whose answers it fuses."""
 
     @property
     def name(self) -> str:
-        """In tables and in the names of folders."""
+        """Name in tables and in the names of folders."""
         return self.spec.name
 
     @property
@@ -119,12 +119,12 @@ class SolverFolder:
 
     @property
     def limits(self) -> Limits:
-        """Of time and memory."""
+        """Limits of time and memory."""
         return Limits(time_s=self.spec.time_limit_s, memory_mib=self.spec.memory_limit_mib)
 
     @property
     def reads(self) -> list[Path]:
-        """What an isolated program sees beside its folder and its interpreter."""
+        """What an isolated program sees besides its folder and its interpreter."""
         return [Path(os.path.abspath(self.folder / Path(name).expanduser())) for name in self.spec.reads]
 
     def command_line(self) -> list[str]:
@@ -133,7 +133,7 @@ class SolverFolder:
         Raises
         ------
         SolverError
-            Its environment has not been made, or a program that it needs is not installed.
+            Its environment has not been built, or a program that it needs is not installed.
         """
         if self.spec.adapter is not None:
             return [sys.executable, "-m", "benchmark.solvers.serve", self.name]
@@ -158,22 +158,22 @@ class SolverFolder:
 
     @cached_property
     def revision(self) -> str:
-        """Of its behaviour, see `benchmark.solvers.revision`: neither comments nor formatting change it.
+        """Revision of its behaviour, see `benchmark.solvers.revision`: comments and formatting do not change it.
 
         Raises
         ------
         SolverError
-            Its folder is too large, or a file of the adapter is no Python.
+            Its folder is too large, or a file of the adapter is not valid Python.
         """
         return self.revision_among(installed_packages())
 
     def revision_among(self, packages: PackageTree) -> str:
-        """Its revision with the packages of another tree, such as a checkout of an earlier commit; raises as `revision`."""
+        """Its revision with the packages of another tree, such as a checkout of an older commit; raises as `revision`."""
         if self.fused is not None:
             settings = {"name": self.name, "fuses": self.fused.revision_among(packages)}
             return revision_of(settings, {}, fusion_behaviour(packages.sources), packages.catalogues)
         adapter = self.spec.adapter
-        # What an adapter imports is found in its modules.
+        # An adapter's imports are covered by its modules.
         left_out = {SPEC_NAME} if adapter is None else {SPEC_NAME, "__init__.py", "adapter.py"}
         names = {path.relative_to(self.folder).as_posix(): path for path in _files_of(self.folder)}
         files = {name: path.read_bytes() for name, path in names.items() if name not in left_out}
@@ -186,7 +186,7 @@ class SolverFolder:
 
 
 def environments_folder() -> Path:
-    """Where programs' virtual environments lie: $SKYBENCH_ENVIRONMENTS, or a folder in the user's cache."""
+    """Folder of the programs' virtual environments: $SKYBENCH_ENVIRONMENTS, or a folder in the user's cache."""
     chosen = os.environ.get(ENVIRONMENTS_VARIABLE)
     return Path(chosen) if chosen else user_cache_path("skybench") / "environments"
 
@@ -197,7 +197,7 @@ def read_solver_folder(folder: Path) -> SolverFolder:
     Raises
     ------
     SolverError
-        There is no ``solver.yaml`` in it, or it is wrong.
+        It contains no ``solver.yaml``, or an invalid one.
     """
     spec = _read_spec(folder)
     if spec.fuses is None:
@@ -234,6 +234,6 @@ def _files_of(folder: Path) -> list[Path]:
 
 
 def solver_folders(root: Path) -> dict[str, SolverFolder]:
-    """Solvers in a folder of solvers' folders, by name."""
+    """Find the solvers in a folder of solver folders, by name."""
     found = [read_solver_folder(path.parent) for path in sorted(root.glob(f"*/{SPEC_NAME}"))]
     return {solver.name: solver for solver in found}

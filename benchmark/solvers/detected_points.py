@@ -1,4 +1,4 @@
-"""What the detectors of peers return, put into one form."""
+"""Common form for what the detectors of peers return."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class Points:
     uv : ndarray, shape (n, 2)
         Positions, px, pixel centres at integers.
     flux : ndarray, shape (n,), or None
-        Brightness; None where the detector tells none.
+        Brightness; None where the detector does not report it.
     """
 
     uv: NDArray[np.float64]

@@ -1,7 +1,7 @@
-"""Positions of a sequence's frames in one filter, for a solver that answers each frame by itself.
+"""Fusion of the positions of a sequence's frames in one filter, for a solver that answers each frame separately.
 
-It is the filter of skybench's own answers (`benchmark.solvers.sequence_track`), told the same of the frames. A
-``solver.yaml`` with `fuses` puts it behind another solver, whatever that is.
+It is the filter of skybench's own answers (`benchmark.solvers.sequence_track`) and receives the same information about the
+frames. A ``solver.yaml`` with `fuses` puts it behind any other solver.
 """
 
 from __future__ import annotations
@@ -17,32 +17,35 @@ from benchmark.solvers.sequence_track import SequenceTrack, without_bias
 from benchmark.solvers.told_errors import covariance_of_told
 
 OWN_SIGMA_KM = 3.0
-"""Standard deviation, east and north each, of a position whose solver states no covariance, beside the errors of what is told
-of vertical and time; docs/rivals.md has the tries."""
+"""Standard deviation, east and north each, of a position whose solver states no covariance, in addition to errors from the
+supplied vertical and time; docs/rivals.md reports the trials."""
 
 
 def as_by_itself(observation: Observation) -> Observation:
-    """What the solver is told of a frame of a sequence: no sequence, and the vertical's error that is new in each frame."""
+    """Hide the sequence of a frame from the solver.
+
+    The vertical's standard deviation that remains is that of the error which is new in each frame.
+    """
     if observation.sequence is None:
         return observation
     return dataclasses.replace(without_bias(observation), sequence=None)
 
 
 class Fusion:
-    """The filter behind one session of a solver."""
+    """The filter for one session of a solver."""
 
     def __init__(self) -> None:
         self._track = SequenceTrack()
 
     def answer(self, alone: Answer, observation: Observation) -> Answer:
-        """Take in what the solver answers to a frame, and answer for the sequence so far.
+        """Take in the solver's answer to a frame, and answer from the sequence so far.
 
         Parameters
         ----------
         alone : Answer
-            To what `as_by_itself` tells; one that `benchmark.judge.answers.check_answer` lets pass.
+            Answer to the frame as `as_by_itself` presents it; one that `benchmark.judge.answers.check_answer` accepts.
         observation : Observation
-            The frame as it is told; to a frame of no sequence the answer is the solver's own.
+            The frame as supplied; for a frame outside a sequence the solver's own answer is returned.
         """
         if observation.sequence is None:
             return alone
@@ -50,7 +53,7 @@ class Fusion:
 
 
 def _fix_of(alone: Answer, told: Observation) -> celnav.Fix:
-    """An answer in celnav's terms."""
+    """Convert an answer to celnav's terms."""
     if alone.lat_deg is None or alone.lon_deg is None:
         return celnav.Fix.refusal(celnav.Reason.NO_HYPOTHESIS, alone.reason)
     cov_km2 = alone.cov_km2
@@ -60,5 +63,5 @@ def _fix_of(alone: Answer, told: Observation) -> celnav.Fix:
 
 
 def _is_covariance(matrix: NDArray[np.float64]) -> bool:
-    """Whether a symmetric matrix can be of errors in all directions."""
+    """Whether a symmetric matrix is a valid covariance with errors in all directions."""
     return bool(np.linalg.eigvalsh(matrix).min() > 0.0)

@@ -1,17 +1,17 @@
-"""Runs one program, and ends it with everything that it has started: when it ends, or when whoever asked for it is gone.
+"""Run one program, and end it with everything that it has started, either when it ends or when its caller has gone.
 
     python -I -S guardian.py LIFELINE STATUS MEMORY_BYTES PLACES [INSIDE OUTSIDE …] PROGRAM [ARGUMENT …]
     python -I -S guardian.py probe INSIDE OUTSIDE [INSIDE OUTSIDE …]
 
 LIFELINE is the reading end of a pipe whose other end the caller holds and never writes to: the pipe ends with the caller,
-however the caller ends. STATUS is the writing end of another, on which one line says ``started PID`` or ``failed ERRNO``, and
-a last one ``ended STATUS`` with a negative number for a signal. The program has the standard streams to itself. PLACES is the
-number of pairs of names that follow it: with any, the program runs in namespaces of its own and sees these alone
-(`benchmark.solvers.namespaces`). The second form does that with a program that does nothing.
+however the caller ends. STATUS is the writing end of another pipe, on which one line says ``started PID`` or
+``failed ERRNO``, and a last one ``ended STATUS``, with a negative number for a signal. The program has the standard streams
+to itself. PLACES is the number of pairs of names that follow it: if there are any, the program runs in its own namespaces and
+sees only these (`benchmark.solvers.namespaces`). The second form does the same with a program that does nothing.
 
 Processes whose parents have died become children of the nearest ancestor that asked for them (PR_SET_CHILD_SUBREAPER, see
-prctl(2)), also those in sessions of their own; so killing children until there are none left reaches all of them. Uses the
-standard library alone, since it is started with every program.
+prctl(2)), even those in their own sessions, so killing children until there are none left reaches all of them. The module
+only uses the standard library, since it is started with every program.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PROBE_BYTES = 2**20
 
 
 def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], command: list[str]) -> None:
-    """Start the program, wait for the end of it or of the caller, and leave nothing behind."""
+    """Start the program, wait until it or the caller ends, and leave nothing behind."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
@@ -66,14 +66,14 @@ def main(lifeline: int, status: int, memory_bytes: int, places: dict[str, str], 
 
 
 def _leave_the_streams() -> None:
-    """Let the program alone hold the pipes, which end when it does."""
+    """Close the standard streams, so that the pipes end when the program does."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
 
 
 def _end_children() -> None:
-    """Kill children, and theirs as they are handed on, until there are none."""
+    """Kill children, and those inherited from them, until there are none."""
     while True:
         for pid in _children():
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -98,7 +98,7 @@ def _isolate(places: dict[str, str], folder: str, memory_bytes: int) -> None:
 
 
 def _innermost(pid: int) -> int:
-    """The program among the three processes of its namespaces: the only child of the only child."""
+    """Pid of the program among the three processes of its namespaces: the only child of the only child."""
     for _ in range(2):
         pid = next(iter(_children(pid)), pid)
     return pid
@@ -109,7 +109,7 @@ def _children(of: int | None = None) -> list[int]:
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
-            # Fields after the name in brackets, which may hold anything: state, parent, … (proc(5)).
+            # Fields after the name in brackets, which may contain anything: state, parent, … (proc(5)).
             parent = stat.read_bytes().rpartition(b")")[2].split()[1]
             if int(parent) == parent_wanted:
                 found.append(int(stat.parent.name))

@@ -1,4 +1,4 @@
-"""What a solver's program may see when it runs isolated: its folder, its interpreter, the system's libraries, the image."""
+"""What an isolated solver program may see: its folder, its interpreter, the system's libraries, the image."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ SYSTEM = (
     "/usr", "/etc/alternatives", "/etc/ld.so.cache", "/etc/localtime", "/etc/nsswitch.conf", "/etc/passwd", "/etc/group",
     "/etc/fonts", "/etc/ssl/certs",
 )  # fmt: skip
-"""Programs, libraries and what they look up."""
+"""Programs, libraries and the system files that they look up."""
 _PACKAGES = ("benchmark", "celnav", "generator")
 _PROBE_S = 30.0
 
 
 @functools.cache
 def isolation_obstacle() -> str:
-    """Why programs cannot be isolated on this system; empty where they can. Found out by isolating one, once."""
+    """Why programs cannot be isolated on this system; empty where they can. Determined once, by isolating a program."""
     if sys.platform != "linux":
         return "namespaces are Linux's"
     guardian = Path(__file__).with_name("guardian.py")
@@ -45,23 +45,23 @@ def isolation_obstacle() -> str:
 
 
 def visible_places(command: list[str], folder: Path, more: Iterable[Path] = ()) -> dict[str, str]:
-    """Absolute names inside and outside of what a program sees.
+    """Map what a program sees: absolute names inside to absolute names outside.
 
     Parameters
     ----------
     command : list of str
         Its command line.
     folder : Path
-        Where it is started, shown whole.
+        Folder in which it is started, shown completely.
     more : iterable of Path
-        Folders and files beside.
+        Further folders and files.
     """
     program = Path(shutil.which(command[0], path=os.environ.get("PATH")) or command[0])
     places = [Path(name) for name in SYSTEM] + [folder.absolute(), *more]
     if program.is_absolute():
         places += _installation(program)
     if program == Path(sys.executable):
-        # Adapters of the user's import skybench, and celnav keeps tables in its cache.
+        # A user's adapters import skybench, and celnav keeps tables in its cache.
         root = Path(__file__).parents[2]
         places += [
             Path(sys.prefix),
@@ -73,7 +73,7 @@ def visible_places(command: list[str], folder: Path, more: Iterable[Path] = ()) 
 
 
 def _installation(program: Path) -> list[Path]:
-    """Folders that an interpreter of a virtual environment, or a program, belongs to."""
+    """Folders to which an interpreter of a virtual environment, or a program, belongs."""
     environment = program.parent.parent
     if not (environment / "pyvenv.cfg").is_file():
         return [program.parent]
@@ -83,11 +83,11 @@ def _installation(program: Path) -> list[Path]:
 
 
 def _outermost(places: list[Path]) -> list[Path]:
-    """Places that lie in no other; the root is none."""
+    """Select the places that are not inside others; the root is excluded."""
     wanted = {place for place in places if len(place.parts) > 1}
     return sorted(place for place in wanted if not wanted & set(place.parents))
 
 
 def places_words(places: dict[str, str]) -> list[str]:
-    """Places for a command line."""
+    """Format places for a command line."""
     return [word for pair in places.items() for word in pair]

@@ -1,11 +1,11 @@
-"""Peak memory of a process, frame by frame."""
+"""Peak memory of a process, per frame."""
 
 import os
 from pathlib import Path
 
 
 def reset_peak(pid: int | None = None) -> bool:
-    """Let the peak of a process' resident memory start anew; False where the system does not offer that (proc(5))."""
+    """Reset the peak of a process' resident memory; False where the system does not offer this (proc(5))."""
     try:
         Path(f"/proc/{os.getpid() if pid is None else pid}/clear_refs").write_text("5", encoding="ascii")
     except OSError:

@@ -1,6 +1,6 @@
-"""The messages of docs/solver_protocol.md: requests written, answers read and checked.
+"""The messages of docs/solver_protocol.md: writing requests, reading and checking answers.
 
-What a program answers is untrusted: every field is checked for type, size and finiteness before it is used.
+A program's answer is untrusted: every field is checked for type, size and finiteness before it is used.
 """
 
 import math
@@ -26,17 +26,17 @@ LARGEST_NUMBER_OF_DETECTIONS = 100_000
 
 @dataclass(frozen=True)
 class Reply:
-    """A program's answer to one frame, checked.
+    """A program's checked answer to one frame.
 
     Attributes
     ----------
     answer : Answer
     uv : ndarray, shape (n, 2)
-        Detections that its matches point to, px.
+        Detections to which its matches refer, px.
     flux : ndarray, shape (n,)
         Their brightness; NaN where unknown.
     detect_ms : float
-        The program's own account of detection.
+        Duration of detection as the program reports it.
     """
 
     answer: Answer
@@ -51,17 +51,17 @@ def hello() -> dict[str, Any]:
 
 
 def request_of(frame: Frame, shared: Detections | None, image: Path, time_limit_s: float = 10.0) -> dict[str, Any]:
-    """The request to solve a frame.
+    """Make the request to solve a frame.
 
     Parameters
     ----------
     frame : Frame
     shared : Detections or None
-        What it is to use; None to detect by itself.
+        Detections that the program is to use; with None it detects by itself.
     image : Path
-        The frame's image where the program is to read it.
+        Path under which the program reads the frame's image.
     time_limit_s : float
-        What it should take at most, so that further tries have their time.
+        Most time that it should take, so that time remains for further tries.
     """
     seen = frame.observation
     found = None
@@ -87,12 +87,12 @@ def request_of(frame: Frame, shared: Detections | None, image: Path, time_limit_
 
 
 def reply_of(message: Mapping[str, Any], frame_id: str, observation: Observation, shared: Detections | None) -> Reply:
-    """Read an answer.
+    """Read and check an answer.
 
     Raises
     ------
     ValueError
-        It is not what docs/solver_protocol.md says, or the program says that it failed.
+        It does not conform to docs/solver_protocol.md, or the program reports a failure.
     """
     if message.get("type") != "fix" or message.get("frame_id") != frame_id:
         raise ValueError(f"expected the answer to {frame_id}, found type {message.get('type')!r}")
@@ -178,7 +178,7 @@ def _given(shared: Detections) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def _claimed(message: Mapping[str, Any], n_detections: int) -> NDArray[np.int64]:
-    """What the answer matches: stars by their ids, or by their places in the program's own catalogue."""
+    """Matches that the answer claims: stars by their ids, or by their positions in the program's own catalogue."""
     places = message.get("match_directions")
     if not places:
         matches = _matches(message.get("matches"))

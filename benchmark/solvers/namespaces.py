@@ -1,8 +1,9 @@
-"""Namespaces of a program's own (namespaces(7)): a root folder with nothing but what it is given, no network, own processes.
+"""A program's own namespaces (namespaces(7)): a root with nothing but what it is given, no network, separate processes.
 
-Entered between fork and exec, by a process that has loaded nothing but the standard library (`benchmark.solvers.guardian`).
-Three processes result: the one outside hands on how the program ended; the first one inside ends what the program leaves
-behind; the third becomes the program. The steps are those of bubblewrap (https://github.com/containers/bubblewrap).
+They are entered between fork and exec, by a process that has loaded nothing but the standard library
+(`benchmark.solvers.guardian`). Three processes result: the one outside passes on how the program ended; the first one inside
+ends what the program leaves behind; the third becomes the program. The steps are those of bubblewrap
+(https://github.com/containers/bubblewrap).
 """
 
 from __future__ import annotations
@@ -30,32 +31,32 @@ MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC, MS_REMOUNT, MS_BIND, MS_REC, MS_PRIVA
 MNT_DETACH = 2
 PR_SET_PDEATHSIG, PR_CAPBSET_DROP, PR_SET_NO_NEW_PRIVS = 1, 24, 38
 LAST_CAPABILITY = 63
-"""Beyond those that any kernel has; the kernel refuses the rest."""
+"""Beyond those of any kernel; the kernel refuses the surplus."""
 PIVOT_ROOT = {"x86_64": 155, "aarch64": 41}
 """Number of the system call, which the C library does not wrap."""
 DEVICES = ("null", "zero", "full", "random", "urandom")
 MOST_WRITTEN_BYTES = 512 * 2**20
-"""Of all files that a program writes together, which no limit of its address space counts."""
+"""Limit for all files together that a program writes, which no limit of its address space covers."""
 MOST_FILES = 20_000
-"""That a program writes; those that it sees are among them."""
+"""Limit for the number of files that a program writes, including the mount points of what it sees."""
 STAGE = "/tmp"
-"""Where the new root is put together, over what is there; any folder that every system has."""
+"""Where the new root is assembled, hiding what is there; any folder that every system has."""
 _FLAGS_OF_STATVFS = {2: MS_NOSUID, 4: MS_NODEV, 8: MS_NOEXEC, 1024: 1024, 2048: 2048, 4096: 1 << 21}
-"""Flags of a mount that may not be cleared: nosuid, nodev, noexec, noatime, nodiratime, relatime."""
+"""Mount flags that may not be cleared: nosuid, nodev, noexec, noatime, nodiratime, relatime."""
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def enter(places: dict[str, str], folder: str, memory_bytes: int) -> None:
-    """Return in the process that is to become the program, inside; the others never return.
+    """Return in the process inside that is to become the program; the other processes never return.
 
     Parameters
     ----------
     places : dict of str to str
-        Folders and files to be seen inside, read-only: absolute name inside to absolute name outside, without links.
+        Folders and files visible inside, read-only: absolute name inside to absolute name outside, without links.
     folder : str
         Working folder inside.
     memory_bytes : int
-        The program's limit: what it writes lies in memory too, and takes no more than this, nor than `MOST_WRITTEN_BYTES`.
+        Memory limit of the program. What it writes is kept in memory too, and may not exceed this or `MOST_WRITTEN_BYTES`.
 
     Raises
     ------
@@ -80,14 +81,14 @@ def enter(places: dict[str, str], folder: str, memory_bytes: int) -> None:
     for handle in (hearing, telling, nowhere):
         os.close(handle)
     _call("prctl", PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    # Without capabilities inside: mounts stay as they are, read-only ones among them.
+    # No capabilities inside: mounts stay as they are, including the read-only ones.
     for number in range(LAST_CAPABILITY + 1):
         _libc.prctl(PR_CAPBSET_DROP, number, 0, 0, 0)
     _call("prctl", PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
 
 
 def _hand_on(inner: int, hearing: int, nowhere: int) -> None:
-    """Outside: end as the program has ended."""
+    """Outside: end in the same way as the program."""
     _leave_all(hearing, nowhere)
     told = os.read(hearing, 16)
     os.waitpid(inner, 0)
@@ -100,7 +101,7 @@ def _hand_on(inner: int, hearing: int, nowhere: int) -> None:
 
 
 def _be_first(program: int, telling: int, nowhere: int) -> None:
-    """Inside, as the parent of all who have lost theirs: wait for the program, and end with all the rest."""
+    """Inside, as the parent of all orphans: wait for the program, and end together with everything else."""
     _leave_all(telling, nowhere)
     while True:
         reaped, status = os.wait()
@@ -110,7 +111,7 @@ def _be_first(program: int, telling: int, nowhere: int) -> None:
 
 
 def _leave_all(kept: int, nowhere: int) -> None:
-    """Let the program alone hold its streams and whatever else is open."""
+    """Close all descriptors but one, so that only the program holds its streams and whatever else is open."""
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
     os.closerange(3, kept)
@@ -118,14 +119,14 @@ def _leave_all(kept: int, nowhere: int) -> None:
 
 
 def _make_root(places: dict[str, str], written_bytes: int) -> None:
-    """Put the new root together, and let go of the old one."""
+    """Assemble the new root, and detach the old one."""
     _mount(None, "/", None, MS_REC | MS_PRIVATE)
     _mount("tmpfs", STAGE, "tmpfs", MS_NOSUID | MS_NODEV, "mode=755,size=1m")
     for name in ("old", "new"):
         Path(STAGE, name).mkdir()
     _pivot(STAGE, f"{STAGE}/old")
     os.chdir("/")
-    # One file system for all that can be written to: the root, /tmp and /dev/shm.
+    # One file system for everything that can be written to: the root, /tmp and /dev/shm.
     limits = f"size={written_bytes},nr_inodes={MOST_FILES}"
     _mount("tmpfs", "/new", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=755,{limits}")
     for inside in sorted(places):
@@ -148,7 +149,7 @@ def _make_root(places: dict[str, str], written_bytes: int) -> None:
 
 
 def _show(outside: str, inside: str, read_only: bool = True) -> None:
-    """Make a folder or a file of the old root seen in the new one."""
+    """Make a folder or a file of the old root visible in the new one."""
     if Path(outside).is_dir():
         Path(inside).mkdir(parents=True, exist_ok=True)
     else:

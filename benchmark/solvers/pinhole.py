@@ -1,4 +1,4 @@
-"""What peers that know pinhole cameras only are given: detections as an ideal pinhole of the same focal length sees them."""
+"""Input for peers that only support pinhole cameras: detections as an ideal pinhole of the same focal length sees them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import celnav
 from benchmark.protocol import CameraRecord
 
 WIDEST_DEG = 120.0
-"""Field of the widest pinhole: beyond, a pixel at its edge spans four and more of those in its middle."""
+"""Field of the widest pinhole; beyond it, the plate scale at the edge would be more than four times that in the middle."""
 PERSPECTIVE = ("pinhole", "brown_conrady")
-"""Models whose ideal is a pinhole."""
+"""Camera models whose distortion-free form is a pinhole."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class PinholeView:
     width, height : int
         Size of the pinhole's frame; its principal point is in the middle.
     rows : ndarray of int, shape (n,)
-        Which of the detections it shows.
+        Indices of the detections that it shows.
     xy : ndarray, shape (n, 2)
         Their offsets from the middle, px; x to the right, y down.
     """
@@ -55,12 +55,12 @@ class PinholeView:
 def pinhole_view(uv: NDArray[np.float64], camera: CameraRecord) -> PinholeView:
     """Show detections as an ideal pinhole of focal length `camera.f_px` does.
 
-    A perspective lens keeps the size of its frame. Of a fisheye, up to `WIDEST_DEG` across are shown.
+    A perspective lens keeps the size of its frame. Of a fisheye's field, at most `WIDEST_DEG` is shown.
 
     Parameters
     ----------
     uv : ndarray, shape (n, 2)
-        Pixels of the camera as it is.
+        Pixels of the original camera.
     camera : CameraRecord
     """
     lens = celnav.Camera.from_dict(dataclasses.asdict(camera))

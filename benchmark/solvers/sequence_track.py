@@ -1,6 +1,6 @@
-"""The fixes of a sequence's frames in one filter (`celnav.Track`), as a user of celnav would take them.
+"""Fusion of the fixes of a sequence's frames in one filter (`celnav.Track`), as a user of celnav would do it.
 
-It tells the error of the vertical that stands still in the camera from the place, because the camera turns.
+Because the camera turns, the filter can separate the error of the vertical that is constant in the camera from the position.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ class _Hypothesis:
 
 @dataclass
 class SequenceTrack:
-    """What the frames of one sequence say so far; the first frame of another begins anew.
+    """What the frames of one sequence have shown so far; the first frame of another sequence starts anew.
 
-    Fixes that disagree make hypotheses of their own, and that of the most fixes answers: one misidentified frame, were it the
-    first, would otherwise bar all that follow.
+    Fixes that disagree form separate hypotheses, and the hypothesis with the most fixes gives the answer. Otherwise a single
+    misidentified first frame would block all that follow.
     """
 
     _sequence: str | None = None
     _hypotheses: list[_Hypothesis] = field(default_factory=list)
 
     def answer(self, alone: Answer, fix: celnav.Fix, observation: Observation) -> Answer:
-        """Take in a frame's fix, or its refusal, and answer for the frame.
+        """Take in a frame's fix or refusal, and answer for the frame.
 
         Parameters
         ----------
         alone : Answer
-            By the frame alone.
+            Answer from the frame alone.
         fix : celnav.Fix
-            The same; its covariance without the error of the vertical that stands still (`without_bias`).
+            The same as a fix; its covariance does not include the constant error of the vertical (`without_bias`).
         observation : Observation
-            Of a sequence.
+            Observation of a frame of a sequence.
         """
         place = observation.sequence
         assert place is not None
@@ -56,7 +56,7 @@ class SequenceTrack:
             self._take(fix, alone.confidence, observation, place)
         if not self._hypotheses:
             return alone
-        best = max(self._hypotheses, key=lambda one: one.fixes)  # of equals the older
+        best = max(self._hypotheses, key=lambda one: one.fixes)  # among equals, the older one
         point = best.track.points[-1]
         return dataclasses.replace(
             alone,
@@ -84,7 +84,7 @@ class SequenceTrack:
 
 
 def without_bias(observation: Observation) -> Observation:
-    """What is told, the vertical's standard deviation without the part that stands still in the camera."""
+    """The observation with the standard deviation of its vertical reduced by the part that is constant in the camera."""
     place = observation.sequence
     assert place is not None
     left = observation.tilt_sigma_deg**2 - place.tilt_bias_sigma_deg**2
@@ -92,12 +92,12 @@ def without_bias(observation: Observation) -> Observation:
 
 
 def image_heading_deg(R_cam: NDArray[np.float64]) -> float:
-    """Azimuth of the image's upward direction, deg: the heading of what turns with the camera."""
+    """Azimuth of the image's upward direction, deg: the heading of anything that turns with the camera."""
     return math.degrees(math.atan2(-R_cam[1, 0], -R_cam[1, 1]))
 
 
 def _standing(tilt_bias_sigma_deg: float) -> celnav.TrackConfig:
-    """A filter for a place that stays, and a mount whose tilt stays."""
+    """Configuration of a filter for a fixed place and a mount with constant tilt."""
     return celnav.TrackConfig(
         speed_sigma_km_s=0.0,
         acceleration_km_s2=0.0,

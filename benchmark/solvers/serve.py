@@ -20,7 +20,7 @@ from benchmark.solvers.time_limited import TimeLimited
 
 @dataclass(frozen=True)
 class _Given:
-    """Detections that a request brings."""
+    """Detections that a request supplies."""
 
     uv: NDArray[np.float64]
     flux: NDArray[np.float64] | None
@@ -36,7 +36,7 @@ def serve(solver: SolverUnderTest, requests: BinaryIO, replies: BinaryIO) -> Non
             try:
                 limited = solver.within(request["time_limit_s"]) if isinstance(solver, TimeLimited) else solver
                 answer = answer_request(limited, request)
-            except Exception as error:  # a contestant may raise anything
+            except Exception as error:  # a solver may raise anything
                 answer = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
             reply = {"type": "fix", "frame_id": request["frame_id"], **answer}
         replies.write(json.dumps(reply).encode() + b"\n")
@@ -44,21 +44,21 @@ def serve(solver: SolverUnderTest, requests: BinaryIO, replies: BinaryIO) -> Non
 
 
 def _camera(fields: Mapping[str, Any]) -> CameraRecord:
-    """The camera of a request; thin prism and tilt may be missing."""
+    """Read the camera of a request; thin prism and tilt may be missing."""
     lists = {name: tuple(fields.get(name, ())) for name in ("k", "p", "s", "tilt_rad")}
     values: dict[str, Any] = {**fields, **lists}
     return CameraRecord(**values)
 
 
 def _sequence(fields: Mapping[str, Any] | None) -> SequencePlace | None:
-    """The place in a sequence of a request, which a frame by itself lacks."""
+    """Read the place in a sequence from a request; None for a single frame."""
     if fields is None:
         return None
     return SequencePlace(fields["id"], fields["index"], fields["length"], fields["tilt_bias_sigma_deg"])
 
 
 def answer_request(solver: SolverUnderTest, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Detect where no detections are given, solve, and put the answer into the protocol's terms."""
+    """Detect where no detections are supplied, solve, and convert the answer to the protocol's terms."""
     heading = request["heading_sigma_deg"]
     observation = Observation(
         camera=_camera(request["camera"]),
@@ -107,8 +107,8 @@ def _given(request: Mapping[str, Any]) -> Detections:
 
 
 def main() -> None:
-    """Serve the solver that is named on the command line, over standard input and output."""
-    # What a library prints must not get between the replies.
+    """Serve the solver named on the command line, over standard input and output."""
+    # Output printed by a library must not mix with the replies.
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     serve(make_solver(sys.argv[1]), sys.stdin.buffer, replies)

@@ -1,4 +1,4 @@
-"""Stars named by their place in the catalogue: peers have catalogues of their own, and numbers of their own."""
+"""Identification of stars by their catalogue positions, because peers have their own catalogues and numbers."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from celnav.sky.catalog import load_catalog, propagate
 
 EPOCH_JYEAR = 2020.0
 RADIUS_ARCSEC = 20.0
-"""Wider than thirty years of proper motion of all but 30 stars to V 8, and than what 16-bit tables round."""
+"""More than thirty years of proper motion of all but 30 stars to V 8, and than the rounding of 16-bit tables."""
 FAINTEST_V = 9.0
-"""No peer's catalogue of wide fields goes deeper."""
+"""No peer's catalogue for wide fields is deeper."""
 
 
 def star_ids_at(directions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Name the stars in some catalogue directions: the brightest of skybench's catalogue within `RADIUS_ARCSEC` of each.
+    """Identify the stars in some catalogue directions: the brightest of skybench's catalogue within `RADIUS_ARCSEC` of each.
 
-    The brighter one of a close pair is meant, as a catalogue that lists one entry for both has it.
+    For a close pair the brighter star is meant, because catalogues list one entry for both.
 
     Parameters
     ----------
@@ -34,20 +34,20 @@ def star_ids_at(directions: NDArray[np.float64]) -> NDArray[np.int64]:
     """
     tree, ids = _stars()
     radius = 2.0 * np.sin(np.radians(RADIUS_ARCSEC / 3600.0) / 2.0)
-    # Rows ascend in magnitude, so that the least row is the brightest star.
+    # Rows are sorted by magnitude, so the lowest row is the brightest star.
     near = tree.query_ball_point(np.asarray(directions, dtype=np.float64).reshape(-1, 3), radius)
     return np.array([ids[min(rows)] if rows else 0 for rows in near], dtype=np.int64)
 
 
 def named_matches(detections: NDArray[np.integer], directions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Matches as the protocol has them, shape (m, 2): detection and star id; those without a name are left out.
+    """Matches as in the protocol, shape (m, 2): detection and star id; those without an id are omitted.
 
     Parameters
     ----------
     detections : ndarray of int, shape (n,)
-        Rows of the detections; of one that occurs twice the first counts.
+        Indices of the detections; if one occurs twice, its first match counts.
     directions : ndarray, shape (n, 3)
-        Where the stars are that they are matched with, as for `star_ids_at`.
+        Directions of the stars with which they are matched, as for `star_ids_at`.
     """
     ids = star_ids_at(directions)
     found = np.column_stack((np.asarray(detections, dtype=np.int64).reshape(-1), ids))[ids != 0]

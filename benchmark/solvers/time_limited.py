@@ -1,4 +1,4 @@
-"""Solvers whose searches end by the clock, and how much of a request's time a search may take."""
+"""Solvers whose searches end by the clock, and the part of a request's time that a search may take."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from benchmark.protocol import SolverUnderTest
 
 @runtime_checkable
 class TimeLimited(Protocol):
-    """A contestant that is told, before each frame, what it may take."""
+    """A solver that receives its time limit before each frame."""
 
     def within(self, time_limit_s: float) -> SolverUnderTest:
-        """The same solver, with a clock that starts now and ends after so many seconds."""
+        """The same solver with a time limit that starts now."""

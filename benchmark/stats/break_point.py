@@ -1,4 +1,4 @@
-"""Where a solver breaks: the value of a task's condition at which half of its frames succeed."""
+"""Break point of a solver: the value of a task's condition at which half of its frames succeed."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ INFORMATIVE = (0.05, 0.95)
 
 @dataclass(frozen=True)
 class Discrimination:
-    """Whether a task's conditions tell solvers apart.
+    """Whether a task's conditions distinguish between solvers.
 
     Attributes
     ----------
     n_conditions : int
     n_informative : int
-        Conditions at which some solver's success lies between 5 % and 95 %.
+        Conditions at which the success of some solver is between 5 % and 95 %.
     best_at_hardest : float
         Success of the best solver at the hardest condition.
     """
@@ -40,14 +40,14 @@ class Discrimination:
 
     @property
     def holds(self) -> bool:
-        """At least half of the conditions are informative, and the hardest is too hard for every solver."""
+        """Whether at least half of the conditions are informative and the hardest is too hard for every solver."""
         return 2 * self.n_informative >= self.n_conditions and self.best_at_hardest < HALF
 
 
 def discrimination(
     tables: Mapping[str, pd.DataFrame], harder: int = 1, by: str = "condition", limit_km: float = SUCCESS_KM
 ) -> Discrimination:
-    """Judge a task by its solvers' tables; `harder` is 1 where a larger condition is harder, -1 where a smaller is."""
+    """Judge a task by its solvers' tables; `harder` is 1 where larger conditions are harder, -1 where smaller ones are."""
     rates = []
     for table in tables.values():
         levels, hits, counts, _ = _counts(table, by, limit_km)
@@ -70,8 +70,8 @@ def break_point(
 ) -> Estimate:
     """Condition at which success falls to one half, with its clustered bootstrap interval.
 
-    Success at each tested value is made to fall with difficulty by isotonic regression; between two tested values it
-    is taken as linear. No other shape of the curve is assumed, so the result rests on the tested values only.
+    Isotonic regression makes success at the tested values fall with difficulty; between two tested values it is taken as
+    linear. No other shape of the curve is assumed, so the result depends on the tested values only.
 
     Parameters
     ----------
@@ -81,18 +81,18 @@ def break_point(
     by : str
         Column of the condition.
     limit_km : float
-        What counts as success.
+        Largest error that counts as success.
     share : float
-        The success sought.
+        The success rate sought.
     seed : int, optional
-        Of the resamples.
+        Seed of the resamples.
 
     Returns
     -------
     Estimate
-        In the condition's unit. Infinite towards the harder end where success never falls that low, towards the
-        easier end where it is lower from the start; an end of the interval may be infinite by itself. NaN without
-        frames that have a value.
+        In the condition's unit. It is infinite towards the harder end where success never falls that low, and towards the
+        easier end where success is lower from the start; one end of the interval alone may be infinite. NaN where no frame
+        has a value.
 
     References
     ----------
@@ -117,9 +117,9 @@ def break_point(
 
 
 def tested_around(value: float, tested: Sequence[float]) -> tuple[float, float] | None:
-    """The bracket of a break point: the nearest tested values on both sides of it, between which it is interpolated.
+    """Bracket of a break point: the nearest tested values on both sides, between which it is interpolated.
 
-    None where it lies at a tested value, beyond them all, or nowhere.
+    None where the break point is at a tested value, beyond all of them, or undefined.
     """
     below, above = [one for one in tested if one <= value], [one for one in tested if one >= value]
     if not below or not above or max(below) == min(above):
@@ -128,7 +128,7 @@ def tested_around(value: float, tested: Sequence[float]) -> tuple[float, float] 
 
 
 def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8, NDArray[np.intp]]:
-    """Tested values, ascending; successes and frames by site and value; the sites' numbers."""
+    """Tested values, ascending; successes and frames by site and value; the indices of the sites."""
     values = column(frames, by)
     known = ~np.isnan(values)
     levels, place = np.unique(values[known], return_inverse=True)
@@ -140,10 +140,10 @@ def _counts(frames: pd.DataFrame, by: str, limit_km: float) -> tuple[F8, F8, F8,
 
 
 def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
-    """Least-squares fit of proportions that do not rise, for each row.
+    """Least-squares fit of non-increasing proportions, for each row.
 
-    At each level the least, over first levels up to it, of the highest share of all blocks of levels from there that reach it
-    (Ayer et al. 1955, see :func:`break_point`).
+    The value at each level is the minimum, over first levels up to it, of the largest share among all blocks of levels that
+    start there and reach it (Ayer et al. 1955, see :func:`break_point`).
 
     Parameters
     ----------
@@ -152,10 +152,10 @@ def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
     Returns
     -------
     fitted, counts : ndarray, shape (k, n_levels)
-        Levels without frames take no part in the fit; they have count 0 and a fitted value of no meaning.
+        Levels without frames take no part in the fit; they have count 0 and a meaningless fitted value.
     """
     tested = counts > 0
-    # From sums of whole numbers, so that a block whose share is one half has exactly that.
+    # Computed from sums of integers, so that a block whose share is one half has exactly that value.
     hits_before, counts_before = (np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0))) for each in (hits, counts))
     fitted = np.full(hits.shape, math.inf)
     for first in range(hits.shape[1]):
@@ -173,8 +173,8 @@ def isotonic(hits: F8, counts: F8) -> tuple[F8, F8]:
 def crossing(levels: F8, fitted: F8, counts: F8, share: float = HALF) -> F8:
     """Where a falling curve through the fitted proportions reaches `share`, shape (k,).
 
-    -inf where it is below from the first level on, +inf where it never falls below; the middle of a stretch on which
-    it equals `share`.
+    -inf where it is below from the first level on, +inf where it never falls below; the middle of a stretch on which it
+    equals `share`.
     """
     found = np.empty(len(fitted))
     above = np.full(len(fitted), -math.inf)  # last level still above the share, and the first one below it

@@ -1,6 +1,6 @@
 """Bootstrap of whole clusters: frames of one site and night share weather and sky, so they are drawn together.
 
-Intervals are percentile intervals with levels widened for few clusters (Hesterberg's expanded percentiles). Statistics
+Intervals are percentile intervals whose levels are widened for few clusters (Hesterberg's expanded percentiles). Statistics
 must be functions of weighted frames; sums and quantiles are computed for all resamples at once.
 """
 
@@ -22,10 +22,10 @@ F8 = NDArray[np.float64]
 N_RESAMPLES = 2000
 SEED = 20260301
 FEWEST_CLUSTERS = 6
-"""Fewer lie all on one side of a median with a probability above 5 %: they give no interval of a quantile."""
+"""With fewer clusters, all are on one side of a median with a probability above 5 %: quantiles then get no interval."""
 _CHUNK_ELEMENTS = 4_000_000
 _CACHED_ELEMENTS = 250_000
-"""Of arrays that are worked on element by element: such pieces stay within a core's cache."""
+"""Size of the pieces of arrays that are processed element by element: they fit into a core's cache."""
 _BLOCK_FRAMES = 1024
 
 
@@ -50,12 +50,12 @@ class Resamples:
 
     @classmethod
     def of(cls, clusters: ArrayLike, n_resamples: int = N_RESAMPLES, seed: int = SEED) -> Resamples:
-        """Resamples of the clusters that frames belong to.
+        """Make resamples of the clusters to which frames belong.
 
         Parameters
         ----------
         clusters : array_like, shape (n_frames,)
-            Name of each frame's cluster, of any type that sorts.
+            Name of each frame's cluster, of any sortable type.
         n_resamples, seed : int
         """
         names, cluster = np.unique(np.asarray(clusters), return_inverse=True)
@@ -63,7 +63,7 @@ class Resamples:
 
     @property
     def weights(self) -> NDArray[np.uint8]:
-        """How often each resample holds each cluster, shape (n_resamples, n_clusters)."""
+        """Number of times that each resample contains each cluster, shape (n_resamples, n_clusters)."""
         return _weights(self.n_clusters, self.n_resamples, self.seed)
 
     def sums(self, values: ArrayLike) -> F8:
@@ -90,13 +90,13 @@ class Resamples:
             yield self.weights[start : start + step]
 
     def quantiles(self, values: ArrayLike, q: float) -> F8:
-        """Quantile of per-frame values (+inf allowed) in each resample, by the definition of `intervals.quantile`."""
+        """Quantile of per-frame values (+inf allowed) in each resample, as defined by `intervals.quantile`."""
         x = np.asarray(values, dtype=np.float64)
         order = np.argsort(x, kind="stable")
         ordered, cluster = x[order], self.cluster[order]
         reached = self._weight_after_blocks(cluster)
         target = q * reached[:, -1]
-        # Where the weight reaches the target exactly, the value is the middle of this frame's and the next one's.
+        # Where the weight equals the target exactly, the value is the mean of this frame's and the next one's.
         least = np.ceil(target - 1e-9).astype(np.int64)
         most = np.floor(target + 1e-9).astype(np.int64) + 1
         everywhere, apart = np.arange(self.n_resamples), np.flatnonzero(most > least)
@@ -119,7 +119,7 @@ class Resamples:
         rows: NDArray[np.intp],
         count: NDArray[np.int64],
     ) -> NDArray[np.intp]:
-        """First of the ordered frames with which each of some resamples (`rows`) has `count` frames."""
+        """First of the ordered frames at which each of some resamples (`rows`) has `count` frames."""
         block = (reached[rows] < count[:, None]).sum(axis=1)
         left = count - np.where(block > 0, reached[rows, block - 1], 0)
         found = np.empty(len(rows), dtype=np.intp)
@@ -138,7 +138,7 @@ def _weights(n_clusters: int, n_resamples: int, seed: int) -> NDArray[np.uint8]:
     step = max(1, _CHUNK_ELEMENTS // max(n_clusters, 1))
     for start in range(0, n_resamples, step):
         rows = min(step, n_resamples - start)
-        # A cluster is drawn about once (Poisson): 255 times practically never.
+        # A cluster is drawn about once (Poisson distribution), and practically never 255 times.
         drawn = rng.integers(0, max(n_clusters, 1), (rows, n_clusters))
         drawn += n_clusters * np.arange(rows)[:, None]
         counts = np.bincount(drawn.ravel(), minlength=rows * n_clusters)
@@ -149,7 +149,7 @@ def _weights(n_clusters: int, n_resamples: int, seed: int) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=64)
 def expanded_levels(n_clusters: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Percentile levels whose interval has the width of a t interval instead of a normal one without n/(n - 1).
+    """Percentile levels that give the interval the width of a t interval instead of a normal one without n/(n - 1).
 
     References
     ----------
@@ -171,12 +171,12 @@ def percentile_interval(
     Parameters
     ----------
     replicates : array_like, shape (n_resamples,)
-        Infinite values allowed; NaN (a resample in which the statistic is undefined) is left out.
+        Infinite values are allowed; NaN (a resample in which the statistic is undefined) is left out.
     n_clusters : int
-        Below 2 nothing is known: the interval is `bounds`.
+        With fewer than 2 nothing is known, and the interval is `bounds`.
     bounds : tuple of float
-        The statistic's range. Where all clusters agree, resamples carry no information about clusters that were not
-        drawn: a share of z^2 / (n + z^2) of them (Wilson's bound for 0 of n) may lie at either end of a finite range.
+        Range of the statistic. Where all clusters agree, resamples carry no information about clusters that were not drawn: a
+        share of z^2 / (n + z^2) of them (Wilson's bound for 0 of n) may be at either end of a finite range.
     """
     x = np.asarray(replicates, dtype=np.float64)
     x = x[~np.isnan(x)]
@@ -195,14 +195,14 @@ def percentile_interval(
 def mean_estimate(
     values: ArrayLike, resamples: Resamples, bounds: tuple[float, float] = (-math.inf, math.inf)
 ) -> Estimate:
-    """Mean of per-frame values; NaN values take no part."""
+    """Mean of per-frame values; NaN values are ignored."""
     return mean_estimates(np.asarray(values, dtype=np.float64)[:, None], resamples, bounds)[0]
 
 
 def mean_estimates(
     values: F8, resamples: Resamples, bounds: tuple[float, float] = (-math.inf, math.inf)
 ) -> list[Estimate]:
-    """Means of per-frame values, shape (n_frames, k), each as by `mean_estimate`, all on the same resamples."""
+    """Means of per-frame values, shape (n_frames, k), each as in `mean_estimate`, all on the same resamples."""
     known = ~np.isnan(values)
     if known.all():
         return _ratio_estimates(values, np.ones((len(values), 1)), resamples, bounds)
@@ -216,7 +216,7 @@ def _ratio_estimates(top: F8, bottom: F8, resamples: Resamples, bounds: tuple[fl
     over, under = sums[:, :k], sums[:, k:]
     with np.errstate(invalid="ignore", divide="ignore"):
         replicates = np.where(under > 0, over / under, np.nan)
-        # Added row by row of the transpose, for the rounding of a sum over one column alone.
+        # Summed over rows of the transpose, so that rounding equals that of a sum over one column alone.
         values = np.ascontiguousarray(top.T).sum(axis=1) / np.ascontiguousarray(bottom.T).sum(axis=1)
     counts = np.broadcast_to(np.count_nonzero(bottom, axis=0), k)
     return [
@@ -228,10 +228,10 @@ def _ratio_estimates(top: F8, bottom: F8, resamples: Resamples, bounds: tuple[fl
 
 
 def proportion_estimate(successes: ArrayLike, trials: ArrayLike, resamples: Resamples) -> Estimate:
-    """Proportion of successes among trials, Wilson's interval with the effective size of clustered trials.
+    """Proportion of successes among trials, with Wilson's interval for the effective size of clustered trials.
 
-    A percentile bootstrap of a proportion falls short near 0 and 1, where resamples agree with each other; the
-    effective sample size of `intervals.pooled_proportion`, with the cluster as the unit, does not.
+    A percentile bootstrap of a proportion is too short near 0 and 1, where resamples agree with each other. The effective
+    sample size of `intervals.pooled_proportion`, with the cluster as the unit, avoids this.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def proportion_estimate(successes: ArrayLike, trials: ArrayLike, resamples: Resa
 
 
 def quantile_estimate(values: ArrayLike, q: float, resamples: Resamples) -> Estimate:
-    """Quantile of non-negative values (+inf allowed) with its clustered bootstrap interval; NaN values take no part."""
+    """Quantile of non-negative values (+inf allowed) with its clustered bootstrap interval; NaN values are ignored."""
     x = np.asarray(values, dtype=np.float64)
     known = ~np.isnan(x)
     if not known.any():
@@ -263,6 +263,6 @@ def quantile_estimate(values: ArrayLike, q: float, resamples: Resamples) -> Esti
     n, tail = int(known.sum()), (1.0 - CONFIDENCE) / 2.0
     low, high = percentile_interval(part.quantiles(x[known], q), part.n_clusters, (0.0, math.inf))
     few = part.n_clusters < FEWEST_CLUSTERS
-    # Even of independent frames, all may lie on one side of the quantile.
+    # Even with independent frames, all may be on one side of the quantile.
     low, high = 0.0 if few or (1.0 - q) ** n > tail else low, math.inf if few or q**n > tail else high
     return Estimate(quantile(x[known], q), low, high, n)

@@ -1,4 +1,4 @@
-"""Solvers against each other on the same frames: differences, tests over the family of pairs, ranks with intervals."""
+"""Comparison of solvers on the same frames: differences, tests over the family of pairs, ranks with intervals."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ from benchmark.stats.within_conditions import difference_within_conditions
 F8 = NDArray[np.float64]
 
 SMALLEST_ERROR_KM = 0.001
-"""Errors below a metre count as a metre in a ratio, so that a perfect fix has one."""
+"""Errors below a metre count as a metre in a ratio, so that a perfect fix has a ratio."""
 LEVEL = 0.05
 _MOST_ELEMENTS = 2_000_000
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two solvers on the same frames.
+    """Comparison of two solvers on the same frames.
 
     Attributes
     ----------
     first, second : str
     n_frames, n_sites : int
     difference : Estimate
-        Success of the first less that of the second.
+        Success of the first minus that of the second.
     success_test : PairedTest
         McNemar's exact test by site.
     success_p_holm : float
         Its p-value, adjusted for all pairs of the family.
     error_ratio : Estimate
-        Geometric mean of the first's error over the second's, over the frames on which both have a fix.
+        Geometric mean of the ratio of the first's error to the second's, over the frames on which both have a fix.
     error_p : float
-        Of a sign-flip test by site of the logarithm of that ratio.
+        P-value of a sign-flip test by site of the logarithm of that ratio.
     error_p_holm : float
-        Adjusted for all pairs of the family.
+        The same p-value, adjusted for all pairs of the family.
     closer : Estimate
-        Share of all frames on which the first is closer to the truth; refused frames are infinitely far, and a tie (both
-        refused) counts one half.
+        Share of all frames on which the first is closer to the truth. A refused frame counts as infinitely far, and a tie
+        (both refused) counts one half.
     design_effect : float
-        Factor on the variance of the difference that sites make.
+        Factor by which sites increase the variance of the difference.
     """
 
     first: str
@@ -71,9 +71,9 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Rank:
-    """A solver's rank by success, 1 the best, and the interval that holds its true rank.
+    """A solver's rank by success (1 is the best), and the interval that contains its true rank.
 
-    All the solvers' intervals hold together with 95 % probability.
+    The intervals of all solvers hold jointly with 95 % probability.
     """
 
     solver: str
@@ -84,7 +84,7 @@ class Rank:
 
 @dataclass(frozen=True, eq=False)
 class _Answers:
-    """What one solver did on each frame, in an order of frames that all solvers share; each of shape (n_frames,)."""
+    """Answers of one solver on each frame, in an order of frames that all solvers share; each of shape (n_frames,)."""
 
     site: NDArray[np.intp]
     right: NDArray[np.bool_]
@@ -94,12 +94,12 @@ class _Answers:
 
 
 def paired(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Both tables in the order of the first's frames.
+    """Bring both tables into the order of the first's frames.
 
     Raises
     ------
     ResultsError
-        They are not of the same frames, or one has a frame twice.
+        They are not of the same frames, or a frame occurs twice in one.
     """
     for table in (first, second):
         if not table["frame_id"].is_unique:
@@ -120,11 +120,11 @@ def compare(
     Parameters
     ----------
     tables : mapping of str to DataFrame
-        Table of frames of each solver.
+        Table of frames of each solver, by name.
     limit_km : float
-        What counts as success.
+        Largest error that counts as success.
     pairs : sequence of (str, str), optional
-        The family; all pairs unless given.
+        The family of pairs; by default all pairs.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _answers(table: pd.DataFrame, limit_km: float) -> _Answers:
 
 
 def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]) -> list[tuple[Comparison, F8]]:
-    """One solver with others, before p-values of errors and adjustment; with each the log ratios of error by site."""
+    """Compare one solver with others, before errors are tested and p-values adjusted; with log error ratios by site."""
     one, others = answers[first], [answers[name] for name in seconds]
     resamples = Resamples.of(one.site)
     gaps = np.column_stack([one.right.astype(np.float64) - other.right for other in others])
@@ -202,16 +202,17 @@ def _compare(first: str, seconds: Sequence[str], answers: Mapping[str, _Answers]
 
 
 def difference_estimate(gap: F8, condition: F8, resamples: Resamples) -> Estimate:
-    """Mean of paired differences -1, 0 or 1 with its interval (`difference_estimates`)."""
+    """Mean of paired differences -1, 0 or 1 with its interval (see `difference_estimates`)."""
     return difference_estimates(np.asarray(gap, dtype=np.float64)[:, None], condition, resamples)[0]
 
 
 def difference_estimates(gaps: F8, condition: F8, resamples: Resamples) -> list[Estimate]:
     """Means of paired differences -1, 0 or 1, shape (n_frames, k), with their intervals.
 
-    With conditions that tell it, shape (n_frames,), the variance is that within them (`difference_within_conditions`); else
-    clusters are resampled. Two frames are added to the resampled ones, on one of which each solver alone succeeds: without
-    them few differences would make the interval too short, and none would make it a point.
+    Where the conditions, shape (n_frames,), allow it, the variance is that within conditions
+    (`difference_within_conditions`); otherwise clusters are resampled. Two frames are added to the resampled ones, one on
+    which only the first solver succeeds and one on which only the second does: without them, few differences would make the
+    interval too short, and no difference would shrink it to a point.
 
     References
     ----------
@@ -248,9 +249,9 @@ def ranks(
 ) -> tuple[Rank, ...]:
     """Ranks by success with joint confidence intervals, best first.
 
-    A solver's true rank is one more than the number of solvers that are better. That number is at least the number of
-    solvers that test as better, and at most the number of those that do not test as worse. Holm's adjustment keeps the
-    probability of any false verdict below the level; without one, all intervals hold.
+    A solver's true rank is one more than the number of better solvers. That number is at least the number of solvers that
+    test as better, and at most the number of those that do not test as worse. Holm's adjustment keeps the probability of any
+    false verdict below the level; if no verdict is false, all intervals hold.
 
     Parameters
     ----------
@@ -284,10 +285,10 @@ def ranks(
 
 
 def detectable(comparisons: Sequence[Comparison], level: float = LEVEL, power: float = 0.8) -> float:
-    """Smallest true difference of success that a table of comparisons finds with probability `power`.
+    """Smallest true difference of success that a table of comparisons detects with probability `power`.
 
-    For a typical pair of it: the median share of frames on which the two differ and the median design effect, tested
-    at the level of the first step of Holm's procedure. NaN without a pair or where none differ.
+    It is computed for a typical pair of the table, with the median share of frames on which the two differ and the median
+    design effect, tested at the level of the first step of Holm's procedure. NaN without pairs or where no pair differs.
     """
     if not comparisons:
         return math.nan

@@ -1,6 +1,6 @@
 """Calibration of a solver's confidence: reliability diagram, expected calibration error, risk-coverage curve.
 
-All take a table of frames.
+All functions take a table of frames.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _GAP_FACTORS = np.linspace(0.0, 1.0, 41)
 
 @dataclass(frozen=True)
 class ReliabilityBin:
-    """Fixes of like confidence.
+    """Fixes with similar confidence.
 
     Attributes
     ----------
     low, high : float
-        Edges of the bin; it holds low < confidence <= high, the first also 0.
+        Edges of the bin; it holds low < confidence <= high, and the first bin also holds 0.
     n : int
-        Fixes in it.
+        Number of fixes in the bin.
     confidence : float
         Their mean confidence.
     success : Estimate
@@ -50,7 +50,7 @@ class ReliabilityBin:
 
 @dataclass(frozen=True, eq=False)
 class RiskCoverage:
-    """Risk as ever more frames are accepted, from the most confident down.
+    """Risk as more and more frames are accepted, in order of decreasing confidence.
 
     Attributes
     ----------
@@ -59,11 +59,11 @@ class RiskCoverage:
     risk : ndarray, shape (n,)
         Share of the accepted frames that are wrong. Refused frames are accepted last and count as wrong.
     n_fixes : int
-        Frames with a fix, the part of the curve that the solver itself would answer.
+        Number of frames with a fix: the part of the curve that the solver itself would answer.
     n_confidences : int
-        Different confidences among them; with fewer than two, they tell no frame from another.
+        Number of different confidences among them; with fewer than two, they do not distinguish frames.
     area : Estimate
-        Area under the curve, the mean risk over all coverages; 0 is perfect.
+        Area under the curve, which is the mean risk over all coverages; 0 is perfect.
     """
 
     coverage: F8
@@ -85,7 +85,7 @@ def _bins(confidence: F8, n_bins: int) -> NDArray[np.intp]:
 def reliability(
     frames: pd.DataFrame, n_bins: int = RELIABILITY_BINS, limit_km: float = SUCCESS_KM
 ) -> tuple[ReliabilityBin, ...]:
-    """Success against confidence, in bins of equal width; empty bins are left out.
+    """Success against confidence, in bins of equal width; empty bins are omitted.
 
     References
     ----------
@@ -107,7 +107,7 @@ def reliability(
 
 
 def expected_calibration_error(confidence: F8, success: Bools, n_bins: int = RELIABILITY_BINS) -> float:
-    """Mean distance between confidence and success over the bins of `reliability`, weighted by their fixes.
+    """Mean distance between confidence and success over the bins of `reliability`, weighted by the number of fixes.
 
     Parameters
     ----------
@@ -135,11 +135,11 @@ def calibration_error(
 ) -> Estimate:
     """Expected calibration error over the fixes (`expected_calibration_error`) with its interval.
 
-    The value is that of the sample, as is the custom; the gaps' absolute values make it larger than that of the solver,
-    the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: the smallest error,
-    among solvers whose gaps are those of the sample times a factor, that would not give the sample's error too rarely;
-    the noise of the gaps is taken from the resamples. The upper end, which the bias does not threaten, lies as many
-    standard deviations above the value as the t distribution gives.
+    The value is that of the sample, as is customary. Because it averages absolute gaps, it exceeds that of the solver, and
+    the more so the fewer fixes a bin has. Its lower end is therefore found by test inversion: it is the smallest error, among
+    solvers whose gaps are those of the sample times a factor, under which the sample's error would not be too improbable; the
+    noise of the gaps is taken from the resamples. The upper end is not affected by the bias; it is as many standard
+    deviations above the value as the t distribution gives.
 
     References
     ----------
@@ -171,7 +171,10 @@ def calibration_error(
 
 
 def overconfidence(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Mean confidence less success over the fixes: above 0 the solver is overconfident. Independent of bins and unbiased."""
+    """Mean confidence minus success over the fixes; positive for an overconfident solver.
+
+    Independent of bins and unbiased.
+    """
     confidence, known = _confident(frames)
     n = int(known.sum())
     if n == 0:
@@ -184,9 +187,9 @@ def overconfidence(frames: pd.DataFrame, resamples: Resamples, limit_km: float =
 
 
 def risk_coverage(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> RiskCoverage:
-    """Risk-coverage curve and its area; frames of one confidence are accepted in random order, on average.
+    """Risk-coverage curve and its area; frames with equal confidence are accepted in random order, averaged over all orders.
 
-    Fixes without a confidence come after all that have one. Refused frames come last and count as wrong, so that the
+    Fixes without a confidence come after all fixes that have one. Refused frames come last and count as wrong, so that the
     curve of every solver ends at coverage 1 and areas can be compared.
 
     References
@@ -220,7 +223,7 @@ def risk_coverage(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> RiskCov
 
 
 def _ranked(frames: pd.DataFrame, limit_km: float) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
-    """Which frames are wrong; their order from the most confident; where each block of equals starts in that order."""
+    """Which frames are wrong; their order by decreasing confidence; where each block of equal ones starts in that order."""
     confidence, known = _confident(frames)
     rank = np.where(known, confidence, np.where(fixed(frames), -1.0, -2.0))
     order = np.argsort(-rank, kind="stable")
@@ -229,13 +232,14 @@ def _ranked(frames: pd.DataFrame, limit_km: float) -> tuple[NDArray[np.bool_], N
 
 
 def _curve(weights: NDArray[np.uint8], wrong: Bools, block: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Risk after each frame, shape (k, n), and its mean by weight, shape (k,), for k weightings of the ordered frames."""
+    """Risk after each frame, shape (k, n), and its weighted mean, shape (k,), for k weightings of the ordered frames."""
     if len(block) == 0:
         return np.empty(weights.shape), np.full(len(weights), math.nan)
     accepted, bad = _cumulated(weights), _cumulated(weights * wrong)
     risk = bad[:, 1:] / np.maximum(accepted[:, 1:], 1)
     size = np.diff(np.append(block, len(wrong)))
-    # Where a block of equals is all right or all wrong, its order does not matter; elsewhere all orders are averaged.
+    # Where all frames of a block of equals are right, or all are wrong, their order is irrelevant; elsewhere all orders are
+    # averaged.
     share = np.add.reduceat(wrong, block, dtype=np.intp) / size
     mixed = (share > 0) & (share < 1)
     if mixed.any():
@@ -250,14 +254,14 @@ def _curve(weights: NDArray[np.uint8], wrong: Bools, block: NDArray[np.intp]) ->
 
 
 def _cumulated(counts: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Sums along rows, from none to all, shape (k, n + 1)."""
+    """Cumulative sums along rows, starting from zero, shape (k, n + 1)."""
     sums = np.zeros((len(counts), counts.shape[1] + 1), dtype=np.int32)
     np.cumsum(counts, axis=1, out=sums[:, 1:])
     return sums
 
 
 def confidence_metrics_within(limit_km: float) -> tuple[Metric, ...]:
-    """Metrics of the stated confidences, where fixes are right within a limit, that of their task."""
+    """Metrics of the stated confidences; fixes count as right within the given limit, that of their task."""
     return (
         Metric("ece", "calibration error", "", -1, lambda f, r: calibration_error(f, r, limit_km=limit_km)),
         Metric("overconfidence", "overconfidence", "", 0, lambda f, r: overconfidence(f, r, limit_km)),

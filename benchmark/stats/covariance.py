@@ -1,6 +1,6 @@
 """Calibration of a solver's covariance: normalised estimation error squared and coverage of error ellipses.
 
-All take a table of frames.
+All functions take a table of frames.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ NEES_DIMENSIONS = 2
 
 
 def nees_values(frames: pd.DataFrame) -> F8:
-    """Squared error in units of the covariance claimed, shape (n,); NaN without a fix or a covariance.
+    """Squared error in units of the claimed covariance, shape (n,); NaN without a fix or a covariance.
 
-    +inf for a covariance that is not positive definite, which claims certainty in some direction.
+    The value is +inf for a covariance that is not positive definite, which claims certainty in some direction.
     """
     east, north = column(frames, "error_east_km"), column(frames, "error_north_km")
     ee, en, nn = (column(frames, f"cov_{name}_km2") for name in ("ee", "en", "nn"))
@@ -39,10 +39,10 @@ def nees_values(frames: pd.DataFrame) -> F8:
 
 
 def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Mean of `nees_values` over the fixes that are `identified`; undefined where none comes with a covariance.
+    """Mean of `nees_values` over the fixes that are `identified`; undefined where none of them has a covariance.
 
-    An honest covariance gives 2, one that is too small more. The interval is that of `skewed_mean_estimate`: a few fixes may
-    have most of the sum.
+    A correct covariance gives 2, one that is too small gives more. The interval is that of `skewed_mean_estimate`, because a
+    few fixes may contribute most of the sum.
 
     References
     ----------
@@ -58,7 +58,7 @@ def nees_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: flo
 
 
 def ellipse_coverage(frames: pd.DataFrame, resamples: Resamples, level: float = 0.95) -> Estimate:
-    """Share of the fixes with a covariance whose error ellipse of a level holds the truth; the level if it is correct."""
+    """Share of the fixes with a covariance whose error ellipse of a level contains the truth; ideally equal to the level."""
     values = nees_values(frames)
     inside = values <= stats.chi2.ppf(level, NEES_DIMENSIONS)
     return proportion_estimate(inside & ~np.isnan(values), ~np.isnan(values), resamples)
@@ -72,7 +72,7 @@ def _ellipse_at(level: float) -> Metric:
 
 
 def covariance_metrics_within(limit_km: float) -> tuple[Metric, ...]:
-    """Metrics of the stated covariances, where fixes are right within a limit, that of their task."""
+    """Metrics of the stated covariances; fixes count as right within the given limit, that of their task."""
     return (
         Metric("nees", "NEES of identified fixes", "", 0, lambda f, r: nees_of_identified(f, r, limit_km)),
         *(_ellipse_at(level) for level in ELLIPSE_LEVELS),

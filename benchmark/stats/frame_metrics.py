@@ -1,7 +1,7 @@
-"""Metrics of one solver as functions of its table of frames (docs/benchmark.md defines and sources each).
+"""Metrics of one solver as functions of its table of frames (docs/benchmark.md gives definitions and sources).
 
 A table is a pandas data frame with the columns of ``frames.parquet``. Frames without a fix have an infinite error, so
-that refusing never improves a quantile; every rate is a share of all frames unless its definition states otherwise.
+refusing never improves a quantile. Every rate is a share of all frames unless its definition states otherwise.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ KELVINS_PENALTY = 2.0
 
 @dataclass(frozen=True)
 class Metric:
-    """A number that a table of frames yields.
+    """A number that is computed from a table of frames.
 
     Attributes
     ----------
     key : str
         Its name in files.
     heading : str
-        Its name for people.
+        Its name for readers.
     unit : str
         Empty for proportions and scores.
     better : int
-        1 where more is better, -1 where less is, 0 where neither.
+        1 where larger values are better, -1 where smaller ones are, 0 where neither.
     measure : callable
         Takes the table and the resamples of its clusters.
     """
@@ -61,7 +61,7 @@ class Metric:
 
 
 def read_frames(path: Path) -> pd.DataFrame:
-    """Read ``frames.parquet`` without the solver's own account of its stages.
+    """Read ``frames.parquet`` without the solver's own timing of its stages.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def read_frames(path: Path) -> pd.DataFrame:
 
 
 def sites(frames: pd.DataFrame) -> NDArray[np.str_]:
-    """Cluster of each frame; a frame without a site is one of its own."""
+    """Cluster of each frame; a frame without a site forms its own cluster."""
     if "site" not in frames:
         return np.asarray(frames["frame_id"], dtype=str)
     site = frames["site"].fillna("").astype(str).to_numpy(dtype=str)
@@ -113,12 +113,12 @@ def succeeded(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> Bools:
 
 
 def identified(frames: pd.DataFrame, limit_km: float = SUCCESS_KM) -> Bools:
-    """Which frames have a fix from the right stars: most of those that it names are right, or its error is below the limit.
+    """Which frames have a fix from the right stars: most stars that it names are right, or its error is within the limit.
 
-    How exact and how honest a solver is, is asked of these. Among the fixes below the limit alone, large errors would be left
-    out for being large, and errors look smaller than they are, the more so the closer the limit is to what the told vertical
-    leaves. A fix may be below the limit and name no star: some solvers return no names, and names of some photographs are
-    not known.
+    Accuracy and calibration of a solver are measured on these fixes. If only fixes within the limit counted, large errors
+    would be excluded because they are large, and errors would look smaller than they are; the closer the limit is to the
+    error that the supplied vertical causes, the stronger the effect. A fix may be within the limit and name no star: some
+    solvers return no identifications, and for some photographs they are unknown.
     """
     most_named_right = 2.0 * column(frames, "n_correct") > column(frames, "n_matches")
     return np.asarray(succeeded(frames, limit_km) | (fixed(frames) & most_named_right))
@@ -130,7 +130,7 @@ def success(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCES
 
 
 def wrong_and_confident(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Share of all frames with a fix that is off by the limit of success or more."""
+    """Share of all frames with a fix whose error reaches or exceeds the limit of success."""
     wrong = fixed(frames) & ~succeeded(frames, limit_km)
     return share_within_conditions(wrong, column(frames, "condition"), resamples)
 
@@ -141,17 +141,17 @@ def error_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Esti
 
 
 def star_precision(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Correct matches of all matches claimed."""
+    """Share of correct matches among all claimed matches."""
     return proportion_estimate(frames["n_correct"], frames["n_matches"], resamples)
 
 
 def names_no_star(frames: pd.DataFrame) -> bool:
-    """Whether a solver has fixes and none of them says which stars it saw: it returns no matches."""
+    """Whether a solver has fixes but returns no matches, so that none of them says which stars it saw."""
     return bool(fixed(frames).any()) and not column(frames, "n_matches").any()
 
 
 def star_recall(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Correct matches of all detections of a star; undefined of a solver that returns none."""
+    """Share of all detections of a star that are matched correctly; undefined for a solver that returns no matches."""
     if names_no_star(frames):
         return UNDEFINED
     return proportion_estimate(frames["n_correct"], frames["n_detected_stars"], resamples)
@@ -172,14 +172,14 @@ def kelvins_scores(frames: pd.DataFrame) -> F8:
 
 
 def kelvins(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Mean of the frames' scores; undefined of a solver that returns no matches."""
+    """Mean of the frames' scores; undefined for a solver that returns no matches."""
     if names_no_star(frames):
         return UNDEFINED
     return mean_estimate(kelvins_scores(frames), resamples, (-1.0, 1.0))
 
 
 def bound_ratios(frames: pd.DataFrame) -> F8:
-    """Error over the root of the trace of the frame's Cramér-Rao bound; +inf without a fix, NaN without a bound."""
+    """Ratio of the error to the root of the trace of a frame's Cramér-Rao bound; +inf without a fix, NaN without a bound."""
     bound = column(frames, "crlb_km")
     usable = np.isfinite(bound) & (bound > 0)
     return np.where(usable, errors_km(frames) / np.where(usable, bound, 1.0), math.nan)
@@ -188,13 +188,13 @@ def bound_ratios(frames: pd.DataFrame) -> F8:
 def bound_ratio(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
     """Median of `bound_ratios` over all frames that have a bound.
 
-    An estimator that reaches the bound has 0.67 (all of the error in one direction) to 0.83 (a round error ellipse).
+    An estimator that attains the bound has 0.67 (all of the error in one direction) to 0.83 (a round error ellipse).
     """
     return quantile_estimate(bound_ratios(frames), 0.5, resamples)
 
 
 def bound_ratio_of_identified(frames: pd.DataFrame, resamples: Resamples, limit_km: float = SUCCESS_KM) -> Estimate:
-    """Median of `bound_ratios` over the fixes that are `identified`: how exact a solver is where it knows the stars."""
+    """Median of `bound_ratios` over the `identified` fixes: the accuracy of a solver where it knows the stars."""
     return quantile_estimate(np.where(identified(frames, limit_km), bound_ratios(frames), math.nan), 0.5, resamples)
 
 
@@ -204,14 +204,14 @@ def time_quantile(frames: pd.DataFrame, resamples: Resamples, q: float) -> Estim
 
 
 def peak_memory(frames: pd.DataFrame, resamples: Resamples) -> Estimate:
-    """Largest memory over all frames; a largest value has no interval."""
+    """Largest memory over all frames; a maximum has no interval."""
     memory = column(frames, "peak_memory_mib")
     known = memory[~np.isnan(memory)]
     return Estimate(float(known.max()), math.nan, math.nan, len(known)) if len(known) else UNDEFINED
 
 
 def success_limit_km(key: str) -> float:
-    """Limit that the key of a success metric states. Raises ResultsError where it is no such key."""
+    """Limit that the key of a success metric states. Raises ResultsError for any other key."""
     found = SUCCESS_KEY.fullmatch(key)
     if found is None:
         raise ResultsError(f"metric {key!r} is not success_Nkm with a number N")
@@ -219,7 +219,7 @@ def success_limit_km(key: str) -> float:
 
 
 def success_metric(key: str) -> Metric:
-    """The metric of a key such as ``success_10km``. Raises ResultsError where it is no such key."""
+    """Metric that belongs to a key such as ``success_10km``. Raises ResultsError for any other key."""
     return _success_at(success_limit_km(key), key)
 
 
@@ -234,7 +234,7 @@ def _success_at(limit_km: float, key: str = "") -> Metric:
 
 
 def metrics_within(limit_km: float) -> tuple[Metric, ...]:
-    """All metrics of a table whose fixes are right within a limit, that of their task."""
+    """All metrics of a table; fixes count as right within the given limit, that of their task."""
     return (
         *(_success_at(limit) for limit in SUCCESS_LEVELS_KM),
         Metric("median_error_km", "median error", "km", -1, lambda f, r: error_quantile(f, r, 0.5)),
@@ -261,7 +261,7 @@ METRICS = metrics_within(SUCCESS_KM)
 
 
 def measure(frames: pd.DataFrame, metrics: Iterable[Metric] = METRICS) -> dict[str, Estimate]:
-    """All metrics of a table, by key; undefined ones (nothing to count) are NaN."""
+    """Compute metrics of a table, by key; undefined ones (nothing to count) are NaN."""
     if len(frames) == 0:
         return {metric.key: UNDEFINED for metric in metrics}
     resamples = resamples_of(frames)
@@ -269,7 +269,7 @@ def measure(frames: pd.DataFrame, metrics: Iterable[Metric] = METRICS) -> dict[s
 
 
 def groups_of(values: F8, max_groups: int) -> list[Bools]:
-    """Masks of the frames of each distinct value, or of each of `max_groups` groups of like size; NaN in none."""
+    """Masks of the frames with each distinct value, or of each of `max_groups` groups of similar size; NaN is in no group."""
     known = values[~np.isnan(values)]
     distinct = np.unique(known)
     if len(distinct) <= max_groups:

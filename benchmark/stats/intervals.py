@@ -1,8 +1,8 @@
 """Confidence intervals for proportions, pooled proportions and quantiles.
 
-All intervals are two-sided with equal tails. None needs random numbers: the quantile intervals rest on the binomial
-distribution of ranks and so hold for any distribution of errors, one with an atom at infinity (refusals) included,
-where a bootstrap of the median has no guarantee.
+All intervals are two-sided with equal tails. They need no random numbers. The quantile intervals are based on the binomial
+distribution of ranks and so hold for any distribution of errors, including one with an atom at infinity (refusals), for which
+a bootstrap of the median has no guarantee.
 """
 
 import math
@@ -25,7 +25,7 @@ class Estimate:
     value, low, high : float
         NaN where undefined (nothing to count); +inf where an error quantile lies among the refusals.
     n : int
-        How many independent units (frames) stand behind it.
+        Number of independent units (frames) on which it is based.
     """
 
     value: float
@@ -66,7 +66,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     p = successes / trials
     centre = (p + z2 / (2.0 * trials)) / (1.0 + z2 / trials)
     half = math.sqrt(z2 * (p * (1.0 - p) + z2 / (4.0 * trials)) / trials) / (1.0 + z2 / trials)
-    # At 0 and at all, rounding would leave the end a hair off the value it must equal.
+    # At 0 successes and at all successes, rounding would put the end slightly off the value that it must equal.
     low = 0.0 if successes == 0.0 else max(0.0, centre - half)
     high = 1.0 if successes == trials else min(1.0, centre + half)
     return low, high
@@ -83,16 +83,15 @@ def proportion(flags: Sequence[bool] | NDArray[np.bool_], confidence: float = CO
 def pooled_proportion(successes: ArrayLike, trials: ArrayLike, confidence: float = CONFIDENCE) -> Estimate:
     """Proportion pooled over frames whose stars succeed or fail together.
 
-    The stars of one frame are not independent: a wrong fix mislabels them all. The variance is therefore taken
-    between frames (ratio estimator, linearised), turned into an effective number of independent stars and put into
-    Wilson's interval. The effective number never exceeds the number of stars, and is scaled by the t quantile of the
-    frames' degrees of freedom. Where all frames agree on 0 or 1 the variance is no guide; each frame then counts as
-    one trial.
+    The stars of one frame are not independent: a wrong fix mislabels all of them. The variance is therefore computed between
+    frames (ratio estimator, linearised), converted to an effective number of independent stars and used in Wilson's interval.
+    The effective number never exceeds the number of stars, and is scaled by the t quantile for the frames' degrees of
+    freedom. Where all frames agree on 0 or 1 the variance is no guide; each frame then counts as one trial.
 
     Parameters
     ----------
     successes, trials : array_like, shape (n_frames,)
-        Counts per frame; frames without trials do not take part.
+        Counts per frame; frames without trials are ignored.
     confidence : float
         Nominal coverage.
 
@@ -137,12 +136,12 @@ def quantile_ranks(n: int, q: float, confidence: float = CONFIDENCE) -> tuple[in
     q : float
         Quantile, strictly between 0 and 1.
     confidence : float
-        Coverage that holds for every distribution.
+        Coverage, guaranteed for every distribution.
 
     Returns
     -------
     tuple of int
-        Low rank, 0 when even the least value is too high; high rank, n + 1 when even the largest is too low.
+        Low rank, 0 when even the smallest value is too high; high rank, n + 1 when even the largest is too low.
 
     References
     ----------
@@ -162,10 +161,10 @@ def quantile_ranks(n: int, q: float, confidence: float = CONFIDENCE) -> tuple[in
 
 
 def quantile(values: ArrayLike, q: float) -> float:
-    """Sample quantile that stays meaningful with infinite values.
+    """Sample quantile that remains meaningful with infinite values.
 
-    The inverse of the empirical distribution, averaged where it jumps (Hyndman and Fan's definition 2): the median of
-    an even number is the mean of the middle two, and infinite when either of them is.
+    It is the inverse of the empirical distribution, averaged at jumps (Hyndman and Fan's definition 2): the median of an even
+    number of values is the mean of the middle two, and infinite when either of them is.
 
     Parameters
     ----------
@@ -192,8 +191,8 @@ def quantile_estimate(values: ArrayLike, q: float, confidence: float = CONFIDENC
     """Sample quantile of non-negative values with its order-statistic interval.
 
     The interval is exact in the sense that its coverage is at least `confidence` for any distribution of the values,
-    atoms at infinity included. A small sample may have no finite interval: below 6 values for the median, the
-    interval at 95 % runs from 0 to infinity.
+    including atoms at infinity. A small sample may have no finite interval: with fewer than 6 values, the 95 % interval of
+    the median runs from 0 to infinity.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from benchmark.stats.clustered import Resamples, proportion_estimate, quantile_e
 from benchmark.stats.intervals import Estimate
 
 SUCCESS_KM = 10.0
-"""Limit of a success where no task states its own."""
+"""Limit of success where no task states its own."""
 DEFINITIONS = "skybench-metrics/2"
 
 FIX = "fix"
@@ -18,30 +18,30 @@ ERROR = "error"
 
 @dataclass(frozen=True)
 class FrameScore:
-    """One solver's result on one frame, judged.
+    """Judged result of one solver on one frame.
 
     Attributes
     ----------
     frame_id, index
-        Of the frame.
+        Those of the frame.
     bortle : int or None
         The frame's Bortle class.
     width_px, height_px : int
         Size of the image.
     status : str
-        ``fix``, ``refused``, or ``error`` (the solver raised or answered nonsense; scored as a refusal).
+        ``fix``, ``refused``, or ``error`` (the solver raised or gave an invalid answer; scored as a refusal).
     reason : str
         Empty with a fix.
     lat_deg, lon_deg : float or None
-        The position claimed, None without a fix.
+        The claimed position, None without a fix.
     error_km : float
         Geodesic distance to the truth; +inf without a fix.
     n_detections, n_detected_stars, n_matches, n_correct : int
         Star identification, see `benchmark.judge.star_id`.
     time_ms : float
-        Wall time of detection and solving together.
+        Wall-clock time of detection and solving together.
     site : str
-        Frames of one site are not independent (`benchmark.frames.sites`); empty: a frame by itself.
+        Frames of one site are not independent (`benchmark.frames.sites`); empty for a frame that forms its own site.
     """
 
     frame_id: str
@@ -64,18 +64,18 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class Summary:
-    """The metrics over a set of frames, with intervals that take the frames of a site together.
+    """Metrics over a set of frames, with intervals that treat the frames of a site as one cluster.
 
     Attributes
     ----------
     n_frames, n_fixes, n_refused, n_errors : int
         Counts; the last three add up to the first.
     recall : Estimate
-        Share of all frames with a fix and an error below the limit, `SUCCESS_KM` unless told.
+        Share of all frames with a fix and an error below the limit, by default `SUCCESS_KM`.
     wrong_and_confident : Estimate
-        Share of all frames with a fix and an error of the limit or more.
+        Share of all frames with a fix whose error is the limit or more.
     median_error_km, p90_error_km : Estimate
-        Quantiles over all frames, without a fix counted as infinite.
+        Quantiles over all frames; frames without a fix count as infinite.
     star_precision, star_recall : Estimate
         Pooled over frames, see `benchmark.judge.star_id`.
     median_time_ms, p95_time_ms : Estimate
@@ -97,7 +97,7 @@ class Summary:
 
 
 def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Summary:
-    """Summarise the scores of one solver over a set of frames, as `benchmark.stats.frame_metrics` does their table."""
+    """Summarise the scores of one solver over a set of frames, as `benchmark.stats.frame_metrics` does for their table."""
     resamples = Resamples.of([score.site or f"frame {score.frame_id}" for score in scores])
     each = [1] * len(scores)
     fixed = [score.status == FIX for score in scores]
@@ -105,7 +105,7 @@ def summarise(scores: Sequence[FrameScore], limit_km: float = SUCCESS_KM) -> Sum
     errors_km = [score.error_km for score in scores]
     times_ms = [score.time_ms for score in scores]
     correct = [score.n_correct for score in scores]
-    # A solver whose fixes name no star returns no matches: there is no recall to tell.
+    # A solver whose fixes name no star returns no matches, so its recall is undefined.
     names_none = any(fixed) and not any(score.n_matches for score in scores)
     detected = [0 if names_none else score.n_detected_stars for score in scores]
     return Summary(

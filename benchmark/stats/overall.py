@@ -1,6 +1,6 @@
-"""One number over several sets of frames, each of which counts alike however many frames it has.
+"""One number over several sets of frames, which count equally whatever their numbers of frames.
 
-The sets must be independent of each other: no site in two of them.
+The sets must be independent of each other: no site may be in two of them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from benchmark.stats.intervals import Estimate
 
 
 def mean_of(estimates: Sequence[Estimate]) -> Estimate:
-    """Mean of independent estimates; undefined ones take no part.
+    """Mean of independent estimates; undefined ones are ignored.
 
-    The interval is made of theirs, so that it is as skew as they are: the distance from the mean to its end is the root of
-    the sum of squares of the estimates' own distances to that end, over their number.
+    The interval is combined from theirs, so it is as skewed as they are: the distance from the mean to its end is the root of
+    the sum of squares of the estimates' own distances to that end, divided by their number.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def mean_of(estimates: Sequence[Estimate]) -> Estimate:
     Returns
     -------
     Estimate
-        `n` is the sum of theirs. Undefined without a defined one; infinite, without an interval, where one is.
+        `n` is the sum of theirs. Undefined where all estimates are; infinite, without an interval, where one is infinite.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Tests for two solvers on the same frames, and for many such comparisons at once."""
+"""Tests of two solvers on the same frames, and adjustment for many such comparisons."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ N_FLIPS = 4999
 FLIP_SEED = 20260302
 _DRAWN_ELEMENTS = 4_000_000
 _FLIPPED_ELEMENTS = 100_000
-"""Converted and summed at a time, so that they stay within a core's cache."""
+"""Number of values that are converted and summed at a time, so that they fit into a core's cache."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class PairedTest:
     Attributes
     ----------
     n : int
-        Frames.
+        Number of frames.
     only_first, only_second : int
         Frames on which one solver succeeds and the other fails; the others carry no information about a difference.
     p : float
-        Two-sided.
+        Two-sided p-value.
     """
 
     n: int
@@ -42,13 +42,13 @@ class PairedTest:
 def mcnemar_exact(first: Sequence[bool] | NDArray[np.bool_], second: Sequence[bool] | NDArray[np.bool_]) -> PairedTest:
     """Test whether two solvers succeed equally often on the same frames.
 
-    Under the null hypothesis a frame that only one of them solves is as likely the one's as the other's, so that the
-    smaller count is binomial with probability one half.
+    Under the null hypothesis, a frame that only one of them solves is equally likely to be solved by either, so the smaller
+    count is binomial with probability one half.
 
     Parameters
     ----------
     first, second : sequence of bool, shape (n,)
-        Successes, frame by frame.
+        Success on each frame.
 
     Raises
     ------
@@ -75,17 +75,17 @@ def mcnemar_clustered(
 ) -> PairedTest:
     """McNemar's exact test for frames that come in clusters.
 
-    Frames of one site tend to favour the same solver, so they are no independent evidence. Under the null hypothesis
-    the two solvers can change places at a whole site: the difference of successes at each site keeps its size and
-    takes either sign with probability one half. The distribution of the sum is worked out exactly. With one frame a
-    site this is `mcnemar_exact`.
+    Frames of one site tend to favour the same solver, so they are not independent evidence. Under the null hypothesis the two
+    solvers can be exchanged at a whole site: the difference of successes at each site keeps its size and takes either sign
+    with probability one half. The distribution of the sum is computed exactly. With one frame per site this is
+    `mcnemar_exact`.
 
     Parameters
     ----------
     first, second : sequence of bool, shape (n,)
         Successes, frame by frame.
     clusters : array_like, shape (n,)
-        Each frame's site.
+        Site of each frame.
 
     References
     ----------
@@ -102,7 +102,7 @@ def mcnemar_clustered(
     sizes = np.abs(differences).astype(np.int64)
     distribution = np.ones(1)  # of the sum, from minus to plus the sum of sizes, in steps of one
     for size, count in zip(*np.unique(sizes[sizes > 0], return_counts=True), strict=True):
-        # `count` sites of one size: a binomial number of them favours the first, each change moves the sum by 2 sizes.
+        # Of `count` sites of one size a binomial number favours the first solver; each of them moves the sum by 2 sizes.
         spread = np.zeros(2 * size * count + 1)
         spread[:: 2 * size] = stats.binom.pmf(np.arange(count + 1), count, 0.5)
         distribution = np.convolve(distribution, spread)
@@ -116,8 +116,8 @@ def mcnemar_clustered(
 def sign_flip(values: ArrayLike, clusters: ArrayLike, n_flips: int = N_FLIPS, seed: int = FLIP_SEED) -> float:
     """Two-sided p-value of the hypothesis that clusters of values are symmetric about zero.
 
-    The sums of whole clusters change their signs at random; the sum over all of them, in absolute value, is compared
-    with that observed. The observed one counts among them, so that the level holds for any number of flips.
+    The sums of whole clusters change their signs at random; the absolute sum over all of them is compared with the observed
+    one. The observed one counts as one of the flips, so that the level holds for any number of flips.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def sums_by_cluster(values: ArrayLike, clusters: ArrayLike) -> F8:
 
 
 def sign_flips(sums: Sequence[F8], n_flips: int = N_FLIPS, seed: int = FLIP_SEED) -> list[float]:
-    """P-values as by `sign_flip` of many sets of clusters, given by their sums; equally many clusters share the flips."""
+    """P-values, as by `sign_flip`, of many sets of clusters given by their sums; sets of equal size share the flips."""
     alike: defaultdict[int, list[int]] = defaultdict(list)
     for place, one in enumerate(sums):
         alike[len(one)].append(place)
@@ -151,8 +151,8 @@ def sign_flips(sums: Sequence[F8], n_flips: int = N_FLIPS, seed: int = FLIP_SEED
 
 
 def _flipped_alike(sums: F8, n_flips: int, seed: int) -> F8:
-    """P-values of sets of equally many clusters, shape (n_sets, n_clusters)."""
-    # Rounding must not tell a flip of all signs from the observed sum.
+    """P-values of sets with equal numbers of clusters, shape (n_sets, n_clusters)."""
+    # Rounding must not make a flip of all signs differ from the observed sum.
     total = sums.sum(axis=1)
     observed = np.abs(total) - 1e-12 * np.abs(sums).sum(axis=1)
     extreme = np.zeros(len(sums), dtype=np.int64)
@@ -162,12 +162,12 @@ def _flipped_alike(sums: F8, n_flips: int, seed: int) -> F8:
 
 
 def _flips(n_clusters: int, n_flips: int, seed: int) -> Iterator[F8]:
-    """Which clusters change their sign in each flip, 0 or 1, shape (n, n_clusters), in pieces that bound the memory."""
+    """Yield which clusters change their sign in each flip, 0 or 1, shape (n, n_clusters), in pieces that bound the memory."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n_clusters,)))
     drawn, step = max(1, _DRAWN_ELEMENTS // n_clusters), max(1, _FLIPPED_ELEMENTS // n_clusters)
     for start in range(0, n_flips, drawn):
         count = min(drawn, n_flips - start) * n_clusters
-        # The first bit of each byte of whole words: what `integers(0, 2, dtype=int8)` draws, several times as fast.
+        # The first bit of each byte of whole words: what `integers(0, 2, dtype=int8)` draws, but several times as fast.
         words = rng.integers(0, 2**32, -(-count // 4), dtype=np.uint32)
         flips = (words.astype("<u4", copy=False).view(np.uint8)[:count] >> 7).reshape(-1, n_clusters)
         for first in range(0, len(flips), step):
@@ -177,7 +177,7 @@ def _flips(n_clusters: int, n_flips: int, seed: int) -> Iterator[F8]:
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """Adjust p-values so that the probability of any false rejection among them keeps its level.
 
-    The smallest is multiplied by their number, the next by one less, and so on; none is smaller than one before it.
+    The smallest is multiplied by their number, the next by one less, and so on; no adjusted value is below the one before it.
 
     References
     ----------

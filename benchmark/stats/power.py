@@ -11,14 +11,14 @@ from scipy.optimize import brentq
 
 
 def minimum_detectable_difference(n_frames: float, discordant: float, level: float = 0.05, power: float = 0.8) -> float:
-    """Smallest true difference of two success rates that a two-sided McNemar test finds with probability `power`.
+    """Smallest true difference of two success rates that a two-sided McNemar test detects with probability `power`.
 
     Solves n d^2 = (z_(1 - level/2) sqrt(psi) + z_power sqrt(psi - d^2))^2 for d.
 
     Parameters
     ----------
     n_frames : float
-        Frames; divided by the design effect where they come in clusters.
+        Number of frames; divided by the design effect where they come in clusters.
     discordant : float
         psi, the share of frames on which one solver succeeds and the other fails.
     level, power : float
@@ -26,7 +26,7 @@ def minimum_detectable_difference(n_frames: float, discordant: float, level: flo
     Returns
     -------
     float
-        NaN where no difference possible with this share of discordant frames (at most psi) can be found.
+        NaN where no difference that is possible with this share of discordant frames (at most psi) can be detected.
 
     References
     ----------
@@ -42,15 +42,15 @@ def minimum_detectable_difference(n_frames: float, discordant: float, level: flo
         wanted = z_level * math.sqrt(discordant) + z_power * math.sqrt(max(discordant - d * d, 0.0))
         return math.sqrt(n_frames) * d - wanted
 
-    # Of discordant frames that all favour one solver, the difference is their share.
+    # Where all discordant frames favour one solver, the difference is their share.
     return float(brentq(excess, 0.0, discordant)) if excess(discordant) >= 0.0 else math.nan
 
 
 def design_effect(gap: ArrayLike, clusters: ArrayLike) -> float:
-    """Variance of a sum of paired differences over its variance for independent frames within a cluster.
+    """Ratio of the variance of a sum of paired differences to its variance if frames within a cluster were independent.
 
-    Under the null hypothesis of no difference: the sum of the clusters' squared sums over that of the frames' squares;
-    not below 1. 1 where nothing differs.
+    It is taken under the null hypothesis of no difference, as the sum of the clusters' squared sums over that of the frames'
+    squares. It is not below 1, and 1 where nothing differs.
 
     References
     ----------

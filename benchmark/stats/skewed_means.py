@@ -1,4 +1,4 @@
-"""Mean of positive numbers of which a few are far larger than the others, with an interval that knows it."""
+"""Mean of positive numbers a few of which are far larger than the others, with an interval that accounts for them."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from benchmark.stats.intervals import CONFIDENCE, Estimate
 F8 = NDArray[np.float64]
 
 FEWEST_CLUSTERS = 40
-"""With fewer values the largest are too seldom among them for an interval of the mean."""
+"""With fewer clusters, the largest values are too rarely among them for an interval of the mean."""
 
 
 def skewed_mean_estimate(values: ArrayLike, resamples: Resamples) -> Estimate:
-    """Mean of numbers that are not negative, with a bootstrap-t interval of its logarithm; NaN values take no part.
+    """Mean of non-negative numbers, with a bootstrap-t interval of its logarithm; NaN values are ignored.
 
-    The mean of a sample without the rare large values is too small, and so is its own standard deviation: a percentile
-    interval ends too low. Each resample is therefore measured in its own standard deviation, on the scale on which the
-    mean is least skew. There is no interval with values in fewer than `FEWEST_CLUSTERS` clusters, or where all agree.
+    In a sample without the rare large values, both the mean and its own standard deviation are too small, so a percentile
+    interval ends too low. Each resample is therefore measured in units of its own standard deviation, on the scale on which
+    the mean is least skewed. There is no interval for values in fewer than `FEWEST_CLUSTERS` clusters, or where all agree.
 
     Parameters
     ----------
     values : array_like, shape (n_frames,)
         Finite or NaN.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     References
     ----------

@@ -1,7 +1,7 @@
-"""Shares of frames whose conditions a task fixes, and differences of shares: their variance is that within conditions.
+"""Shares of frames, and their differences, with the variance within the conditions that a task fixes.
 
-A task has as many frames at each condition whatever is drawn, so that what the conditions differ by is no part of the
-share's variance. Clusters of frames may lie in one condition or run through several.
+A task has the same number of frames at each condition whatever is drawn, so differences between conditions are no part of the
+variance of a share. A cluster of frames may belong to one condition or extend over several.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from benchmark.stats.intervals import CONFIDENCE, Estimate, wilson
 F8 = NDArray[np.float64]
 
 FEWEST_CLUSTERS = 2
-"""At each condition; fewer say nothing of the variance within it."""
+"""Fewest clusters at each condition; fewer say nothing about the variance within it."""
 _TAIL = 0.5 + CONFIDENCE / 2.0
 
 
 def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: Resamples) -> Estimate:
-    """Share of true flags, Wilson's interval with the effective number of frames that the variance within conditions gives.
+    """Share of true flags, with Wilson's interval for the effective number of frames given by the variance within conditions.
 
-    Where all frames of a condition agree, they show no variance: the condition then has that of a share with half a frame
+    Where all frames of a condition agree, they show no variance; the condition then gets that of a share with half a frame
     that differs. The share as a whole is treated as by `clustered.proportion_estimate` where all frames agree, where there is
-    one condition, where a frame has none, and where one has fewer than `FEWEST_CLUSTERS` clusters.
+    only one condition, where a frame has no condition, and where a condition has fewer than `FEWEST_CLUSTERS` clusters.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
     condition : array_like, shape (n_frames,)
         NaN where a frame has none.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     References
     ----------
@@ -58,9 +58,9 @@ def share_within_conditions(flags: ArrayLike, condition: ArrayLike, resamples: R
 def difference_within_conditions(gap: ArrayLike, condition: ArrayLike, resamples: Resamples) -> Estimate | None:
     """Mean of paired differences -1, 0 or 1 of two solvers on the same frames, with the variance within conditions.
 
-    Two frames are added, on one of which each solver alone succeeds: without them few differences would make the interval
-    too short, and none would make it a point. The interval is Wald's about the mean with these, and reaches the mean
-    without them.
+    Two frames are added, one on which only the first solver succeeds and one on which only the second does: without them, few
+    differences would make the interval too short, and no difference would shrink it to a point. The interval is Wald's about
+    the mean with these frames, extended to include the mean without them.
 
     Parameters
     ----------
@@ -68,12 +68,12 @@ def difference_within_conditions(gap: ArrayLike, condition: ArrayLike, resamples
     condition : array_like, shape (n_frames,)
         NaN where a frame has none.
     resamples : Resamples
-        Of the frames' clusters.
+        Resamples of the frames' clusters.
 
     Returns
     -------
     Estimate or None
-        None where the conditions tell no variance: there is one, a frame has none, or one has fewer than
+        None where the conditions give no variance: there is only one, a frame has none, or one has fewer than
         `FEWEST_CLUSTERS` clusters.
 
     References
@@ -92,7 +92,7 @@ def difference_within_conditions(gap: ArrayLike, condition: ArrayLike, resamples
 
 
 def _strata(condition: ArrayLike, resamples: Resamples) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-    """Condition of each frame from 0, and the number of clusters at each; None where they tell no variance."""
+    """Condition of each frame, from 0, and the number of clusters at each; None where they give no variance."""
     at = np.asarray(condition, dtype=np.float64)
     if len(at) == 0 or np.isnan(at).any():
         return None
@@ -104,7 +104,7 @@ def _strata(condition: ArrayLike, resamples: Resamples) -> tuple[NDArray[np.intp
 
 
 def _quantile(n_clusters: NDArray[np.intp], resamples: Resamples) -> float:
-    """Of Student's t, for a variance that as many clusters tell as there are beside the conditions' means."""
+    """Quantile of Student's t for a variance with as many degrees of freedom as clusters minus conditions."""
     return float(stats.t.ppf(_TAIL, max(1, resamples.n_clusters - len(n_clusters))))
 
 

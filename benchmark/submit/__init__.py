@@ -1,1 +1,1 @@
-"""Answers of solvers that ran elsewhere: sets without truth, checks line by line, scores."""
+"""Answers of solvers that ran elsewhere: sets without truth, line-by-line checks, scores."""

@@ -1,8 +1,7 @@
-"""Cells of an untrusted table, CSV or Parquet, within limits of size.
+"""Reader of untrusted tables, CSV or Parquet, within limits of size.
 
-CSV is read line by line, so that a quote that is never closed spoils one line only. Parquet is read by a process of its
-own with limited memory and time (`benchmark.submit.parquet_guard`): it can
-unpack to far more than the file's size.
+CSV is read line by line, so that a quote that is never closed spoils one line only. Parquet is read by a separate process
+with limited memory and time (`benchmark.submit.parquet_guard`), because it can unpack to far more than the file's size.
 """
 
 from __future__ import annotations
@@ -22,25 +21,25 @@ LARGEST_FILE_BYTES = 64 * 2**20
 LONGEST_LINE_BYTES = 4096
 LONGEST_CELL = 200
 MOST_SPARE_LINES = 1000
-"""Empty and faulty lines, beyond the rows that are allowed."""
+"""Number of empty and faulty lines that are allowed in addition to the rows."""
 PARQUET_MAGIC = b"PAR1"
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"PK": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
 
 Cell = str | float | int | None
 Report = Callable[[int, str, str], None]
-"""Takes line (0: the whole file), column and reason."""
+"""Callback that receives line (0: the whole file), column and reason."""
 
 
 @dataclass(frozen=True)
 class CellTable:
-    """Cells of a table whose columns are as expected.
+    """Cells of a table that has the expected columns.
 
     Attributes
     ----------
     columns : tuple of str
-        Those that the file has.
+        Columns that the file has.
     rows : iterable of (int, dict)
-        Line and cells by column, without the lines that cannot be read.
+        Line number and cells by column; unreadable lines are left out.
     """
 
     columns: tuple[str, ...]
@@ -48,14 +47,14 @@ class CellTable:
 
 
 def read_cells(path: Path, known: tuple[str, ...], max_rows: int, report: Report) -> CellTable | None:
-    """Open a table; faults are reported, at once or while its rows are read.
+    """Open a table; faults are reported at once or while its rows are read.
 
     Parameters
     ----------
     path : Path
         A plain file; a link is not followed.
     known : tuple of str
-        Columns that may be there.
+        Columns that are allowed.
     max_rows : int
     report : callable
 
@@ -141,7 +140,7 @@ def _csv_rows(
 
 
 def _lines(content: bytes, report: Report) -> Iterator[tuple[int, list[str]]]:
-    """Cells of each line that can be read, with its number; empty lines are passed over."""
+    """Yield the cells of each readable line, with its number; empty lines are skipped."""
     start, number = 0, 0
     while start < len(content):
         end = content.find(b"\n", start)

@@ -1,4 +1,4 @@
-"""CSV that a spreadsheet takes for text and numbers, never for formulas."""
+"""CSV output that a spreadsheet reads as text and numbers, never as formulas."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def safe_cell(value: object) -> object:
-    """A cell; a text that a spreadsheet would run as a formula gets an apostrophe before it. Numbers stay as they are.
+    """Make a cell safe: text that a spreadsheet would run as a formula gets a leading apostrophe. Numbers stay as they are.
 
     References
     ----------
@@ -23,7 +23,7 @@ def safe_cell(value: object) -> object:
 
 
 def csv_lines(rows: Iterable[Sequence[object]]) -> str:
-    """Rows as CSV text with every cell made safe."""
+    """Format rows as CSV text with every cell made safe."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerows([safe_cell(cell) for cell in row] for row in rows)

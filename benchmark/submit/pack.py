@@ -1,4 +1,4 @@
-"""Frames without their truth, for solvers that run elsewhere; and the truth that they are scored against."""
+"""Packing frames without their truth for solvers that run elsewhere, and the truth against which they are scored."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ LISTING = "frames.json"
 TEMPLATE = "answers.csv"
 LARGEST_LISTING_BYTES = 64 * 2**20
 DATE_UNIX_S = 946_684_800
-"""Date of every file of a set, 2000-01-01: when it was made tells nothing."""
+"""Date of every file of a set, 2000-01-01, so that file dates reveal nothing."""
 
 
 def withheld_names(frames: Sequence[Frame]) -> dict[str, str]:
     """Name of each frame in a set without truth, by frame id.
 
-    A keyed hash of the id (HMAC-SHA-256, RFC 2104), the key being a hash of the truth: names
-    reveal nothing without the truth, and need nothing else with it.
+    It is a keyed hash of the id (HMAC-SHA-256, RFC 2104) whose key is a hash of the truth. Names therefore reveal nothing
+    without the truth, and require nothing else with it.
     """
     digest = hashlib.sha256()
     for frame in sorted(frames, key=lambda frame: frame.frame_id):
@@ -60,20 +60,20 @@ def pack(
     progress: Callable[[str], None] = lambda name: None,
     names: Mapping[str, str] | None = None,
 ) -> None:
-    """Write images with the records that a solver is given, without the truth.
+    """Write images with the records that solvers receive, without the truth.
 
-    Files are written in the order of their names, and all have one date.
+    Files are written in the order of their names, and all have the same date.
 
     Parameters
     ----------
     frames : sequence of Frame
-        Of a dataset or of a task.
+        Frames of a dataset or of a task.
     out : Path
-        An empty or new folder: for each frame NAME.png and NAME.json, then a form for the answers, then the list.
+        An empty or new folder. It gets NAME.png and NAME.json for each frame, then a form for the answers, then the list.
     progress : callable
         Called with the name of each frame written.
     names : mapping of str to str, optional
-        Name of each frame by its id; `withheld_names` unless given.
+        Name of each frame by its id; by default `withheld_names`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def pack(
         if any(out.iterdir()):
             raise ResultsError(f"{out}: is not empty; choose another folder")
         listing = []
-        # In the order of the names: not even the files' times tell the order of the frames.
+        # In the order of the names, so that not even the files' times reveal the order of the frames.
         for frame in sorted(frames, key=lambda frame: names[frame.frame_id]):
             name = names[frame.frame_id]
             image = _png(load_image(frame))
@@ -109,7 +109,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def public_record(name: str, frame: Frame) -> dict[str, Any]:
-    """The record of a frame that a solver is given, with the keys of the frame record; a null sigma: unknown heading."""
+    """Record of a frame that solvers receive, with the keys of the frame record; a null sigma means an unknown heading."""
     seen = frame.observation
     heading = seen.heading_sigma_deg
     return {

@@ -1,8 +1,8 @@
 """Reading an untrusted Parquet file in a separate process with limited memory and time.
 
-A small file can claim enormous columns, and a damaged one can bring its reader down. Run as a program, this module reads a
-file from standard input and writes an Arrow stream of plain columns (texts, integers, floating-point numbers), or exits
-with status 1 and a reason.
+A small file can claim enormous columns, and a damaged one can crash its reader. Run as a program, this module reads a file
+from standard input and writes an Arrow stream of plain columns (texts, integers, floating-point numbers), or exits with
+status 1 and a reason.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def read_guarded(content: bytes, max_rows: int, longest_text: int) -> pa.Table:
         The file.
     max_rows : int
     longest_text : int
-        Characters of the longest text.
+        Length of the longest text, in characters.
 
     Returns
     -------
@@ -82,7 +82,7 @@ _CHILD = (
 
 
 def serve(max_rows: int, longest_text: int) -> None:
-    """Read, in the limited process."""
+    """Read the file in the limited process."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,4 +1,4 @@
-"""Scoring a submission: the same judge and the same files as for a solver that ran here."""
+"""Scoring of a submission, with the same judge and the same files as for a solver that ran here."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from benchmark.submit.pack import withheld_names
 from benchmark.submit.submission import Checked, FrameAnswer, StarRow
 
 DETECTOR: Final = "submission"
-"""Name of the detector in results that were submitted; no solver that runs here has it."""
+"""Name of the detector in results of submissions; no solver that runs here has it."""
 
 
 def names_in_use(frames: Sequence[Frame], answered: Collection[str]) -> dict[str, str]:
@@ -43,10 +43,10 @@ def names_in_use(frames: Sequence[Frame], answered: Collection[str]) -> dict[str
 def judge_submission(
     frames: Sequence[Frame], names: dict[str, str], answers: Checked, stars: Checked | None
 ) -> list[SolverOutcome]:
-    """Hold each answer against the truth; a frame without an answer is a refused one.
+    """Judge each answer by the truth; a frame without an answer counts as refused.
 
-    With a star table, a frame has at least the detections of a star that celnav's detector finds in it: which detections a
-    table holds is the submitter's choice, and leaving out those without a name, or those of refused frames, must not raise
+    With a star table, a frame has at least the detections of a star that celnav's detector finds in it. Which detections a
+    table contains is the submitter's choice, and omitting those without a name, or those of refused frames, must not raise
     recall.
 
     Parameters
@@ -55,7 +55,7 @@ def judge_submission(
     names : dict of str to str
         Name of each frame in the submission, by frame id.
     answers, stars : Checked
-        Without problems.
+        Checked tables without problems.
     """
     by_name = {answer.frame_id: answer for answer in answers.answers}
     rows = stars.stars if stars else {}
@@ -68,7 +68,7 @@ def judge_submission(
 
 
 def _with_detected_stars(outcome: SolverOutcome, frame: Frame) -> SolverOutcome:
-    """The outcome with no fewer detections of a star than celnav's detector has; a frame made in memory has no image."""
+    """Give the outcome at least as many detections of a star as celnav's detector finds; a frame in memory has no image."""
     if not frame.image_path.name:
         return outcome
     found = score_matches(celnav.detect(load_image(frame)).uv, np.empty((0, 2), dtype=np.int64), frame.truth)
@@ -92,14 +92,14 @@ def _judge(frame: Frame, given: FrameAnswer | None, stars: Sequence[StarRow]) ->
         matches=np.array(named, dtype=np.int64).reshape(-1, 2),
     )
     check_answer(answer, len(uv))
-    # A time that was not given is not known to be finite.
+    # A time that was not stated is not known to be finite.
     time_ms = math.inf if given is None or given.time_ms is None else given.time_ms
     response = Response(answer, status, uv, np.full(len(uv), np.nan), 0.0, time_ms, None)
     return judge_answer(frame, response, bound_of(frame), identity_of(frame))
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that is no file name, or that a solver of the benchmark has.
+    """Refuse a name that cannot be used as a file name, or that a solver of the benchmark has.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def version_of(*paths: Path | None) -> str:
 
 
 def write_score(frames: FrameSet, out: Path, name: str, version: str, outcomes: Sequence[SolverOutcome]) -> Path:
-    """Write a judged submission where the results of solvers on the same frames are.
+    """Write a judged submission to where the results of solvers on the same frames are stored.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Answers of a solver that ran elsewhere: one file, CSV or Parquet, checked line by line before use.
 
-A submission is untrusted. It is read as data only; size, number of lines, length of lines and of cells are limited; of its
+A submission is untrusted. It is read as data only. Size, number of lines, and length of lines and cells are limited. Of its
 content only identifiers and numbers of the expected form are printed or stored. docs/submissions.md documents the format.
 """
 
@@ -40,7 +40,7 @@ class Problem:
     Attributes
     ----------
     line : int
-        Line of a CSV file, the header being the first; row of a Parquet file, from 1; 0 for the file as a whole.
+        Line of a CSV file, where the header is line 1; row of a Parquet file, from 1; 0 for the file as a whole.
     column : str
         Empty where the whole line is meant.
     reason : str
@@ -52,7 +52,7 @@ class Problem:
     reason: str
 
     def __str__(self) -> str:
-        """As a compiler would: line, column, reason."""
+        """Format the problem as a compiler would: line, column, reason."""
         where = ": ".join(part for part in (f"line {self.line}" if self.line else "", self.column) if part)
         return f"{where}: {self.reason}" if where else self.reason
 
@@ -72,7 +72,7 @@ class FrameAnswer:
 
 @dataclass(frozen=True)
 class StarRow:
-    """One detection of a frame and the star that it is identified as; `star_id` is None where it is not identified."""
+    """One detection in a frame and the star as which it is identified; `star_id` is None where it is not identified."""
 
     frame_id: str
     u_px: float
@@ -82,16 +82,16 @@ class StarRow:
 
 @dataclass(frozen=True)
 class Checked:
-    """A submission as far as it can be read.
+    """The readable part of a submission.
 
     Attributes
     ----------
     answers : tuple of FrameAnswer
-        Of the lines without a problem.
+        Answers of the lines without a problem.
     stars : mapping of str to tuple of StarRow
         By frame; empty without a star table.
     problems : tuple of Problem
-        Empty where the submission is in order.
+        Empty where the submission is valid.
     """
 
     answers: tuple[FrameAnswer, ...]
@@ -107,7 +107,7 @@ class Notes:
         self.left_out = 0
 
     def add(self, line: int, column: str, reason: str) -> None:
-        """Add one."""
+        """Add a problem."""
         if len(self.found) < MAX_PROBLEMS:
             self.found.append(Problem(line, column, reason))
         else:
@@ -129,7 +129,7 @@ def check_answers(path: Path, frame_ids: Collection[str] | None = None) -> Check
     path : Path
         CSV or Parquet, distinguished by its first bytes.
     frame_ids : collection of str, optional
-        The frames that must be answered, each once; without them ids are checked for their form only.
+        The frames that must be answered, each once; without them only the form of ids is checked.
     """
     notes = Notes()
     answers: dict[str, FrameAnswer] = {}
@@ -163,7 +163,7 @@ def check_stars(path: Path, frame_ids: Collection[str] | None = None) -> Checked
     ----------
     path : Path
     frame_ids : collection of str, optional
-        The frames there are.
+        The frames that exist.
     """
     notes = Notes()
     stars: dict[str, list[StarRow]] = {}
@@ -267,7 +267,7 @@ def _integer(row: Mapping[str, Cell], column: str, line: int, notes: Notes) -> i
 
 
 def _parsed(cell: Cell, form: re.Pattern[str], convert: Callable[[str], float]) -> float | str | None:
-    """The number in a cell; None where it is empty; its text, or NaN, where it is not a number."""
+    """Parse the number in a cell; None where it is empty; its text, or NaN, where it is not a number."""
     if cell is None:
         return None
     if isinstance(cell, str):

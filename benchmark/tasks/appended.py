@@ -1,7 +1,7 @@
-"""A task that has gained conditions at its hard end: what it was before.
+"""Earlier definitions of a task that has gained conditions at its hard end.
 
-Frames are numbered from the easiest condition on, and each has random streams of its own number, so that conditions which
-are appended change no frame of those before. Whether a definition is such a beginning of another, its hash tells.
+Frames are numbered from the easiest condition on, and each has random streams that depend on its number, so appending
+conditions changes no earlier frame. The hash of a definition tells whether it is such an earlier one.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ _SWEEP = "sweep"
 
 
 def earlier_definitions(task: Task) -> dict[str, int]:
-    """Hashes of a task's definition without its last conditions, and the number of conditions that each had.
+    """Hashes of a task's definition without its last conditions, each with the number of conditions that it had.
 
-    What is the same in all conditions that are left may have been one value in place of a list.
+    What is equal in all remaining conditions may have been one value instead of a list.
     """
     if task.sequence_length > 1:
-        return {}  # graded by the frames so far, of which none is appended
+        return {}  # graded by the number of frames so far, so no condition is appended
     n = len(task.definition.condition.values)
     return {_sha256_of_first(task, count): count for count in range(FEWEST_VALUES, n)}
 
@@ -39,7 +39,7 @@ def _sha256_of_first(task: Task, count: int) -> str:
 
 
 def _first(given: Any, n: int, count: int) -> Any:
-    """The first of a list with a value to each of `n` conditions; one value where these are all alike."""
+    """Truncate a list with a value for each of `n` conditions; a single value where the remaining ones are equal."""
     if not isinstance(given, list) or len(given) != n:
         return given
     left = given[:count]
@@ -47,7 +47,7 @@ def _first(given: Any, n: int, count: int) -> Any:
 
 
 def _swept(tree: Any, n: int, count: int) -> Any:
-    """A scenario's tree with the first values of its sweeps."""
+    """Truncate the sweeps in a scenario's tree."""
     if isinstance(tree, list):
         return [_swept(value, n, count) for value in tree]
     if not isinstance(tree, dict):

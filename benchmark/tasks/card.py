@@ -1,4 +1,4 @@
-"""The card of a task: what it is for, its frames, what solvers receive, its score and its limits, from the task's files."""
+"""The card of a task, from its files: its purpose, its frames, what solvers receive, its score and its limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LIMITS = (
 
 
 def card(task: Task) -> str:
-    """Markdown of a task's card; its title is a heading of the second level."""
+    """Markdown of a task's card; its title is a second-level heading."""
     definition, condition = task.definition, task.definition.condition
     values = [f"{value:g}" for value in condition.values]
     unit = f" {condition.unit}" if condition.unit else ""
@@ -78,12 +78,12 @@ def _sequences(task: Task) -> str:
 
 
 def limits() -> str:
-    """Markdown list of what holds for all tasks."""
+    """Markdown list of the limitations that apply to all tasks."""
     return "".join(f"- {line}\n" for line in LIMITS)
 
 
 def _comment(task: Task) -> str:
-    """The first lines of the scenario's file, which say in words what is in it."""
+    """The first lines of the scenario's file, which describe its content."""
     lines = []
     for line in task.scenario_text.splitlines():
         if not line.startswith("#"):
@@ -118,7 +118,7 @@ def _limit(task: Task) -> str:
 
 
 def _rounded(value: float, digits: int) -> str:
-    """A number to some significant digits, without an exponent."""
+    """Format a number with some significant digits, without an exponent."""
     return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
@@ -136,7 +136,7 @@ def _instruments(task: Task) -> str:
 
 
 def _levels(value: float | tuple[float, ...], unit: str) -> str:
-    """One value or one of each condition, with the unit after the last that is a number."""
+    """Format one value, or one for each condition, with the unit after the last number."""
     levels = value if isinstance(value, tuple) else (value,)
     numbers = [f"{one:g}" for one in levels if one < HEADING_UNKNOWN_DEG]
     words = ["unknown"] * (len(numbers) < len(levels))

@@ -1,4 +1,4 @@
-"""What a task is: strict files, and the hash that freezes their meaning."""
+"""Definition of a task: strict files, and the hash that freezes their meaning."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ from generator.scenario.strict import Strict, listed
 FOLDER = Path(__file__).parent
 LARGEST_FILE_BYTES = 100_000
 KM_PER_ARCSEC = 6371.0088 * math.pi / (180.0 * 3600.0)
-"""Way on a sphere of the Earth's mean radius (IUGG) for an angle at its centre."""
+"""Distance on a sphere of the Earth's mean radius (IUGG) per angle at its centre."""
 TASK_SUFFIX = ".task.yaml"
 SplitName = Literal["dev", "test"]
 SPLITS: tuple[SplitName, ...] = ("dev", "test")
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 FEWEST_VALUES = 3
-"""Of a task's condition."""
+"""Least number of values of a task's condition."""
 Numbers = Annotated[tuple[float, ...], Field(min_length=FEWEST_VALUES, max_length=40), BeforeValidator(listed)]
 Sigma = Annotated[float, Field(ge=0, le=360)]
 Level = Annotated[Sigma | tuple[Sigma, ...], BeforeValidator(listed)]
 RETIRED = {
     "calibration": "one of its seven conditions decided it; unknown-camera asks the same in fine steps",
 }
-"""Tasks of earlier versions that nobody runs any more, and why."""
+"""Retired tasks of earlier versions, with the reason."""
 SUCCESS_PATTERN = re.compile(r"success_(\d+(?:\.\d+)?)(km|arcsec|px)")
 
 
 class Condition(Strict):
-    """What is graded."""
+    """The graded quantity."""
 
     name: Annotated[str, Field(min_length=3, max_length=80)]
     """In words."""
     unit: Annotated[str, Field(max_length=20)]
     """Empty for a pure number."""
     values: Numbers
-    """From easy to hard; of the scenario's sweep (in its order), of `instruments`, or frames of a sequence so far."""
+    """From easy to hard; the values of the scenario's sweep (in its order), of `instruments`, or of the frames so far."""
     harder: Literal["higher", "lower"]
     """Which values are harder."""
 
@@ -62,38 +62,38 @@ class Condition(Strict):
 
 
 class Instruments(Strict):
-    """How well a solver is told a frame's circumstances: a number for all conditions, or one for each.
+    """Precision with which solvers receive a frame's circumstances: one number for all conditions, or one for each.
 
-    Errors are drawn anew for every frame (`benchmark.instruments`); solvers are told the standard deviations. What is
-    left out is told as it is.
+    Errors are drawn anew for every frame (`benchmark.instruments`), and solvers receive the standard deviations. Quantities
+    without an entry are supplied exactly.
     """
 
     tilt_sigma_deg: Level = 0.0
-    """Of the given vertical about each horizontal axis."""
+    """Standard deviation of the supplied vertical about each horizontal axis."""
     heading_sigma_deg: Level = 0.0
-    """Of the given heading; 180 or more: the heading given is random, and said to be unknown."""
+    """Standard deviation of the supplied heading; with 180 or more the supplied heading is random and declared unknown."""
     tilt_bias_sigma_deg: Level = 0.0
-    """Of a further error of the vertical, which stands still in the camera throughout a sequence."""
+    """Standard deviation of an additional error of the vertical, constant in the camera throughout a sequence."""
     utc_sigma_s: Level = 0.0
-    """Of the time."""
+    """Standard deviation of the time."""
     focal_sigma: Level = 0.0
-    """Of the focal length, relative."""
+    """Standard deviation of the focal length, relative."""
     focal_range: Level = 0.0
-    """Half-width of a further, uniform error of the focal length, relative; its standard deviation is added to the stated."""
+    """Half-width of an additional, uniform, relative error of the focal length; the stated standard deviation includes it."""
     principal_point_sigma_px: Level = 0.0
-    """Of each of the principal point's coordinates."""
+    """Standard deviation of each coordinate of the principal point."""
     distortion_sigma: Level = 0.0
-    """Of the lens's k1; above 0 the lens is told without its distortion."""
+    """Standard deviation of the lens's k1; above 0 the lens is supplied without its distortion."""
     pressure_sigma_hpa: Level = 0.0
     temperature_sigma_c: Level = 0.0
 
     @property
     def lengths(self) -> set[int]:
-        """Numbers of levels of what is given condition by condition."""
+        """Numbers of levels of the quantities that have one value per condition."""
         return {len(given) for _, given in self if isinstance(given, tuple)}
 
     def at(self, level: int) -> Precision:
-        """What holds at a condition."""
+        """Precision at a condition."""
         return Precision(**{name: given[level] if isinstance(given, tuple) else given for name, given in self})
 
 
@@ -101,15 +101,16 @@ class Split(Strict):
     """One of the two sets of frames."""
 
     seed: Annotated[int, Field(ge=0, lt=2**63)]
-    """Root of all its random streams."""
+    """Seed from which all its random streams derive."""
 
 
 class Metric(Strict):
-    """The number that the task's leaderboard sorts by."""
+    """The metric by which the task's leaderboard is sorted."""
 
     name: Annotated[str, Field(pattern=f"^{SUCCESS_PATTERN.pattern}$")] = "success_10km"
-    """Part of the frames with a fix nearer than a limit to the truth: in km, or as an angle at the Earth's centre, which is
-    that between the true and the found vertical among the stars, in arcsec or in pixels at the middle of the task's image."""
+    """Share of the frames with a fix within a limit of the truth. The limit is in km, or is an angle at the Earth's centre,
+    which equals that between the true and the found vertical among the stars, in arcsec or in pixels at the image's
+    middle."""
     unit: Literal["1"] = "1"
     better: Literal["higher"] = "higher"
 
@@ -122,19 +123,19 @@ class TaskDefinition(Strict):
     """Rises with every change of meaning; results of different revisions are never compared."""
     title: Annotated[str, Field(min_length=10, max_length=120)]
     licence: Literal["CC-BY-4.0"]
-    """Of the frames."""
+    """Licence of the frames."""
     scenario: Annotated[str, Field(pattern=r"^[a-z0-9-]+\.scenario\.yaml$")]
-    """File beside this one, without seed and number of frames."""
+    """File next to this one, without seed and number of frames."""
     condition: Condition
     image: Literal["raw", "photo"] = "raw"
-    """What solvers get: the sensor's numbers, or the luma of the developed JPEG."""
+    """Image that solvers receive: the sensor's numbers, or the luma of the developed JPEG."""
     instruments: Instruments = Instruments()
     splits: dict[SplitName, Split]
     metric: Metric
     frames_per_condition: Annotated[int, Field(ge=10, le=10_000)]
-    """Of a task of sequences, the number of these."""
+    """For a task of sequences, the number of sequences."""
     half_width_points: Annotated[float, Field(gt=0, lt=50)]
-    """Half of the widest 95 % interval of the metric at one condition, per cent points, to one decimal."""
+    """Half of the widest 95 % interval of the metric at one condition, in percentage points, to one decimal."""
 
     @model_validator(mode="after")
     def _consistent(self) -> TaskDefinition:
@@ -151,24 +152,24 @@ class TaskDefinition(Strict):
 
 
 def widest_half_width_points(frames: int) -> float:
-    """Half of the widest 95 % interval (Wilson) of a proportion of frames, per cent points."""
+    """Half of the widest 95 % interval (Wilson) of a proportion of frames, in percentage points."""
     low, high = wilson(frames // 2, frames)
     return 50.0 * (high - low)
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task as it is run: definition, scenario text, and the hash of both.
+    """A task as it is run: definition, text of the scenario, and the hash of both.
 
     Attributes
     ----------
     definition : TaskDefinition
     definition_text : str
-        YAML of its definition.
+        The definition as YAML.
     scenario_text : str
-        YAML without seed and number of frames.
+        The scenario as YAML, without seed and number of frames.
     sha256 : str
-        Of the meaning of definition and scenario: formatting and comments do not count.
+        Hash of the meaning of definition and scenario: formatting and comments do not count.
     """
 
     definition: TaskDefinition
@@ -188,9 +189,9 @@ class Task:
 
     @property
     def sequence_length(self) -> int:
-        """Frames of each sequence; 1 where frames stand by themselves.
+        """Number of frames in each sequence; 1 for a task of single frames.
 
-        A task of sequences is graded by the number of frames that a solver has seen of one.
+        A task of sequences is graded by the number of frames that a solver has seen of a sequence.
         """
         return self.scenario_of("dev").steps or 1
 
@@ -212,7 +213,7 @@ class Task:
     def text_of(self, split: SplitName) -> str:
         """The scenario file of a split."""
         seed, frames = self.definition.splits[split].seed, self.definition.frames_per_condition
-        if self.graded_by_what_is_told:  # no image at two conditions: copies would link them
+        if self.graded_by_what_is_told:  # no image may occur at two conditions: copies would link them
             frames *= len(self.definition.condition.values)
         return f"seed: {seed}\nframes: {frames}\n{self.scenario_text}"
 
@@ -222,17 +223,17 @@ class Task:
 
 
 def task_names() -> tuple[str, ...]:
-    """All tasks, sorted."""
+    """Names of all tasks, sorted."""
     return tuple(sorted(path.name.removesuffix(TASK_SUFFIX) for path in FOLDER.glob(f"*{TASK_SUFFIX}")))
 
 
 def load_task_file(path: Path) -> Task:
-    """Read and check a task of the user's own by its file, ``NAME.task.yaml``, with its scenario beside it.
+    """Read and check a user's own task from its file, ``NAME.task.yaml``, with its scenario next to it.
 
     Raises
     ------
     TaskError
-        Its files are wrong, or it has the name of a task of skybench and is another.
+        Its files are invalid, or it has the name of a task of skybench but differs from it.
     """
     name = path.name.removesuffix(TASK_SUFFIX)
     if not path.is_file():
@@ -249,7 +250,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
     Raises
     ------
     TaskError
-        There is no such task or revision, or its files are wrong.
+        There is no such task or revision, or its files are invalid.
     """
     bare, _, revision = name.partition("@")
     if bare in RETIRED and folder == FOLDER:
@@ -269,7 +270,7 @@ def load_task(name: str, folder: Path = FOLDER) -> Task:
             f"{name}: this version has revision {definition.revision} of it; use {bare}@{definition.revision}"
         )
     beside = folder / definition.scenario
-    # All scalars as texts: a hash of what is written, whatever YAML makes of it.
+    # All scalars as texts: the hash is of what is written, however YAML would interpret it.
     trees = [read_yaml(file, LARGEST_FILE_BYTES, TaskError, TextLoader) for file in (path, beside)]
     for key in ("seed", "frames"):
         if key in trees[1]:

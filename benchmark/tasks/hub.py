@@ -1,7 +1,7 @@
-"""Which task a dataset's frames are of, and what the Hugging Face Hub wants to know of a benchmark: ``eval.yaml``.
+"""Task of a dataset's frames, and ``eval.yaml``, in which the Hugging Face Hub expects the description of a benchmark.
 
-Specification: https://huggingface.co/docs/hub/eval-results. The Hub keeps a list of evaluation frameworks, to which
-``skybench`` has to be added (packages/tasks/src/eval.ts of huggingface.js) before it accepts the file.
+Specification: https://huggingface.co/docs/hub/eval-results. The Hub keeps a list of evaluation frameworks; ``skybench`` has
+to be added to it (packages/tasks/src/eval.ts of huggingface.js) before the Hub accepts the file.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class TaskSplit:
 
 
 def task_of(manifest: Manifest) -> TaskSplit | None:
-    """The task whose frames a dataset holds, all of them; None where it is of no task of this version."""
+    """Find the task whose frames a dataset contains in full; None where they belong to no task of this version."""
     for name in task_names():
         task = load_task(name)
         for split in SPLITS:
@@ -42,14 +42,14 @@ def task_of(manifest: Manifest) -> TaskSplit | None:
 
 
 def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
-    """Add a task to ``eval.yaml`` of a repository, beside the tasks that are in it, and write the task's card.
+    """Add a task to ``eval.yaml`` of a repository, next to the tasks that it lists, and write the task's card.
 
     Parameters
     ----------
     folder : Path
     found : TaskSplit
     hub_split : str
-        Name that the split has in the repository.
+        Name of the split in the repository.
     """
     definition = found.task.definition
     identity = f"{definition.name}-{definition.revision}-{found.split}"
@@ -66,7 +66,7 @@ def write_eval(folder: Path, found: TaskSplit, hub_split: str) -> None:
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:
-    """Tasks of a file that is there already."""
+    """Read the tasks listed in an existing file."""
     if not path.is_file() or path.stat().st_size > LARGEST_FILE_BYTES:
         return []
     content = yaml.safe_load(path.read_text(encoding="utf-8"))

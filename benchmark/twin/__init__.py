@@ -1,1 +1,1 @@
-"""Twins: rendered frames of the camera, the place and the minute of real photographs, and their comparison."""
+"""Twins: rendered frames with the camera, the place and the minute of real photographs, and their comparison."""

@@ -1,4 +1,4 @@
-"""How a camera really pointed: its attitude from the stars of a photograph whose place and time are known."""
+"""True attitude of a camera, found from the stars of a photograph whose place and time are known."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from celnav.camera import Camera
 Floats = NDArray[np.float64]
 
 ROUNDS = ((6.0, 8.0), (3.0, 5.0), (1.5, 2.5))
-"""Distance within which a star is looked for, px, and the least SNR of those that count."""
+"""For each round, the distance within which a star is searched, px, and the least SNR of stars that count."""
 LEAST_STARS = 8
 FIRST_STEP_PX, FIRST_STEPS = 4.0, 3
-"""Of the places tried around the given attitude, and their number on either side, along both axes."""
+"""Step between the positions tried around the supplied attitude, and their number on either side, along both axes."""
 FIRST_ROLLS_DEG = (0.0, -0.4, 0.4)
 FIRST_SNR, ENOUGH = 8.0, 0.5
-"""SNR of a star that counts there, and the part of all stars at the given attitude at which no other is tried."""
+"""SNR of a star that counts in these tries, and the share of all stars from which the supplied attitude is accepted."""
 SCALE_PX = 0.15
-"""Residual from which a star counts less."""
+"""Residual from which a star has less weight."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """An attitude by the stars.
+    """An attitude derived from the stars.
 
     Attributes
     ----------
     R_cam : (3, 3) array
         ENU to camera.
     stars : int
-        That agree; fewer than `LEAST_STARS`: the attitude is the one given.
+        Number of stars that agree; with fewer than `LEAST_STARS` the attitude is the supplied one.
     rms_px : float
-        Of their residuals an axis.
+        Root mean square of their residuals along each axis.
     turned_deg : float
-        Between the given and the found attitude.
+        Angle between the supplied and the found attitude.
     """
 
     R_cam: Floats
@@ -59,10 +59,10 @@ def directions(azimuth_deg: Floats, altitude_deg: Floats) -> Floats:
 def align(
     pixels: NDArray[np.floating], sky: NDArray[np.bool_], camera: Camera, R_cam: Floats, stars_enu: Floats
 ) -> Alignment:
-    """Find the attitude near a given one at which stars (n, 3), apparent directions, lie on lights of the photograph.
+    """Find the attitude near a supplied one at which stars (n, 3), apparent directions, match lights of the photograph.
 
-    `sky` tells which pixels are sky. Stars are looked for around their places, ever closer; residuals beyond `SCALE_PX` count
-    less (soft L1).
+    `sky` is the mask of sky pixels. Stars are searched around their expected positions within ever smaller distances;
+    residuals beyond `SCALE_PX` have less weight (soft L1).
     """
     turned, kept, residuals = _first_turn(pixels, sky, camera, np.asarray(R_cam), stars_enu), 0, np.zeros((0, 2))
     for search_px, least_snr in ROUNDS:
@@ -93,7 +93,7 @@ def align(
 def _first_turn(
     pixels: NDArray[np.floating], sky: NDArray[np.bool_], camera: Camera, R_cam: Floats, stars_enu: Floats
 ) -> Floats:
-    """Turn of the camera from the given attitude at which most stars lie on lights, for a mount that moved by many pixels."""
+    """Rotation from the supplied attitude at which most stars match lights, for a mount that moved by many pixels."""
 
     def part_on_lights(turn: Floats) -> float:
         uv = camera.project(stars_enu @ (turn @ R_cam).T)

@@ -1,4 +1,4 @@
-"""Which of the patterns that a cloud's statistics allow: the one whose gaps lie where the photograph's stars shine."""
+"""Choice among the patterns that a cloud's statistics allow: the one with gaps where the photograph's stars shine."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Floats = NDArray[np.float64]
 
 COVERS = np.array([0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998])
 DEPTHS = np.geomspace(0.15, 14.0, 14)
-"""Mean depths and covers that each pattern is tried with."""
+"""Mean depths and covers with which each pattern is tried."""
 SCATTER = 0.2
-"""Relative, of a star's light about a right cloud."""
+"""Relative scatter of a star's light about a correct cloud."""
 SNR_IN_ORDER = 5.0
-"""SNR below which stars are alike when they are put in order."""
+"""SNR below which stars count as equal when they are sorted."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Drawn:
     ----------
     draw : int
     mean_depth, cover : float
-        With which it was chosen.
+        Values with which the pattern was chosen.
     miss : float
-        Of the stars, one by one and in the order of their light (:func:`choose_draw`).
+        Deviation of the stars, one by one and sorted by their light (:func:`choose_draw`).
     """
 
     draw: int
@@ -50,22 +50,23 @@ class Drawn:
 def choose_draw(
     enu: Floats, snr: Floats, clear_snr: Floats, field_of: Callable[[int], CloudField], draws: Iterable[int]
 ) -> Drawn:
-    """Find the pattern, the depth and the cover that dim each star as the photograph does.
+    """Find the pattern, the depth and the cover that dim each star as in the photograph.
 
-    The miss is the sum of two means: over all stars, of soft_l1 of the difference over noise and `SCATTER`; over those that
-    are seen, of the logarithm's difference of stars in the order of their SNR, with noise in both. The first tells where the
-    gaps are. Alone it makes them too small where they lie beside the photograph's, since light in a wrong place costs twice.
+    The miss is the sum of two terms. The first is the mean of soft_l1, over all stars, of the difference over noise and
+    `SCATTER`. The second is the mean, over the stars that are seen, of the difference of logarithms after sorting stars by
+    SNR, with noise in both. The first term determines where the gaps are. By itself it makes them too small where they are
+    next to the photograph's gaps, since light in a wrong place counts twice.
 
     Parameters
     ----------
     enu : (n, 3) array
         Directions of stars above the horizon.
     snr, clear_snr : (n,) arrays
-        Light of each star in the photograph over its noise there; what it would be without cloud.
+        Light of each star in the photograph over its noise there, and the same as it would be without cloud.
     field_of : function
-        Of a draw: its cloud, overcast.
+        Maps a draw to its overcast cloud.
     draws : of int
-        That are tried.
+        The draws that are tried.
     """
     order = in_order(snr)
     seen = max(int((order > SNR_IN_ORDER).sum()), 1)
@@ -77,7 +78,7 @@ def choose_draw(
         heights, slant = (part.astype(np.float32) for part in heights_of(field, enu))
         for cover in COVERS:
             threshold = ndtri(1 - cover)
-            # Mean of a standard Gaussian variable above the threshold.
+            # Mean of the excess of a standard Gaussian variable over the threshold.
             mean = np.exp(-0.5 * threshold**2) / np.sqrt(2 * np.pi) - threshold * ndtr(-threshold)
             above = np.maximum(heights - np.float32(threshold), 0) * slant * np.float32(field.point_share / mean)
             for depth in DEPTHS:
@@ -91,12 +92,12 @@ def choose_draw(
 
 
 def in_order(snr: Floats) -> Floats:
-    """SNR of stars in their order; all that are not seen are alike."""
+    """Sort stars by SNR; all that are not seen count as equal."""
     return np.sort(np.maximum(snr, SNR_IN_ORDER))
 
 
 def heights_of(field: CloudField, enu: Floats) -> tuple[Floats, Floats]:
-    """The Gaussian field behind an overcast cloud over its deviation, at each moment, (moments, n), and slants, (n,)."""
+    """Gaussian field of an overcast cloud in units of its deviation, at each moment, (moments, n), and slants, (n,)."""
     ratio = EQUATORIAL_RADIUS_KM / (EQUATORIAL_RADIUS_KM + field.altitude_km)
     slant = 1 / np.sqrt(1 - (np.hypot(enu[:, 0], enu[:, 1]) * ratio) ** 2)
     pattern = field.pattern
@@ -113,5 +114,5 @@ def cloud_of(scenario: Scenario) -> CloudField:
         raise ValueError("the scenario has no cloud")
     middle = Instant.parse(spec.time.utc_start).plus(spec.shutter_s / 2)
     cloud = drifted_clouds(spec.sky.clouds, UnderClouds.since_midnight(middle), scenario.seed, through_clouds(spec))
-    assert cloud is not None  # over a camera on the ground
+    assert cloud is not None  # the camera is on the ground
     return cloud

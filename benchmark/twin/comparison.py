@@ -1,4 +1,4 @@
-"""A photograph beside its twin: detections, sky, noise and stars, measured by the same code on the same sky."""
+"""Comparison of a photograph and its twin: detections, sky, noise and stars, measured by the same code on the same sky."""
 
 from __future__ import annotations
 
@@ -28,38 +28,38 @@ NAMED_MAG = 4.5
 SEP_SIGMA = 3.0
 NOISE_ABOVE_DEG = 35.0
 GLARE = 1.5
-"""Light over the median of the sky from which a pixel's noise is not counted: around the Moon it is the lens that varies."""
+"""Light over the median sky above which the noise of a pixel is ignored: around the Moon the lens causes the variation."""
 PATCH_PX = 32
 LEAST_CLEAN = 0.6
-"""Part of a patch without detections that its spectrum needs."""
+"""Fraction of a patch that must be free of detections for its spectrum."""
 BANDS_PER_PX = (0.03, 0.1, 0.2, 0.35, 0.5)
 """Edges of the bands of the noise's power spectrum, cycles per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What is measured on one image.
+    """Measurements on one image.
 
     Attributes
     ----------
     celnav, sep : int
         Detections above 20 deg.
     celnav_spurious, sep_spurious : float
-        Part of them further than 1.5 px from any catalogued star to V 7.5.
+        Fraction of them further than 1.5 px from any catalogued star to V 7.5.
     sky : (6,) array
         Median light of the sky above the dark level by altitude (`SKY_EDGES_DEG`), DN; NaN without sky.
     noise : float
         Standard deviation of a pixel above 35 deg, DN.
     autocorrelation : (2,) array
-        Of neighbours along u and v.
+        Autocorrelation of neighbours along u and v.
     spectrum : (4,) array
         Mean power in `BANDS_PER_PX` over the variance.
     snr : (n,) array
-        Of the stars brighter than V 4.5 without a neighbour; NaN where there is none.
+        SNR of the stars brighter than V 4.5 without a neighbour; NaN where there is none.
     nearest_share : (n,) array
-        Part of their light in the brightest pixel.
+        Fraction of their light in the brightest pixel.
     flux : (n,) array
-        DN.
+        Flux of these stars, DN.
     """
 
     celnav: int
@@ -82,7 +82,7 @@ class Stars:
     Attributes
     ----------
     uv : (n, 2) array
-        Where they are expected, px.
+        Expected positions, px.
     v_mag, altitude_deg : (n,) arrays
     """
 
@@ -94,7 +94,7 @@ class Stars:
 def measure(
     pixels: NDArray[np.floating], dark: NDArray[np.floating], view: View, sky: Mask, stars: Stars, highest_dn: float
 ) -> Measured:
-    """Measure an image in DN; `sky` tells which pixels are sky, `highest_dn` is the value at which pixels are full."""
+    """Measure an image in DN; `sky` is the mask of sky pixels, `highest_dn` the value from which pixels are saturated."""
     usable = sky & np.nan_to_num(view.altitude_deg >= DETECTED_ABOVE_DEG)
     faint = stars.uv[stars.v_mag < STAR_MAG]
     tree = cKDTree(faint[np.isfinite(faint).all(axis=1)])
@@ -130,7 +130,7 @@ def measure(
 
 
 def chance_share(usable_px: int, stars: int) -> float:
-    """Part of detections at random places that lie within `STAR_PX` of one of so many stars on so many pixels."""
+    """Fraction of detections at random positions within `STAR_PX` of a star, from the numbers of stars and pixels."""
     return float(1 - np.exp(-stars * np.pi * STAR_PX**2 / usable_px))
 
 
@@ -142,8 +142,8 @@ def _spurious(uv: Floats, stars: cKDTree) -> float:
 
 
 def _sep(pixels: NDArray[np.floating], sky: Mask) -> Floats:
-    """Positions (n, 2) of what sep finds at 3 sigma of its own noise."""
-    import sep  # of the extra `peers`
+    """Positions (n, 2) of what sep detects at 3 sigma of its own noise estimate."""
+    import sep  # from the extra `peers`
 
     image = np.ascontiguousarray(pixels, dtype=np.float32)
     background = sep.Background(image, mask=~sky, bw=32, bh=32)

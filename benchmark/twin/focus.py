@@ -1,4 +1,4 @@
-"""The focus of a night: how wide stars are beside those of the scene's camera, by the light in their brightest pixels."""
+"""Focus of a night: the width of stars relative to the scene's camera, from the light in their brightest pixels."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from generator.scenario.camera_spec import CameraSpec
 Floats = NDArray[np.float64]
 
 FACTORS = (0.6, 0.8, 1.0, 1.3)
-"""Widths that are rendered; between them the share of the brightest pixel is interpolated."""
+"""Widths that are rendered; the fraction in the brightest pixel is interpolated between them."""
 LEAST_SNR, LEAST_STARS = 10.0, 12
-"""Of stars that tell: in fainter ones noise makes the brightest pixel. At an SNR of 12 it moves the median share by 2 % at
-most. Brighter ones alone would be few under the Moon."""
+"""Limits for the stars that are used: in fainter ones the brightest pixel is determined by noise. At an SNR of 12 the noise
+moves the median fraction by 2 % at most. With brighter stars alone there would be too few under the Moon."""
 
 
 def focused_psf(camera: CameraSpec, factor: float) -> dict[str, Any]:
-    """Keys of a camera whose Gaussian point spread function is wider by a factor; empty where it is of another kind."""
+    """Keys of a camera with a Gaussian point spread function widened by a factor; empty where it is of another kind."""
     if camera.psf is None:
         return {"psf_sigma_px": round(camera.psf_sigma_px * factor, 4)}
     field = camera.psf.field_gaussian
@@ -37,18 +37,18 @@ def focused_psf(camera: CameraSpec, factor: float) -> dict[str, Any]:
 def fit_focus(
     pixels: NDArray[np.floating], uv: Floats, highest: float, stars_alone: Callable[[float], NDArray[np.floating]]
 ) -> float | None:
-    """Find the factor on the width of stars at which their brightest pixels have the photograph's share of their light.
+    """Find the factor on the width of stars with which their brightest pixels have the same light fraction as the photograph.
 
     Parameters
     ----------
     pixels : (height, width) array
         The photograph, DN.
     uv : (n, 2) array
-        Places of stars without neighbours.
+        Positions of stars without neighbours.
     highest : float
-        DN from which a pixel is taken for full.
+        DN from which a pixel counts as saturated.
     stars_alone : function
-        Of a factor: the stars rendered without sky and noise.
+        Maps a factor to the stars rendered without sky and noise.
 
     Returns
     -------
@@ -64,5 +64,5 @@ def fit_focus(
         return None
     wanted = np.median(real.nearest_share[tells])
     medians = np.array([np.median(each.nearest_share[tells]) for each in shares])
-    # The sharper, the larger the share.
+    # The sharper the stars, the larger the fraction.
     return float(np.interp(wanted, medians[::-1], FACTORS[::-1]))

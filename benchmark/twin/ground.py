@@ -1,4 +1,4 @@
-"""What is not sky before a fixed camera, from several of its photographs, as a landscape for its scenario."""
+"""Landscape in front of a fixed camera, derived from several of its photographs, for its scenario."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ RING_DEG = 1.0
 """Width of the rings of equal altitude within which pixels are compared."""
 SECTORS = 72
 NEIGHBOUR_SECTORS = 5
-"""Sectors on either side that the sky's level is taken from: 25 deg."""
+"""Number of sectors on either side from which the level of the sky is taken: 25 deg."""
 SKY_QUANTILE = 0.75
-"""Of a ring's pixels around an azimuth: the sky's level even where two thirds of them are ground."""
+"""Quantile of a ring's pixels around an azimuth: the level of the sky even where two thirds of them are ground."""
 GROUND_PART, MOST_FRAMES = 0.8, 0.7
-"""Light over that level below which a pixel is dark, and the part of the photographs in which ground is."""
+"""Light relative to that level below which a pixel is dark, and the fraction of photographs in which ground is dark."""
 HIGHEST_DEG = 35.0
-"""Nothing that stands on the ground reaches higher; the sky above is not judged."""
+"""Nothing on the ground reaches higher; the sky above is not classified."""
 LEAST_PX = 150
-"""Of a connected area; smaller ones are scratches and dust."""
+"""Least size of a connected area; smaller ones are scratches and dust."""
 AREA_PART = 0.7
-"""Median light of such an area over the sky's level, at most: on photographs trees and walls have 0.38 to 0.66 of it, the sky
-beside the glow of a city 0.78 to 0.82."""
+"""Largest median light of such an area relative to the level of the sky: on photographs trees and walls have 0.38 to 0.66 of
+it, the sky next to the glow of a city 0.78 to 0.82."""
 STANDING_DEG = 8.0
-"""Lowest altitude at which an area that stands on the ground must begin, and below which the ground is closed."""
+"""Altitude below which an area that stands on the ground must begin, and below which the ground is closed."""
 CLOSED_PX = 3
 PICTURE_PX = 1024
 SKY_BESIDE_DEG = (10.0, 20.0)
-"""Altitudes whose sky lights what stands on the ground."""
+"""Altitudes of the sky that lights what stands on the ground."""
 SHADED_PART = 0.25
-"""Part of the photographs in which the Moon is taken not to shine on a surface."""
+"""Fraction of the photographs in which the Moon is assumed not to shine on a surface."""
 DARKEST, BRIGHTEST = 0.03, 0.95
 """Diffuse reflectances, from dark needles to white paint."""
 DARK_SHARE = 0.05
-"""Part of the ground that has the first of them."""
+"""Fraction of the ground that has the first of them."""
 UNSEEN = 0.07
 """Reflectance of ground that no photograph shows."""
 
 
 def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
-    """Tell which pixels are ground, (height, width), from photographs less their dark level, in DN.
+    """Find the ground pixels, (height, width), from photographs minus their dark level, in DN.
 
-    In most of the photographs the ground is darker than the sky beside it at the same altitude. Sky shows between and under
-    branches; only below `STANDING_DEG` is each azimuth ground below its highest ground.
+    In most of the photographs the ground is darker than the sky next to it at the same altitude. Sky is visible between and
+    under branches; only below `STANDING_DEG` is everything below the highest ground at an azimuth ground.
     """
     altitude = view.altitude_deg
     near = (altitude > 0) & (altitude < HIGHEST_DEG)
@@ -67,15 +67,15 @@ def ground_mask(frames: Sequence[NDArray[np.floating]], view: View) -> Mask:
 
 
 def widened(mask: Mask, by_px: int) -> Mask:
-    """The mask and what lies within some pixels of it."""
+    """Widen a mask by some pixels."""
     return np.asarray(binary_dilation(mask, iterations=by_px)) if by_px else mask
 
 
 def ground_reflectance(frames: Sequence[NDArray[np.floating]], view: View, ground: Mask) -> Singles:
     """Diffuse reflectance of the ground, (height, width), from the same photographs; `UNSEEN` elsewhere.
 
-    A wall stands in the light of half of the sky: under an even one of radiance L it sends back reflectance times L / 2
-    (Lambert's law). The light that the lens scatters onto the ground is taken from its darkest pixels.
+    A wall is lit by half of the sky: under a uniform sky of radiance L it reflects a radiance of reflectance times L / 2
+    (Lambert's law). The light that the lens scatters onto the ground is estimated from its darkest pixels.
     """
     beside = ~ground & (view.altitude_deg >= SKY_BESIDE_DEG[0]) & (view.altitude_deg < SKY_BESIDE_DEG[1])
     shown = ground & (view.altitude_deg > 0)
@@ -96,7 +96,7 @@ def landscape_picture(
 ) -> NDArray[np.uint8]:
     """The ground as a fisheye picture, (1024, 1024, 4) sRGB and alpha: north at the top, east on the left, 180 deg across.
 
-    White is a reflectance of 1.
+    White represents a reflectance of 1.
     """
     middle = (PICTURE_PX - 1) / 2
     v, u = np.mgrid[0:PICTURE_PX, 0:PICTURE_PX]
@@ -117,13 +117,13 @@ def landscape_picture(
 
 
 def _srgb(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Linear values from 0 to 1 by the transfer curve of IEC 61966-2-1."""
+    """Encode linear values from 0 to 1 by the transfer curve of IEC 61966-2-1."""
     curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * curve), dtype=np.uint8)
 
 
 def _part_of_sky(frame: NDArray[np.floating], view: View, near: Mask) -> Singles:
-    """Light over the sky's level at the same altitude, (height, width); 1 where it is not asked for."""
+    """Light relative to the level of the sky at the same altitude, (height, width); 1 where it is not requested."""
     smooth = gaussian_filter(frame.astype(np.float32), 1.0)
     part = np.ones(frame.shape, dtype=np.float32)
     ring = (view.altitude_deg[near] / RING_DEG).astype(int)
@@ -142,7 +142,7 @@ def _part_of_sky(frame: NDArray[np.floating], view: View, near: Mask) -> Singles
 
 
 def _down_to_the_horizon(ground: Mask, view: View) -> Mask:
-    """The mask with all that is below its highest pixel under `STANDING_DEG` at each third of a degree of azimuth."""
+    """Fill a mask, in each third of a degree of azimuth, below its highest pixel under `STANDING_DEG`."""
     column = np.nan_to_num(view.azimuth_deg * 3).astype(int) % 1080
     highest = np.full(1080, -np.inf)
     low = ground & (view.altitude_deg < STANDING_DEG)

@@ -1,4 +1,4 @@
-"""Photographs of the night sky whose place and time are known: FITS files of fixed cameras."""
+"""Photographs of the night sky with known place and time: FITS files of fixed cameras."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from generator.places.times import Instant
 from generator.scenario.model import HIGHEST_SITE_M, LOWEST_SITE_M
 
 LONGEST_S = 3600.0
-"""Exposure of a scenario's frame."""
+"""Longest exposure of a scenario's frame."""
 PLACE_WORDS = {
     "latitude_deg": (("OBSLAT", "SITELAT", "LATITUDE", "LAT-OBS", "OBS-LAT", "GEOLAT", "OBSGEO-B"), -90.0, 90.0),
     "longitude_deg": (("OBSLONG", "SITELONG", "LONGITUD", "LONG-OBS", "OBS-LONG", "GEOLON", "OBSGEO-L"), -180.0, 360.0),
@@ -31,7 +31,7 @@ PLACE_WORDS = {
         HIGHEST_SITE_M,
     ),
 }
-"""Words of the header that state the place, those of the cameras' programs that are in use; and its bounds."""
+"""Header keywords that state the place, as written by common camera programs, and bounds of the values."""
 _SEXAGESIMAL = re.compile(r"([+-]?)(\d+(?:\.\d+)?)(?:[ :]+(\d+(?:\.\d+)?))?(?:[ :]+(\d+(?:\.\d+)?))?")
 _NAME = re.compile(r"[^a-z0-9_-]+")
 
@@ -43,7 +43,7 @@ class Photograph:
     Attributes
     ----------
     name : str
-        The file's, without its endings.
+        Name of the file, without its endings.
     pixels : (height, width) float32 array
         DN.
     utc_start : str
@@ -52,7 +52,7 @@ class Photograph:
     latitude_deg, longitude_deg, height_m : float
         WGS84, longitude east positive.
     stack : StackedVideo or None
-        Of a meteor camera, whose mean the pixels are.
+        For a meteor camera, the stack of which the pixels are the mean.
     """
 
     name: str
@@ -66,14 +66,15 @@ class Photograph:
 
 
 def read_photograph(path: Path, place: Place | None = None) -> Photograph:
-    """Read a FITS file with one image, or a meteor camera's stack (FF), also packed by gzip or bzip2.
+    """Read a FITS file with one image, or a meteor camera's stack (FF), optionally compressed by gzip or bzip2.
 
-    A stack has its time in the file's name and no place: `place` is the camera's.
+    A stack has its time in the file's name and no place; `place` is that of the camera.
 
     Raises
     ------
     PhotographError
-        It cannot be read, is too large, or its header lacks the time, the exposure or the place; names the word.
+        It cannot be read, is too large, or its header lacks the time, the exposure or the place; the message names the
+        keyword.
     """
     try:
         return _stack(path, place) if start_of(path.name) is not None else _image(path)
@@ -124,7 +125,7 @@ def _name_of(path: Path) -> str:
 
 
 def _stated(header: Mapping[str, object], words: tuple[str, ...], lowest: float, highest: float, path: Path) -> float:
-    """Return what the first of some words states, which may be a text such as -30 14 26.7."""
+    """Return the value of the first keyword present, which may be a text such as -30 14 26.7."""
     for word in words:
         if (value := header.get(word)) is None or value == "":
             continue
@@ -138,7 +139,7 @@ def _stated(header: Mapping[str, object], words: tuple[str, ...], lowest: float,
 
 
 def _number(value: object) -> float | None:
-    """Return a number, also where it is written as degrees, minutes and seconds; None of anything else."""
+    """Return a number, also where it is written as degrees, minutes and seconds; None for anything else."""
     if isinstance(value, str) and (match := _SEXAGESIMAL.fullmatch(value.strip())):
         degrees, minutes, seconds = (float(part or 0.0) for part in match.groups()[1:])
         return (-1 if match[1] == "-" else 1) * (degrees + minutes / 60 + seconds / 3600)

@@ -1,4 +1,4 @@
-"""Twins of photographs: aligned, fitted to the weather, rendered, and measured beside the photographs."""
+"""Production of twins: photographs are aligned, the weather is fitted, the twin is rendered and both are measured."""
 
 from __future__ import annotations
 
@@ -52,23 +52,23 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 EDGE_PX = 4
-"""Around the ground that is left out."""
+"""Margin around the ground that is left out."""
 SMALLER = 4
-"""Times that the frames of the fit are smaller along each side."""
+"""Factor by which the frames of the fit are smaller along each side."""
 REST = ("zodiacal", "milky_way", "starlight", "moonlight", "twilight")
-"""Components of the sky that the weather changes by the air and the cloud alone."""
+"""Components of the sky that the weather changes only through air and cloud."""
 FIT_MAG, SEEN_SNR = 5.0, 3.0
-"""Faintest star of the fit, and the SNR below which it is not seen."""
+"""Faintest star of the fit, and the SNR below which it counts as not seen."""
 CLOUD_MAG, CLOUD_ABOVE_DEG, CLOUD_APERTURE_PX = 7.5, 20.0, 1.5
-"""Faintest star that tells of cloud, the altitude above which they are counted, and the radius within which their light is
-taken: in one of 3.5 px six of ten lights above an SNR of 4 are there beside the stars as well."""
+"""Faintest star used for cloud, the altitude above which such stars count, and the radius within which their light is
+measured: with a radius of 3.5 px, six of ten lights above an SNR of 4 also appear next to the stars."""
 BESIDE_PX, SEEN_OVER_CHANCE = 7.0, 2.0
-"""Distance at which lights beside stars are counted, and the number at stars over theirs from which stars are seen: it is 6.0
-and 4.5 where gaps have some (001, 003), 1.1 where cloud hides all (012)."""
+"""Distance at which lights next to stars are counted, and the ratio of lights at stars to these from which stars count as
+seen: it is 6.0 and 4.5 where gaps show some (001, 003), 1.1 where cloud hides all (012)."""
 LEAST_LIGHT_DN = 3.0
-"""Of the brightest cell of a sky that can be fitted."""
+"""Least light of the brightest cell of a sky that can be fitted."""
 LOWEST_DEG, FOCUS_ABOVE_DEG = 8.0, 20.0
-"""Altitudes from which stars are used, and from which they tell the focus."""
+"""Altitudes from which stars are used, and from which they determine the focus."""
 
 
 def make_twin(
@@ -79,9 +79,9 @@ def make_twin(
     not_sky: Mask | None = None,
     passing: Sequence[dict[str, Any]] = (),
 ) -> Twin:
-    """Make the twin of a photograph and compare the two; its scenario and the files that it names go into `folder`.
+    """Make the twin of a photograph and compare the two; its scenario and the files that it names are written to `folder`.
 
-    Pixels of `not_sky` (height, width) are left out. `passing` are trails that the twin has too; nothing is fitted to them.
+    Pixels of `not_sky` (height, width) are left out. `passing` are trails that the twin also has; nothing is fitted to them.
     """
     camera, circle_px = scene.camera, scene.spec.camera.image_circle_px
     black_dn = float(scene.spec.sensor.black_level_dn)
@@ -109,7 +109,7 @@ def make_twin(
     chosen = isolated(uv, rows["v_mag"]) & bright & on_mask(uv, sky)
     highest = 0.8 * (2**scene.spec.sensor.bits - 1)
     light = star_light(photograph.pixels, np.where(chosen[:, None], uv, np.nan), search_px=2.0)
-    # A star behind cloud counts as no brighter than what would be seen, so that clouds are not judged by their gaps.
+    # A star behind cloud counts as if it were just visible, so that clouds are not judged by where their gaps are.
     least = light.flux_at(SEEN_SNR)
     known = np.isfinite(light.flux) & (light.peak < highest)
     real = Seen(sky_cells(photograph.pixels - dark, view, sky), np.where(known, np.maximum(light.flux, least), np.nan))
@@ -118,12 +118,12 @@ def make_twin(
     real = Seen(np.where(real.cells < 0.8 * full, real.cells, np.nan), real.stars)
     check_light(photograph.name, real.cells)
     skies = _Skies(scene, photograph, alignment.R_cam, rows, view, sky)
-    # Behind cloud the brightest stars are too few to tell its gaps: all that may be seen, neighbours' light included.
+    # Behind cloud the brightest stars are too few to locate its gaps: use all that may be seen, including neighbours' light.
     many = (rows["v_mag"] < CLOUD_MAG) & (rows["altitude_deg"] > CLOUD_ABOVE_DEG) & on_mask(uv, sky)
     dimmed = star_light(photograph.pixels, np.where(many[:, None], uv, np.nan), aperture_px=CLOUD_APERTURE_PX)
     many &= dimmed.peak < highest
     unit = dimmed.noise * np.sqrt(np.pi) * CLOUD_APERTURE_PX
-    # Without a star that is seen, what shines at their places is the texture of cloud.
+    # If no star is seen, the light at their positions is the texture of cloud.
     seen = stars_are_seen(photograph.pixels, uv[many])
     dimmed_snr = dimmed.flux / unit if seen else np.where(np.isfinite(dimmed.flux), 0.0, np.nan)
     scatter = np.random.default_rng(0).standard_normal(len(uv))
@@ -240,7 +240,7 @@ class _Skies:
         self._cities = functools.cache(self._render_cities)
 
     def seen(self, weather: Weather) -> Seen:
-        """What the small twin shows; electrons of a pixel, and of stars."""
+        """What the small twin shows: electrons per pixel, and of stars."""
         (airglow, rest), electrons = self._parts(
             Weather(
                 aerosol_tau_550=weather.aerosol_tau_550,
@@ -264,7 +264,7 @@ class _Skies:
         return plan, render_expected(plan, False, False)
 
     def _render_cities(self) -> NDArray[np.float32]:
-        """Light of cities through the air of the first guess: its pattern hardly changes, and it takes longest."""
+        """Light of cities through the air of the first guess: its pattern hardly changes, and it takes longest to render."""
         _, expected = self._render(first_guess(CLOUDLESS), ("skyglow",))
         return np.asarray(expected.sky_electrons, dtype=np.float32)
 
@@ -277,7 +277,7 @@ class _Skies:
         electrons = np.array([by_id.get(int(star), np.nan) for star in self._ids])
         clouds = plan.sky.clouds
         if clouds is not None:
-            # Light within the apertures: with a part of what cloud diffracts.
+            # Light within the apertures includes a part of what cloud diffracts.
             share = aperture_share(self._scene, clouds)
             passed = dataclasses.replace(clouds, point_share=share).point_transmission(self._enu)
             electrons = electrons * passed / np.maximum(clouds.point_transmission(self._enu), 1e-300)
@@ -285,7 +285,7 @@ class _Skies:
 
 
 def stars_are_seen(pixels: NDArray[np.floating], uv: Floats) -> bool:
-    """Whether lights above an SNR of 5 are more at the places of stars (n, 2) than beside them."""
+    """Whether lights above an SNR of 5 are more frequent at the positions of stars (n, 2) than next to them."""
 
     def lights(places: Floats) -> int:
         light = star_light(pixels, places, aperture_px=CLOUD_APERTURE_PX)
@@ -296,12 +296,12 @@ def stars_are_seen(pixels: NDArray[np.floating], uv: Floats) -> bool:
 
 
 def aperture_share(scene: Scene, cloud: CloudField) -> float:
-    """Part of a cloud's depth that takes light out of the apertures in which stars tell of it."""
+    """Fraction of a cloud's depth that removes light from the apertures in which stars are measured for cloud."""
     return point_share(cloud.particle_um, CLOUD_APERTURE_PX / scene.spec.camera.projection.f_px)
 
 
 def check_light(name: str, cells: Floats) -> None:
-    """Refuse a photograph of which no cell of the sky, above the dark level in DN, has light. Raises PhotographError."""
+    """Refuse a photograph with no cell of the sky that has light above the dark level, in DN. Raises PhotographError."""
     if not np.nanmax(cells, initial=-np.inf) >= LEAST_LIGHT_DN:
         raise PhotographError(
             f"{name}: no part of its sky is brighter than the dark level and darker than full pixels; "
@@ -316,7 +316,7 @@ def listed_stars(stars: dict[str, object]) -> dict[str, object]:
 
 
 def small_camera(scene: Scene) -> dict[str, object]:
-    """The scene's camera with pixels of four times the side, whose stars need no shape, under a clean dome."""
+    """The scene's camera with pixels of four times the side, on which stars need no shape, under a clean dome."""
     given = dict(scene.tree["camera"])
     spec = scene.spec.camera
     for key in ("hfov_deg", "focal_length_mm", "psf", "dust"):
@@ -335,7 +335,7 @@ def small_camera(scene: Scene) -> dict[str, object]:
 
 
 def small_wings(bloom: BloomSpec) -> dict[str, float]:
-    """Wings on the larger pixels, as bright far from their source also where the core is smaller than a scenario allows."""
+    """Wings on the larger pixels, equally bright far from their source even where the core is below a scenario's minimum."""
     small = {
         "core_px": max(bloom.core_px / SMALLER, 0.5),
         "slope": bloom.slope,
@@ -347,7 +347,7 @@ def small_wings(bloom: BloomSpec) -> dict[str, float]:
 
 
 def numbers_of(scene: Scene) -> tuple[str, ...]:
-    """Names of the weather's numbers that a scene leaves open: those of cities only where it has some."""
+    """Names of the weather's numbers that a scene leaves open; those of cities only where it has some."""
     names = tuple(
         field.name for field in dataclasses.fields(Weather) if field.name not in ("focus_factor", "cloud_draw")
     )
@@ -355,20 +355,20 @@ def numbers_of(scene: Scene) -> tuple[str, ...]:
 
 
 def stars_of(table: pa.Table) -> dict[str, Floats]:
-    """Columns of the stars of a frame's truth, planets left out."""
+    """Columns of the stars in a frame's truth, without planets."""
     star = np.asarray(table["kind"].to_pylist()) == "star"
     names = ("star_id", "u_px", "v_px", "v_mag", "azimuth_deg", "altitude_deg")
     return {name: np.asarray(table[name], dtype=np.float64)[star] for name in names}
 
 
 def stars_to_compare(table: pa.Table) -> Stars:
-    """The stars of a frame's truth."""
+    """Stars of the frame's truth, for the comparison."""
     rows = stars_of(table)
     return Stars(np.column_stack((rows["u_px"], rows["v_px"])), rows["v_mag"], rows["altitude_deg"])
 
 
 def ground_of(expected: ExpectedFrame, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Tell which pixels something in front of the sky covers."""
+    """Find the pixels that something in front of the sky covers."""
     return np.zeros(shape, dtype=bool) if expected.cover is None else np.asarray(expected.cover > 0.02)
 
 

@@ -1,4 +1,4 @@
-"""The comparison of photographs with their twins as a table, as numbers, and as pictures side by side."""
+"""The comparison of photographs with their twins as tables, as numbers, and as pictures side by side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from generator.files import write_bytes
 
 NUMBERS, TABLES = "twins.json", "twins.md"
 LOW_QUANTILE, HIGH_QUANTILE = 0.01, 0.995
-"""Of the photograph's sky: what is black and white in both pictures."""
+"""Quantiles of the photograph's sky that become black and white in both pictures."""
 GAMMA = 2.0
 WEATHER = {
     "airglow_factor": "airglow",
@@ -41,7 +41,7 @@ SIDE_PX = 620
 
 
 def numbers_of_twin(twin: Twin) -> dict[str, Any]:
-    """What is told of a twin, with real over twin where it is a ratio."""
+    """Numbers that describe a twin; ratios are photograph over twin."""
     real, made = twin.real, twin.made
     return {
         "photograph": twin.photograph.name,
@@ -81,7 +81,7 @@ def numbers_of_twin(twin: Twin) -> dict[str, Any]:
 
 
 def tables_of(rows: Sequence[dict[str, Any]]) -> str:
-    """The numbers of some twins as three tables of Markdown."""
+    """The numbers of some twins as three Markdown tables."""
     bands = [f"{low}-{high}" for low, high in itertools.pairwise(SKY_EDGES_DEG)]
     fitted = {name: title for name, title in WEATHER.items() if any(name in row["weather"] for row in rows)}
     sky = _table(
@@ -170,10 +170,10 @@ def _range(stack: StackRange) -> dict[str, Any]:
 
 
 def side_by_side(twin: Twin) -> NDArray[np.uint8]:
-    """The photograph and its twin, one grey scale for both, (height, width)."""
+    """The photograph and its twin, on one grey scale, (height, width)."""
     real, made = twin.photograph.pixels, twin.pixels.astype(np.float32)
     low, high = np.quantile(real[twin.sky], [LOW_QUANTILE, HIGH_QUANTILE])
-    # The darkest sky is dark grey: what is darker, ground, stays visible.
+    # The darkest sky is dark grey, so that darker ground remains visible.
     low = max(low - 0.5 * (high - low), float(real.min()))
     height = round(SIDE_PX * real.shape[0] / real.shape[1])
     sheet = Image.new("L", (2 * SIDE_PX, height))
@@ -193,7 +193,7 @@ def write_report(rows: Sequence[dict[str, Any]], folder: Path) -> None:
 
 
 def write_picture(twin: Twin, folder: Path) -> Path:
-    """Write the pair of pictures; returns its path."""
+    """Write the pair of pictures and return its path."""
     stream = io.BytesIO()
     Image.fromarray(side_by_side(twin)).save(stream, format="JPEG", quality=85)
     path = folder / f"{twin.photograph.name}.jpg"

@@ -1,4 +1,4 @@
-"""The scene of a fixed camera: a scenario whose place, time, pointing and weather a photograph replaces."""
+"""The scene of a fixed camera: a scenario whose place, time, pointing and weather are replaced by a photograph's."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ ANGLE_DIGITS = 6
 
 
 FLYING = ("trails", "trains", "shells")
-"""Keys of a scene's foreground that belong to one moment: no twin has them."""
+"""Keys of a scene's foreground that belong to one moment; twins omit them."""
 
 
 _PASSING = pydantic.TypeAdapter(dict[str, list[TrailSpec]])
-"""What a file says of what flew through photographs, by their names."""
+"""Content of a file that lists what flew through photographs, by their names."""
 
 
 class Conditions(Protocol):
-    """What is fitted to a photograph."""
+    """Conditions that are fitted to a photograph."""
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
         """A scenario's tree under these conditions."""
@@ -45,7 +45,7 @@ class Scene:
     Attributes
     ----------
     path : Path
-        Of the scenario.
+        Path of the scenario.
     scenario : Scenario
     tree : dict
         Its text as read.
@@ -60,7 +60,7 @@ class Scene:
 
     @property
     def camera(self) -> Camera:
-        """The camera as the solver's package projects."""
+        """The camera in the form of the solver's package."""
         projection = self.spec.camera.projection
         return Camera(
             model=projection.model,
@@ -87,7 +87,7 @@ class Scene:
 
     @property
     def cities(self) -> bool:
-        """Whether the scene names cities of its own."""
+        """Whether the scene names its own cities."""
         return bool((self.tree.get("sky") or {}).get("cities"))
 
 
@@ -97,7 +97,7 @@ def read_scene(path: Path) -> Scene:
     Raises
     ------
     GeneratorError
-        It is no scenario.
+        It is not a scenario.
     PhotographError
         It has more than one frame.
     """
@@ -114,7 +114,7 @@ def read_passing(path: Path) -> dict[str, list[dict[str, Any]]]:
     Raises
     ------
     PhotographError
-        The file cannot be read or says something else.
+        The file cannot be read or has other content.
     """
     try:
         given = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -129,12 +129,12 @@ def read_passing(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def with_passing(tree: dict[str, Any], trails: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """A twin's scenario with what flew through its photograph."""
+    """Add what flew through a photograph to its twin's scenario."""
     return tree | {"foreground": tree["foreground"] | {"trails": list(trails)}} if trails else tree
 
 
 def twin_tree(scene: Scene, photograph: Photograph, R_cam: NDArray[np.float64], weather: Conditions) -> dict[str, Any]:
-    """The twin's scenario: the scene at the photograph's place and time, pointed as the camera was, in a weather."""
+    """The twin's scenario: the scene at the photograph's place and time, with the camera's true attitude, in a weather."""
     scene.check_size(photograph.name, photograph.pixels.shape)
     pointing = pointing_of(R_cam)
     own = {
@@ -163,7 +163,7 @@ def twin_scenario(scene: Scene, tree: dict[str, Any]) -> Scenario:
 
 
 def write_twin(scene: Scene, tree: dict[str, Any], folder: Path) -> Path:
-    """Write a twin's scenario and the files that it names into a folder; returns its path."""
+    """Write a twin's scenario and the files that it names into a folder; return its path."""
     path = folder / f"{tree['name']}.yaml"
     for file in scene.scenario.files:
         write_bytes(folder / file.path, Path(file.location).read_bytes())

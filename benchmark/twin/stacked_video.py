@@ -1,6 +1,7 @@
 """Photographs of meteor cameras: the stacks of 256 video frames that the Global Meteor Network keeps, named FF.
 
-Format: Vida et al. 2021, MNRAS 506, 5046. Time is in the file's name, the place in the network's records: here the scene's.
+Format: Vida et al. 2021, MNRAS 506, 5046. The time is in the file's name, the place in the network's records; here the scene
+states it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class StackedVideo:
     Attributes
     ----------
     mean, maximum, deviation : float32 arrays
-        Of each pixel over the frames, DN.
+        Statistics of each pixel over the frames, DN.
     exposure_s : float
         Number of frames over their rate.
     """
@@ -52,12 +53,12 @@ def start_of(name: str) -> str | None:
 
 
 def read_stack(data: bytes, name: str) -> StackedVideo:
-    """Read the pictures of an FF file's bytes, unpacked.
+    """Read the pictures of an FF file from its uncompressed bytes.
 
     Raises
     ------
     PhotographError
-        It is no FITS file, lacks a picture or its numbers of frames, or has more than LARGEST_PX pixels.
+        It is not a FITS file, lacks a picture or its numbers of frames, or has more than LARGEST_PX pixels.
     """
     from astropy.io import fits
 

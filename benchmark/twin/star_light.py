@@ -1,4 +1,4 @@
-"""Light of stars at known places of an image: the same apertures in a photograph and in its twin."""
+"""Photometry of stars at known positions: with the same apertures in a photograph and in its twin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 HALF_PX = 14
-"""Half side of the square that is looked at around a star."""
+"""Half side of the square around a star that is examined."""
 APERTURE_PX = 3.5
 SKY_PX = (8.0, 13.5)
 """Radii of the ring whose median is the sky and whose scatter is the noise."""
@@ -26,13 +26,13 @@ class StarLight:
     uv : (n, 2) array
         Centroids of the light within the aperture, px.
     flux : (n,) array
-        Within the aperture, above the sky, DN.
+        Flux within the aperture, above the sky, DN.
     sky, noise : (n,) arrays
-        Median of a pixel of the ring, and its standard deviation by the median deviation, DN.
+        Median of the ring's pixels, and their standard deviation from the median absolute deviation, DN.
     peak : (n,) array
-        Brightest pixel of the aperture, DN.
+        Value of the brightest pixel of the aperture, DN.
     nearest_share : (n,) array
-        Part of the flux in the brightest pixel.
+        Fraction of the flux in the brightest pixel.
     """
 
     uv: Floats
@@ -44,18 +44,18 @@ class StarLight:
 
     @property
     def snr(self) -> Floats:
-        """Flux over the sky's noise in the aperture (pi 3.5^2 pixels); photon noise of the star left out."""
+        """Flux over the sky's noise in the aperture (pi 3.5^2 pixels), without the photon noise of the star."""
         return np.asarray(self.flux / self.flux_at(1.0))
 
     def flux_at(self, snr: float) -> Floats:
-        """Flux that would have an SNR, (n,)."""
+        """Flux that corresponds to an SNR, (n,)."""
         return np.asarray(snr * self.noise * np.sqrt(np.pi) * APERTURE_PX)
 
 
 def star_light(
     pixels: NDArray[np.floating], uv: Floats, search_px: float = 0.0, aperture_px: float = APERTURE_PX
 ) -> StarLight:
-    """Measure stars at positions (n, 2); with `search_px` around the brightest pixel within that distance."""
+    """Measure stars at positions (n, 2); with `search_px`, around the brightest pixel within that distance."""
     height, width = pixels.shape
     n = len(uv)
     start = np.rint(np.where(np.isfinite(uv), uv, -1e6)).astype(np.int64)
@@ -89,7 +89,7 @@ def star_light(
 
 
 def isolated(uv: Floats, v_mag: Floats, within_px: float = 8.0, fainter_mag: float = 2.5) -> NDArray[np.bool_]:
-    """Tell which stars have no other within a distance that is brighter than themselves plus `fainter_mag`; (n,)."""
+    """Find the stars without another one within a distance that is brighter than their magnitude plus `fainter_mag`; (n,)."""
     from scipy.spatial import cKDTree
 
     known = np.asarray(np.isfinite(uv).all(axis=1))

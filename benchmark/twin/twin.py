@@ -1,4 +1,4 @@
-"""A photograph's twin: what was fitted, the two images, and what was measured on both."""
+"""A photograph's twin: the fitted values, the two images, and the measurements on both."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VideoWeather:
-    """The three numbers of a stack.
+    """The three fitted numbers of a stack.
 
     Attributes
     ----------
     zenith_mag_arcsec2 : float
-        Of the sky without Moon and twilight.
+        Brightness of the sky without Moon and twilight.
     gain_factor : float
-        Grey values for an electron over those of the scene's camera.
+        Grey values per electron relative to the scene's camera.
     black_level_dn : int
         DN of the sensor without light.
     gain_e_per_dn : float
-        Of the scene's camera.
+        Gain of the scene's camera.
     """
 
     zenith_mag_arcsec2: float
@@ -49,14 +49,14 @@ class VideoWeather:
 
 @dataclass(frozen=True, eq=False)
 class StackRange:
-    """What a stack holds beside its mean.
+    """What a stack contains besides its mean.
 
     Attributes
     ----------
     deviation : (3,) array
-        10, 50 and 90 % of STDPIXEL over the sky, DN.
+        10, 50 and 90 % quantiles of STDPIXEL over the sky, DN.
     above_mean : (3,) array
-        The same of MAXPIXEL less AVEPIXEL.
+        The same quantiles of MAXPIXEL minus AVEPIXEL.
     """
 
     deviation: Floats
@@ -71,7 +71,7 @@ class Twin:
     ----------
     photograph : Photograph
     path : Path
-        Of the twin's scenario.
+        Path of the twin's scenario.
     alignment : Alignment
     weather : Weather or VideoWeather
     pixels : (height, width) uint16 array
@@ -81,7 +81,7 @@ class Twin:
     real, made : Measured
     moon_altitude_deg, sun_altitude_deg : float
     ranges : (StackRange, StackRange) or None
-        Of a stack of video: what else the photograph's and the twin's hold.
+        For a stack of video: what else the photograph's and the twin's stacks contain.
     """
 
     photograph: Photograph

@@ -1,4 +1,4 @@
-"""Twins of meteor cameras' stacks: sky, gain and black level are fitted, the video is rendered."""
+"""Twins of meteor cameras' stacks: sky, gain and black level are fitted, then the video is rendered."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from generator.sky.zenith import BORTLE_ZENITH_MAG
 Floats = NDArray[np.float64]
 
 ROUNDS = 3
-"""Of the fit: light follows the two numbers nearly in proportion."""
+"""Rounds of the fit; few suffice, because light is nearly proportional to the two numbers."""
 STARTING_MAG = 20.5
 BRIGHTEST_MAG, DARKEST_MAG = 16.5, 22.5
 LEAST_STARS = 8
 HIGHEST_8_BIT = 255.0
 QUANTILES = (0.1, 0.5, 0.9)
 DARK_SHARE, DARK_PART, LEAST_DARK_PX = 0.01, 0.15, 500
-"""Part of a mask's pixels, the darkest, that tells the black level, and the light of such trees and walls over the sky's:
-0.08 to 0.25 on an all-sky camera's photographs, and what leaves this camera its own black level in April 2023."""
+"""Fraction of a mask's pixels, the darkest, that determine the black level, and the light of such trees and walls relative to
+the sky's: 0.08 to 0.25 on an all-sky camera's photographs; with this value the camera keeps its black level in April 2023."""
 LEAST_CHANGE_8_BIT = 3.0
-"""Of the black level: less cannot be told, as the light of what stands before the sky is taken from other pictures."""
+"""Least change of the black level; smaller ones are uncertain, because the light of the ground is from other pictures."""
 
 
 def make_video_twin(
@@ -52,9 +52,9 @@ def make_video_twin(
     not_sky: NDArray[np.bool_] | None = None,
     passing: Sequence[dict[str, Any]] = (),
 ) -> Twin:
-    """Make the twin of a stack of video and compare the two; its scenario goes into `folder`.
+    """Make the twin of a stack of video and compare the two; its scenario is written to `folder`.
 
-    `passing` are trails that the twin has too; nothing is fitted to them.
+    `passing` are trails that the twin also has; nothing is fitted to them.
     """
     video, sensor, camera = scene.spec.sensor.video, scene.spec.sensor, scene.camera
     if video is None or photograph.stack is None:
@@ -73,7 +73,7 @@ def make_video_twin(
         return twin_scenario(scene, twin_tree(scene, photograph, R_cam, weather))
 
     def expected_dn(R_cam: Floats) -> tuple[NDArray[np.float32], dict[str, Floats], NDArray[np.bool_]]:
-        """Grey values of the mean frame without noise, its stars, and what hides the sky."""
+        """Grey values of the mean frame without noise, its stars, and the mask of what hides the sky."""
         plan = plan_frame(scenario_of(R_cam), 0)
         expected = render_expected(plan, False, False)
         electrons = expected.electrons / frames + sensor.dark_current_e_s / video.frames_per_s
@@ -149,10 +149,10 @@ def black_level(
     usual_dn: int,
     to_8_bit: float,
 ) -> int:
-    """DN of the sensor without light, by what a mask hides: dark ground sends `DARK_PART` of the sky's light.
+    """DN of the sensor without light, from pixels hidden by a mask: dark ground reflects `DARK_PART` of the sky's light.
 
-    The scene's own, `usual_dn`, without a mask of `LEAST_DARK_PX`, and where it is less than `LEAST_CHANGE_8_BIT` off. An
-    operator's setting of brightness adds to all pixels alike.
+    It is the scene's own level, `usual_dn`, if the mask has fewer than `LEAST_DARK_PX` pixels or if the result differs by
+    less than `LEAST_CHANGE_8_BIT`. An operator's brightness setting adds the same amount to all pixels.
     """
     if not_sky is None or not_sky.sum() < LEAST_DARK_PX or not sky.any():
         return usual_dn
@@ -170,7 +170,7 @@ def range_of(stack: StackedVideo, sky: NDArray[np.bool_]) -> StackRange:
 
 
 def _zenith_of(scene: Scene) -> float:
-    """The zenith's brightness that the fit starts from."""
+    """Brightness of the zenith with which the fit starts."""
     sky = scene.spec.sky
     if sky.bortle is not None:
         return BORTLE_ZENITH_MAG[sky.bortle]

@@ -1,4 +1,4 @@
-"""Where each pixel of a fixed camera looks, and what of it is dark."""
+"""Directions of a fixed camera's pixels, and its dark pixels."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Singles = NDArray[np.float32]
 CORNER_PX = 50
 """Side of the squares in the frame's corners."""
 BEYOND_CIRCLE = 1.25
-"""Distance of a corner from the principal point, over the image circle's radius, from which it counts as dark."""
+"""Distance of a corner from the principal point, relative to the image circle's radius, from which it counts as dark."""
 LEAST_CORNERS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Directions of pixels, (height, width) each; NaN where the lens shows none.
+    """Directions of pixels, (height, width) each; NaN where the lens has no image.
 
     Attributes
     ----------
@@ -48,10 +48,10 @@ def view_of(camera: Camera, R_cam: Floats) -> View:
 
 
 def dark_plane(pixels: NDArray[np.floating], camera: Camera, circle_px: float | None, black_dn: float) -> Singles:
-    """The level without light, (height, width) DN: a plane through the medians of the dark corners outside the image circle.
+    """Level without light, (height, width) DN: a plane through the medians of the dark corners outside the image circle.
 
-    Where fewer than three corners are dark it is `black_dn` everywhere. What light strays into the corners is in it: use it
-    for a photograph and its twin alike.
+    Where fewer than three corners are dark it is `black_dn` everywhere. It includes stray light in the corners, so use it for
+    a photograph and its twin alike.
     """
     height, width = pixels.shape
     flat = np.full((height, width), black_dn, dtype=np.float32)
@@ -72,7 +72,7 @@ def dark_plane(pixels: NDArray[np.floating], camera: Camera, circle_px: float | 
 
 
 def on_mask(uv: Floats, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell which positions (n, 2), some perhaps NaN or outside, lie on pixels of a mask; (n,)."""
+    """Find which positions (n, 2), some possibly NaN or outside, are on pixels of a mask; (n,)."""
     height, width = mask.shape
     at = np.rint(np.where(np.isfinite(uv), uv, -1)).astype(np.int64)
     found = np.asarray((at >= 0).all(axis=1) & (at < np.array([width, height])).all(axis=1))
@@ -81,12 +81,12 @@ def on_mask(uv: Floats, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def not_sky_of(path: Path, camera: Camera) -> NDArray[np.bool_]:
-    """Tell which pixels a mask's picture says are not sky, (height, width): those darker than middle grey.
+    """Read a mask picture of pixels that are not sky, (height, width): those darker than middle grey.
 
     Raises
     ------
     PhotographError
-        It is no picture, or not of the camera's size.
+        The file is not a picture, or not of the camera's size.
     """
     try:
         with Image.open(path) as picture:

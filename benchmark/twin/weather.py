@@ -1,8 +1,8 @@
-"""The weather of a twin: at most four numbers, fitted to the sky's light and to the stars of the photograph.
+"""The weather of a twin: at most four numbers, fitted to the light of the sky and to the stars of the photograph.
 
-Where the gaps of a cloud lie is chance. Of many patterns of one cloud that is taken which dims the photograph's stars best,
-one by one; depth and cover are then fitted to the light of the cells at each altitude and to the dimming of stars, both in
-the order of their size.
+The positions of gaps in a cloud are random. Of many patterns of one cloud, the one that best dims the individual stars as in
+the photograph is chosen. Depth and cover are then fitted to the light of the cells at each altitude and to the dimming of
+stars, both after sorting by size.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Floats = NDArray[np.float64]
 RING_EDGES_DEG = (10, 14, 18, 24, 32, 42, 54, 70, 90)
 SECTORS = 12
 LEAST_PX = 60
-"""Of sky in a cell of altitude and azimuth that counts."""
+"""Least number of sky pixels in a cell of altitude and azimuth that counts."""
 SKY_SCATTER, STAR_SCATTER, ORDER_SCATTER = 0.10, 0.20, 0.05
-"""Relative scatter of a cell and of a star about a right twin: gradients of the night, variable stars, scintillation; and of
-stars in the order of their light, whichever they are."""
+"""Relative scatter of a cell and of a star about a correct twin (gradients of the night, variable stars, scintillation), and
+of stars sorted by their light, whichever stars they are."""
 MOST_EVALUATIONS = 15
 STEP, OFFSET = 0.05, 10.0
-"""Of the derivatives, in the logarithm of a number; and of the logarithms, as SciPy's steps are relative."""
+"""Step of the derivatives, in the logarithm of a number, and offset of the logarithms, because SciPy's steps are relative."""
 LIMITS = {
     "airglow_factor": (0.2, 3.0),
     "aerosol_tau_550": (0.01, 1.5),
@@ -47,7 +47,7 @@ START = {
 }
 CLOUDLESS = ("airglow_factor", "aerosol_tau_550", "city_factor")
 CLOUDED = ("airglow_factor", "cloud_tau", "cloud_cover")
-"""Numbers of a sky with cloud, to which the draw of its pattern comes; air and cities are the scene's."""
+"""Numbers of a cloudy sky, in addition to the draw of its pattern; air and cities are the scene's."""
 VEIL = {
     "altitude_km": 9.0,
     "outer_scale_km": 50.0,
@@ -55,38 +55,38 @@ VEIL = {
     "wind_m_s": 25.0,
     "star_aureoles": True,
 }
-"""A veil of high cloud. Its slope is that of columns through turbulence in three dimensions, whose power falls as
-k^(-11/3) (Obukhov 1949, Corrsin 1951; Tatarski 1961, "Wave Propagation in a Turbulent Medium"), below the thickness of
-cirrus, 2.4 km (Sassen & Campbell 2001, J. Atmos. Sci. 58, 481)."""
+"""A veil of high cloud. Its slope is that of columns through turbulence in three dimensions, whose power falls as k^(-11/3)
+(Obukhov 1949, Corrsin 1951; Tatarski 1961, "Wave Propagation in a Turbulent Medium"), below the thickness of cirrus, 2.4 km
+(Sassen & Campbell 2001, J. Atmos. Sci. 58, 481)."""
 DECK = {"kind": "altocumulus", "thickness_km": 0.25, "star_aureoles": True}
 """A deck of droplets that hides every star; its texture ends at its thickness."""
 CLOUDS = VEIL, DECK
 DRAWS = 64
-"""Patterns of each that are tried: six bits, a number of the weather as its depth and its cover are."""
+"""Number of patterns of each cloud that are tried: six bits, and so a number of the weather like depth and cover."""
 MOST_HAZE = 0.4
-"""Aerosol depth above which a sky with cloud is tried: dust storms and smoke aside, more is cloud."""
+"""Aerosol depth above which a cloudy sky is tried: except for dust storms and smoke, more is cloud."""
 CLOUDY_MISFIT = 0.15
-"""Typical miss of a cell's logarithm without cloud, and half of a star's, from which a sky with cloud is tried."""
+"""Typical deviation of a cell's logarithm without cloud, and half that of a star's, from which a cloudy sky is tried."""
 
 
 @dataclass(frozen=True)
 class Weather:
-    """What is fitted to a photograph; None: not a number of this frame.
+    """Values fitted to a photograph; None for a number that does not apply to the frame.
 
     Attributes
     ----------
     airglow_factor : float or None
-        Airglow over its mean.
+        Airglow relative to its mean.
     aerosol_tau_550 : float or None
         Optical depth of aerosol.
     cloud_tau, cloud_cover : float or None
-        Of a layer of cloud: mean optical depth over the whole sky, and the part of the sky that it covers.
+        For a layer of cloud: mean optical depth over the whole sky, and the fraction of the sky that it covers.
     cloud_draw : int or None
-        Which of the patterns of `CLOUDS`, from 0 (:mod:`benchmark.twin.cloud_draw`).
+        Index of the pattern of `CLOUDS`, from 0 (:mod:`benchmark.twin.cloud_draw`).
     city_factor : float or None
-        Light of the scene's cities over what the scene says.
+        Light of the scene's cities relative to what the scene states.
     focus_factor : float or None
-        Width of stars over that of the scene's camera (:mod:`benchmark.twin.focus`).
+        Width of stars relative to that of the scene's camera (:mod:`benchmark.twin.focus`).
     """
 
     airglow_factor: float | None = None
@@ -99,7 +99,7 @@ class Weather:
 
     @property
     def cloudless(self) -> Weather:
-        """The same without cloud."""
+        """The same weather without cloud."""
         return dataclasses.replace(self, cloud_tau=None, cloud_cover=None, cloud_draw=None)
 
     def over(self, tree: dict[str, Any]) -> dict[str, Any]:
@@ -124,13 +124,13 @@ class Weather:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a frame shows to the fit: medians of the sky in cells, and light of stars; NaN where unknown."""
+    """What a frame provides to the fit: medians of the sky in cells, and light of stars; NaN where unknown."""
 
     cells: Floats
     stars: Floats
 
     def in_order(self, known: Seen) -> Seen:
-        """Cells of each altitude and stars by their size, of those that are known in another."""
+        """Sort the cells of each altitude, and the stars, by size, using those that are known in another frame."""
         return Seen(
             np.sort(np.where(np.isfinite(known.cells), self.cells, np.nan), axis=1),
             np.sort(np.where(np.isfinite(known.stars), self.stars, np.nan)),
@@ -164,10 +164,10 @@ class Fit:
     ----------
     weather : Weather
     typical_miss, star_miss : float
-        Medians of the cells' and of the stars' misses, without sign, in the logarithm.
+        Medians of the absolute deviations of the cells and of the stars, in the logarithm.
     misfit : float
-        Means of both together; single stars vary twice as much as cells. Most stars of a clouded sky are seen neither in the
-        photograph nor in the twin, so that medians do not tell two skies apart.
+        Combined mean of both; single stars vary twice as much as cells. Most stars of a clouded sky are seen neither in the
+        photograph nor in the twin, so medians do not distinguish two skies.
     """
 
     weather: Weather
@@ -177,13 +177,13 @@ class Fit:
 
     @property
     def clouded(self) -> bool:
-        """Whether no air without cloud looks like this."""
+        """Whether no cloudless air fits the photograph."""
         haze = self.weather.aerosol_tau_550
         return max(self.typical_miss, self.star_miss / 2) > CLOUDY_MISFIT or (haze is not None and haze > MOST_HAZE)
 
 
 def first_guess(names: tuple[str, ...]) -> Weather:
-    """The weather that a fit of these numbers starts from."""
+    """The weather with which a fit of these numbers starts."""
     given: dict[str, Any] = {name: START[name] for name in names}
     return Weather(**given)
 
@@ -196,13 +196,13 @@ def fit_weather(
     Parameters
     ----------
     real : Seen
-        Of the photograph; of a fit with cloud, stars over those of a sky without.
+        What the photograph shows; in a fit with cloud, stars are relative to those of a sky without cloud.
     names : tuple of str
         Fields of `Weather` to fit, at most four.
     twin : function
-        Of a weather: what its twin shows, in the same cells and of the same stars.
+        Maps a weather to what its twin shows, in the same cells and for the same stars.
     known_before : Weather
-        Numbers that are not fitted here, and those that the fit starts from.
+        Numbers that are not fitted here, and the starting values of the fit.
     """
     known_values = dataclasses.asdict(known_before)
     start = np.array([known_values[name] or START[name] for name in names])
@@ -256,7 +256,7 @@ def fit_weather(
 
 
 def _on_line(values: Floats, parts: NDArray[np.bool_]) -> Floats:
-    """Logarithms; of parts of a whole, of their odds, since 0.98 and 0.995 are far apart."""
+    """Logarithms; for fractions of a whole, those of their odds, since 0.98 and 0.995 are far apart."""
     return np.asarray(np.log(values) - np.log(np.where(parts, 1 - values, 1.0)))
 
 
@@ -265,12 +265,12 @@ def _off_line(places: Floats, parts: NDArray[np.bool_]) -> Floats:
 
 
 def _seen(stars: Floats) -> int:
-    """Number of stars above the faintest, which is what those that are not seen have."""
+    """Number of stars above the lowest value, which is that of stars that are not seen."""
     known = stars[np.isfinite(stars)]
     return int((known > known.min()).sum()) if len(known) else 0
 
 
 def _misses(made: Floats, real: Floats) -> Floats:
-    """The logarithm's misses where both are known; a single 0 where nothing is."""
+    """Deviations of the logarithms where both are known; a single 0 where nothing is."""
     both = np.isfinite(made) & np.isfinite(real) & (made > 0) & (real > 0)
     return np.asarray(np.log(made[both] / real[both])) if both.any() else np.zeros(1)

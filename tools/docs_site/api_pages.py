@@ -1,4 +1,4 @@
-"""Pages of the API reference: one for each package and each room (folder of modules) of it, from the source tree alone."""
+"""Pages of the API reference, one per package and per room (folder of modules), derived from the source tree alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PACKAGES = ("celnav", "generator", "benchmark")
 
 @dataclass(frozen=True)
 class Room:
-    """A folder of modules: its dotted name, and the dotted names of the public modules in it."""
+    """A folder of modules: its dotted name, and the dotted names of its public modules."""
 
     name: str
     modules: tuple[str, ...]
@@ -23,7 +23,7 @@ class Room:
 
 
 def rooms(root: Path, package: str) -> list[Room]:
-    """The rooms of a package, itself first, in the order of their names."""
+    """The rooms of a package, the package itself first, in the order of their names."""
     found = []
     for init in sorted((root / package).rglob("__init__.py"), key=lambda path: path.parent.as_posix()):
         parts = init.parent.relative_to(root).parts
@@ -46,7 +46,7 @@ def public_modules(root: Path) -> dict[str, str]:
 
 
 def room_page(room: Room, elsewhere: dict[str, str]) -> str:
-    """Markdown of a room's page: its docstring, then module after module; `elsewhere` gives the pages of public modules."""
+    """Markdown of a room's page: its docstring, then each module; `elsewhere` gives the pages of public modules."""
     parts = [f"# {room.name}\n", directive(room.name, ["show_root_heading: false", "members: false"])]
     for module in room.modules:
         if module in elsewhere:
@@ -57,6 +57,6 @@ def room_page(room: Room, elsewhere: dict[str, str]) -> str:
 
 
 def directive(name: str, options: list[str]) -> str:
-    """The block that mkdocstrings replaces by the documentation of an object."""
+    """The block that mkdocstrings replaces with the documentation of an object."""
     lines = "".join(f"        {option}\n" for option in options)
     return f"::: {name}\n    options:\n{lines}"

@@ -1,4 +1,4 @@
-"""Links and anchors of Markdown documents, as a forge shows them and as the documentation's site does."""
+"""Links and anchors of Markdown documents, as a forge and the documentation's site interpret them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ slug = slugify(case="lower")
 
 @dataclass(frozen=True)
 class Link:
-    """A link's target as it is written, and where it stands in the text."""
+    """A link's target as written, and its position in the text."""
 
     target: str
     start: int
@@ -33,12 +33,12 @@ class Link:
 
     @property
     def external(self) -> bool:
-        """Whether it leads out of the repository."""
+        """Whether it points outside the repository."""
         return EXTERNAL.match(self.target) is not None or self.target.startswith("//")
 
 
 def links(text: str) -> list[Link]:
-    """All links and pictures of a document outside code."""
+    """All links and pictures of a document, except those in code."""
     plain = without_code(text)
     found = []
     for match in LINK.finditer(plain):
@@ -65,12 +65,12 @@ def anchors(text: str) -> set[str]:
 
 
 def without_code(text: str) -> str:
-    """The text with its code blanked, each character in its place."""
+    """Blank the code in a text; all other characters keep their positions."""
     return INLINE_CODE.sub(_blank, FENCE.sub(_blank, text))
 
 
 def resolve(source: str, target: str) -> tuple[str, str]:
-    """Path in the repository and anchor to which a link of the document `source` leads (both with forward slashes)."""
+    """Path in the repository and anchor to which a link in the document `source` points (both with forward slashes)."""
     path, _, anchor = target.partition("#")
     if not path:
         return source, anchor

@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages from outside docs/, the API reference, links that leave the site, and no use of the network."""
+"""Hooks of MkDocs: pages from outside docs/, the API reference, links that leave the site, and a check for network use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mkdocs.structure.files import File
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 REPOSITORY = PROJECT["urls"]["Source"]
-# Documents at the repository's root that are pages of the site, under the names that they have there.
+# Documents in the repository's root that are pages of the site, with their names there.
 ROOT_PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",
@@ -35,7 +35,7 @@ LOADED = re.compile(
 def on_config(config: Any) -> Any:
     """List the rooms and the repository in the navigation.
 
-    The theme's own `repo_url` is not set: with it every page asks the forge for the number of stars.
+    The theme's own `repo_url` is not set, because every page would then ask the forge for the number of stars.
     """
     config.site_description = PROJECT["description"]
     for entry in config.nav:
@@ -48,7 +48,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that do not lie in docs/."""
+    """Add the pages that are outside docs/."""
     for name, page in ROOT_PAGES.items():
         files.append(File.generated(config, page, content=(ROOT / name).read_text(encoding="utf-8")))
     public = public_modules(ROOT)
@@ -59,7 +59,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, files: Any, **_: Any) -> str:
-    """Turn links between documents of the repository into links of the site, or into links to the repository."""
+    """Convert links between documents of the repository to links of the site or to links to the repository."""
     here = page.file.src_uri
     source = {site: name for name, site in ROOT_PAGES.items()}.get(here, f"docs/{here}")
     for link in reversed(links(markdown)):
@@ -71,7 +71,7 @@ def on_page_markdown(markdown: str, page: Any, files: Any, **_: Any) -> str:
 
 
 def site_target(here: str, source: str, target: str, pages: set[str]) -> str:
-    """A link's target on the site; as it is written where it leads nowhere, which MkDocs then reports."""
+    """Target of a link on the site; a broken link is left as written, so that MkDocs reports it."""
     path, anchor = resolve(source, target)
     suffix = f"#{anchor}" if anchor else ""
     page = ROOT_PAGES.get(path, path.removeprefix("docs/") if path.startswith("docs/") else "")

@@ -13,7 +13,7 @@ from benchmark.cli.progress import progress_bars
 from generator.errors import GeneratorError
 
 FORMS = ("files", "coco", "yolo", "fits", "huggingface", "withheld")
-"""Forms of export, known to the completion of the shell without loading any of them."""
+"""Forms of export, listed here so that shell completion need not load any of them."""
 
 
 def add_to(app: typer.Typer) -> None:

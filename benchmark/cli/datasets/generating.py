@@ -56,7 +56,7 @@ def generate(
         bool, typer.Option("--json", help="Report progress as JSON lines on standard output, one document to a line.")
     ] = False,
 ) -> None:
-    """Make a dataset in shards; killed and started again, it goes on where it was."""
+    """Make a dataset in shards; after an interruption, the same command continues it."""
     from rich.progress import TaskProgressColumn, TextColumn
 
     from generator.dataset.generate import generate as make
@@ -139,7 +139,7 @@ def _range(option: str, text: str) -> tuple[int, int]:
 
 
 def _share(part: str, shards: str) -> Part | ShardRange:
-    """Shards of this job, of those that the dataset has."""
+    """Shards of this job among those of the dataset."""
     from generator.dataset.run import Part, ShardRange
 
     if part and shards:

@@ -1,4 +1,4 @@
-"""`skybench plan`: what a scenario would make."""
+"""`skybench plan`: what a scenario would produce."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def plan(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print what a scenario would make: frames, values, light, stars, time and size; and what looks like a slip."""
+    """Print what a scenario would produce: frames, values, light, stars, time and size; and likely mistakes."""
     from rich.table import Column, Table
 
     from benchmark.report.formatting import duration, file_size
@@ -129,7 +129,7 @@ def _listing(values: tuple[object, ...]) -> str:
 
 
 def _as_written(tree: Any, path: tuple[str, ...]) -> str:
-    """A scenario's value as its file has it, on one line."""
+    """A scenario's value as written in its file, on one line."""
     import yaml
 
     for key in path:

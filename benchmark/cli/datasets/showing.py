@@ -1,4 +1,4 @@
-"""`skybench show`: a page, or a video, to look at a dataset."""
+"""`skybench show`: a page, or a video, for viewing a dataset."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def show(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page to look at a dataset: contact sheet, frames with their truth, filters, histograms; or a video."""
+    """Write a page for viewing a dataset: contact sheet, frames with their truth, filters, histograms; or a video."""
     if video is not None:
         if page is not None:
             fail(GeneratorError("--page: not with --video, which has all frames"))

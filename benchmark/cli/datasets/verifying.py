@@ -1,4 +1,4 @@
-"""`skybench verify`: whether files are what their manifest says."""
+"""`skybench verify`: check files against their manifest."""
 
 from __future__ import annotations
 

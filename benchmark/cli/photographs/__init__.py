@@ -1,1 +1,1 @@
-"""Commands on frames that nobody rendered: `skybench import` and `skybench fetch`."""
+"""Commands for real photographs: `skybench import` and `skybench fetch`."""

@@ -35,7 +35,7 @@ def fetch(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fetch the photographs of a task that are not there; every file is held against its SHA-256."""
+    """Fetch the missing photographs of a task; every file is checked against its SHA-256."""
     from benchmark.frames.task_frames import DEFAULT_DATA
     from benchmark.real_tasks.definition import load_real_task
     from benchmark.real_tasks.fetch import fetch_sources, sources_folder

@@ -25,7 +25,7 @@ app = typer.Typer(
 
 
 class Stamp(StrEnum):
-    """What EXIF's time marks."""
+    """What the EXIF time marks."""
 
     START = "start"
     MIDDLE = "middle"
@@ -81,7 +81,7 @@ def photos(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a dataset of photographs taken at one place."""
+    """Make a dataset from photographs taken at one place."""
     from benchmark.importing.photographs import Clock, photographs_in, read_times
     from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
@@ -124,7 +124,7 @@ def rms(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a dataset of a meteor camera's night."""
+    """Make a dataset from a meteor camera's night."""
     from benchmark.importing.rms import calibrate_night, read_night
     from benchmark.importing.told import read_told
     from benchmark.importing.write import Import
@@ -143,7 +143,7 @@ def rms(
 
 
 def _make(given: Import, out: Path, overwrite: bool, as_json: bool) -> None:
-    """Make the dataset and say what came of it."""
+    """Make the dataset and report the result."""
     from benchmark.importing.write import import_photographs
 
     with progress_bars(hidden=as_json) as bar:

@@ -83,7 +83,7 @@ def pack(
     jobs: _Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Draw and render the frames, and write the set for solvers: images and what instruments told, without the truth."""
+    """Draw and render the frames, and write the set for solvers: images and instrument readings, without the truth."""
     from benchmark.rounds.secret import read_secret
     from benchmark.rounds.steps import draw as draw_round
     from benchmark.rounds.steps import pack_round
@@ -131,7 +131,7 @@ def score(
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Frames to solve at the same time.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Run solvers on the set, or take answers to it, and score them; only solvers that are as they were committed to."""
+    """Score solvers run on the set, or answers to it; solvers must be unchanged since the commitment."""
     if bool(solver) == bool(answers) or bool(answers) != bool(name):
         fail(RoundError("give --solver, or --answers and --name"))
     from benchmark.cli.rounds.scoring import Scoring, score_answers, score_solvers
@@ -158,7 +158,7 @@ def score(
 
 @app.command("open", epilog="Example: skybench bench round open rounds/first --secret secret.hex --truth private/first")
 def open_(folder: _Round, secret: _Secret, truth: _Truth, beacon: _Beacon = "", as_json: AsJson = False) -> None:
-    """Publish the secret and the hashes of all frames, when all answers are in."""
+    """Publish the secret and the hashes of all frames, once all answers are in."""
     from benchmark.rounds.secret import read_secret
     from benchmark.rounds.steps import draw as draw_round
     from benchmark.rounds.steps import open_round
@@ -180,7 +180,7 @@ def verify(
     render: Annotated[int, typer.Option("--render", min=0, help="Frames to render again and compare.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Check an opened round: that its secret is the one committed to, and what it draws is what was published."""
+    """Check that an opened round's secret is the one committed to, and that it draws what was published."""
     from benchmark.rounds.steps import verify_round
 
     try:

@@ -1,4 +1,4 @@
-"""Who takes part in a round, and in which revision."""
+"""Contestants of a round, with their revisions."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from benchmark.run.shared_detections import SHARED_DETECTIONS, shared_detector
 
 
 def settled(solvers: Sequence[str], entrants: Sequence[str]) -> dict[str, str]:
-    """Revision of each solver and of the detector that all may share, and the hash of each entrant's program, by name.
+    """Revision of each solver and of the shared detector, and the hash of each entrant's program, by name.
 
     Raises
     ------
     BenchmarkError
-        There is no such solver, an entrant is not of the form NAME=HASH, or a name is given twice.
+        There is no such solver, an entrant does not have the form NAME=HASH, or a name is given twice.
     """
     found: dict[str, str] = {}
     pairs = [(SHARED_DETECTIONS, shared_detector())] if solvers else []

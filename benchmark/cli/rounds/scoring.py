@@ -1,4 +1,4 @@
-"""Scoring a round: solvers that run here, and answers that were sent in."""
+"""Scoring of a round: solvers that run here, and answers that were submitted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from benchmark.submit.submission import Checked, check_answers, check_stars
 
 @dataclass(frozen=True)
 class Scoring:
-    """What is scored: the round and its drawn frames, the truth, the set, where results go, and whether apart."""
+    """Input of the scoring: the round and its drawn frames, the truth, the set, and the folder of results.
+
+    `later` puts the results apart, as those of solvers that were not settled before the frames were drawn.
+    """
 
     folder: Path
     drawn: Drawn
@@ -36,7 +39,7 @@ class Scoring:
 
 @dataclass(frozen=True)
 class Scored:
-    """One contestant's result: its name and folder, and how it did in words."""
+    """One contestant's result: its name and folder, and a description in words."""
 
     solver: str
     folder: Path
@@ -44,12 +47,12 @@ class Scored:
 
 
 def score_solvers(wanted: Scoring, names: Sequence[str], detections: DetectionsMode, jobs: int) -> list[Scored]:
-    """Run solvers on the set and score them, each with a detector of its own or all with the same detections.
+    """Run solvers on the set and score them, each with its own detector or all with the same detections.
 
     Raises
     ------
     BenchmarkError
-        A solver or the shared detector is not as it was committed to, or the frames are not those that were published.
+        A solver or the shared detector has changed since the commitment, or the frames are not those that were published.
     """
     contestants = check_contestants([contestant_of(name) for name in names], jobs)
     if not wanted.later:
@@ -68,12 +71,12 @@ def score_solvers(wanted: Scoring, names: Sequence[str], detections: DetectionsM
 
 
 def score_answers(wanted: Scoring, answers: Path, stars: Path | None, name: str) -> Scored:
-    """Score answers that were sent in.
+    """Score answers that were submitted.
 
     Raises
     ------
     BenchmarkError
-        They have faults, or come from someone who was not committed to.
+        They have faults, or come from an entrant who is not in the commitment.
     """
     check_name(name)
     terms = wanted.drawn.commitment.terms

@@ -1,7 +1,7 @@
 """The page of a dataset: ``index.html`` and one script per frame, which open from disk without a network.
 
-A page opened from disk may not read files, but it may load scripts; so each frame is a script that hands its pixels (16 bits,
-deflated, base64) and its truth to the page when the frame is looked at.
+A page opened from disk may not read files, but it may load scripts. Each frame is therefore a script that passes its pixels
+(16 bits, deflated, base64) and its truth to the page when the frame is viewed.
 """
 
 import base64
@@ -31,7 +31,7 @@ DEFAULT_FRAMES = 48
 MOST_PIXELS = 2_200_000
 """Larger frames are averaged over square blocks of pixels."""
 MOST_STARS = 4000
-"""Stars of a frame that the overlay can show: the brightest."""
+"""Number of stars of a frame that the overlay can show, the brightest first."""
 THUMBNAIL_PX = 240
 BINS = 24
 MOST_CHOICES = 40
@@ -39,7 +39,7 @@ MOST_CHOICES = 40
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition that frames are filtered by: column of the table of frames, title and unit for people, decimals."""
+    """A condition by which frames are filtered: column of the table of frames, title, unit, and number of decimals."""
 
     column: str
     title: str
@@ -91,15 +91,15 @@ def write_page(
     Parameters
     ----------
     folder : Path
-        What `skybench generate` or `skybench render` wrote.
+        Folder that `skybench generate` or `skybench render` wrote.
     out : Path
         An empty or new folder, or one with an earlier page, which is replaced.
     most : int
-        Frames on the page; of a larger dataset so many, evenly spread.
+        Largest number of frames on the page; from a larger dataset, this many are taken, evenly spread.
     progress : callable
-        Called with the number of frames done and of all.
+        Called with the number of frames that are done and the total.
     number : int, optional
-        Of a larger dataset the frames in order instead, so many to a page: those of this page, from 1.
+        For a larger dataset, show consecutive frames instead, `most` per page: those of this page, counted from 1.
 
     Raises
     ------
@@ -128,12 +128,12 @@ def write_page(
 
 
 def spread(count: int, most: int) -> Sequence[int]:
-    """At most `most` of `count` positions, evenly spread, first and last among them where there are two."""
+    """Select at most `most` of `count` positions, evenly spread, including the first and the last if there are two."""
     return [int(position) for position in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
 def paged(count: int, most: int, number: int) -> Sequence[int]:
-    """Positions of the frames on a page, from 1, of `most` frames each. Raises GeneratorError where there are fewer."""
+    """Positions of the frames on a page, from 1, with `most` frames per page. Raises GeneratorError beyond the last page."""
     pages = -(-count // most)
     if not 1 <= number <= pages:
         raise GeneratorError(f"--page {number}: {count} frames fill {pages} pages of {most}; choose one of them")
@@ -141,7 +141,7 @@ def paged(count: int, most: int, number: int) -> Sequence[int]:
 
 
 def _words(positions: Sequence[int], count: int, most: int, number: int | None) -> str:
-    """Which of the frames are shown."""
+    """Describe which of the frames are shown."""
     if len(positions) == count:
         return f"All {count} frames"
     if number is None:
@@ -150,7 +150,7 @@ def _words(positions: Sequence[int], count: int, most: int, number: int | None) 
 
 
 def _prepare(out: Path) -> None:
-    """Make the folder, without the pages of an earlier run; refuse one that holds something else."""
+    """Create the folder and remove the pages of an earlier run; refuse a folder with other content."""
     out.mkdir(parents=True, exist_ok=True)
     strangers = sorted(path.name for path in out.iterdir() if path.name not in (PAGE, FRAMES_FOLDER))
     if strangers:
@@ -164,7 +164,7 @@ def _prepare(out: Path) -> None:
 
 
 def frame_script(number: int, image: NDArray[np.uint16], stars: pd.DataFrame, objects: pd.DataFrame) -> bytes:
-    """Script that hands a frame to the page: ``skybench.receive({...})``."""
+    """Script that passes a frame to the page: ``skybench.receive({...})``."""
     reduced, block = _reduced(image)
     planes = np.concatenate([(reduced >> 8).astype(np.uint8).ravel(), (reduced & 255).astype(np.uint8).ravel()])
     content = {
@@ -178,13 +178,13 @@ def frame_script(number: int, image: NDArray[np.uint16], stars: pd.DataFrame, ob
         "stars": _star_columns(stars, image.shape[1], image.shape[0]),
         "objects": _object_rows(objects),
     }
-    # Only ASCII and no "<", so that nothing in it can be read as markup wherever it is put.
+    # Only ASCII and no "<", so that nothing in it can be read as markup wherever it is inserted.
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return f"skybench.receive({text});\n".encode("ascii")
 
 
 def _reduced(image: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], int]:
-    """The image, averaged over blocks where it is large, and the blocks' side."""
+    """Average an image over blocks if it is large; returns it with the side of the blocks."""
     block = max(1, int(np.ceil(np.sqrt(image.size / MOST_PIXELS))))
     if block == 1:
         return image, 1
@@ -194,13 +194,13 @@ def _reduced(image: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], int]:
 
 
 def _numbers(table: pd.DataFrame, column: str, decimals: int) -> list[float | None]:
-    """A column as JSON-ready numbers; None where it is not finite."""
+    """Convert a column to numbers for JSON; None where a value is not finite."""
     values = pd.to_numeric(table[column], errors="coerce").to_numpy(np.float64)
     return [round(float(value), decimals) if np.isfinite(value) else None for value in values]
 
 
 def _star_columns(stars: pd.DataFrame, width: int, height: int) -> dict[str, list[Any]]:
-    """The brightest stars in the frame, hidden ones among them, column by column."""
+    """Columns of the brightest stars in the frame, including hidden ones."""
     hidden = stars["occluded"] & stars["u_px"].between(-0.5, width - 0.5) & stars["v_px"].between(-0.5, height - 0.5)
     inside = stars[(stars["fraction_in_frame"] > 0.5) | hidden].sort_values("v_mag", kind="stable").head(MOST_STARS)
     ids = zip(inside["star_id"], inside["hip"], inside["hr"], strict=True)
@@ -240,7 +240,7 @@ def _object_rows(objects: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _card(row: pd.Series, image: NDArray[np.uint16]) -> dict[str, Any]:
-    """What the page itself knows of a frame: its thumbnail and its conditions."""
+    """What the page itself holds about a frame: its thumbnail and its conditions."""
     frame = pd.DataFrame([row])
     numbers = {
         condition.column: _numbers(frame, condition.column, max(condition.decimals, 4))[0]
@@ -257,7 +257,7 @@ def _card(row: pd.Series, image: NDArray[np.uint16]) -> dict[str, Any]:
 
 
 def _choice(value: object) -> str:
-    """A value that frames are chosen by, as text; empty where there is none."""
+    """A value by which frames are selected, as text; empty where there is none."""
     if value is None or value == "" or (isinstance(value, float) and not np.isfinite(value)):
         return ""
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -302,7 +302,7 @@ def _varying(frames: pd.DataFrame, conditions: tuple[Condition, ...]) -> list[Co
 
 
 def _values(frames: pd.DataFrame, column: str) -> list[str]:
-    """Different values of a column as texts, in the order of their size."""
+    """Distinct values of a column as texts, in ascending order."""
     if column not in frames:
         return []
     return [text for value in sorted(set(frames[column].dropna())) if (text := _choice(value))]

@@ -1,4 +1,4 @@
-"""What `skybench show` draws from: a dataset in shards, or a folder that `skybench render` wrote."""
+"""Sources of `skybench show`: a dataset in shards, or a folder that `skybench render` wrote."""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ class Source(Protocol):
     ----------
     scenario, scenario_sha256, made_with : str
     frames : DataFrame
-        One row per frame, by index; at least the columns asked for of generator.dataset.frame_columns.FRAME_SCHEMA.
+        One row per frame, by index; at least the requested columns of generator.dataset.frame_columns.FRAME_SCHEMA.
     """
 
     @property
@@ -41,7 +41,7 @@ class Source(Protocol):
 
     @property
     def scenario_sha256(self) -> str:
-        """Its hash."""
+        """Hash of the scenario."""
 
     @property
     def frames(self) -> pd.DataFrame:
@@ -51,16 +51,16 @@ class Source(Protocol):
         """DN of the frame in row `position` of `frames`, (height, width)."""
 
     def developed(self, position: int) -> NDArray[np.uint8] | None:
-        """Its developed picture, (height, width) or (height, width, 3); None where the scenario asks for none."""
+        """Developed picture, (height, width) or (height, width, 3); None where the scenario does not request one."""
 
     def record(self, position: int) -> dict[str, Any]:
-        """Its frame record."""
+        """Frame record."""
 
     def stars(self, position: int) -> pd.DataFrame:
-        """Its truth of stars and planets."""
+        """Truth of stars and planets."""
 
     def objects(self, position: int) -> pd.DataFrame:
-        """Its truth of flying objects and the Moon."""
+        """Truth of flying objects and the Moon."""
 
 
 def open_source(folder: Path, columns: Collection[str] = ()) -> Source:
@@ -70,12 +70,12 @@ def open_source(folder: Path, columns: Collection[str] = ()) -> Source:
     ----------
     folder : Path
     columns : collection of str
-        Of the table of frames, those that are needed beside ``frame_id``; a dataset may have many frames.
+        Columns of the table of frames that are needed besides ``frame_id``; a dataset may have many frames.
 
     Raises
     ------
     GeneratorError
-        Neither is there, or it is unfinished or damaged.
+        There is neither of them, or it is unfinished or damaged.
     """
     if (folder / MANIFEST).is_file():
         return ShardSource.open(folder, columns)
@@ -98,7 +98,7 @@ class ShardSource:
 
     @classmethod
     def open(cls, folder: Path, columns: Collection[str] = ()) -> "ShardSource":
-        """Open it by its manifest. Raises GeneratorError."""
+        """Open a dataset by its manifest. Raises GeneratorError."""
         dataset = Dataset.open(folder)
         frames = dataset.frames(("frame_id", *columns)).to_pandas()
         return cls(dataset, dataset.manifest.scenario, dataset.manifest.scenario_sha256, frames)
@@ -194,7 +194,7 @@ def _record_row(path: Path) -> dict[str, Any]:
 
 
 def _stars(path: Path) -> pd.DataFrame:
-    """Truth of stars; one of a photograph that nobody knows to be hidden or saturated counts as neither."""
+    """Read the truth of stars; a star of a photograph not known to be hidden or saturated counts as neither."""
     with damage_named(path):
         stars = read_stars(path, STAR_SCHEMA, needed=STAR_SCHEMA.names).to_pandas()
     return stars.assign(**{name: stars[name].eq(True) for name in ("saturated", "occluded")})
@@ -207,7 +207,7 @@ def _truth(path: Path, schema: pa.Schema) -> pd.DataFrame:
 
 @contextmanager
 def damage_named(path: Path) -> Iterator[None]:
-    """Whatever reading a file from others can raise, as one line with the file's name."""
+    """Convert whatever reading someone else's file can raise to one line with the file's name."""
     try:
         yield
     except (OSError, ValueError, KeyError, TypeError, SyntaxError, pa.ArrowException) as error:

@@ -1,4 +1,4 @@
-"""Names of the rows of a table of stars, for people."""
+"""Names of stars, as printed for the rows of a table of stars."""
 
 import functools
 

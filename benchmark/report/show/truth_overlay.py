@@ -16,11 +16,11 @@ from benchmark.report.show.star_names import star_name
 from generator.scenario.model import pointing_of
 
 MOST_NAMES = 12
-"""Stars that get a circle and a name, the brightest of a frame."""
+"""Number of stars that get a circle and a name, the brightest of a frame."""
 TEXT_COLOUR = (140, 220, 160)
 STAR_COLOUR = (255, 176, 0)
 PANEL_OPACITY = 150
-"""Of 255, behind the lines of text."""
+"""Opacity, of 255, behind the lines of text."""
 LEAST_TEXT_PX = 11
 LINES_PER_HEIGHT = 32
 Box = tuple[float, float, float, float]
@@ -28,7 +28,7 @@ Box = tuple[float, float, float, float]
 
 
 def truth_lines(record: dict[str, Any]) -> tuple[str, ...]:
-    """Time, place and attitude at mid-exposure, and the speed of a sequence, for people."""
+    """Format time, place and attitude at mid-exposure, and the speed in a sequence."""
     site, pointing = record["site"], pointing_of(np.array(record["attitude"]["R_cam"], dtype=np.float64))
     latitude, longitude = site["latitude_deg"], (site["longitude_deg"] + 180) % 360 - 180
     lines = [
@@ -86,7 +86,7 @@ def draw_truth(
 
 
 def _named_stars(stars: pd.DataFrame, reduction: int) -> Iterator[tuple[float, float, str]]:
-    """Place in the picture and name of the brightest stars of a frame."""
+    """Position in the picture and name of the brightest stars of a frame."""
     shown = stars[(stars["fraction_in_frame"] > 0.5) & ~stars["occluded"]].nsmallest(MOST_NAMES, "v_mag")
     columns = ("centroid_u_px", "centroid_v_px", "star_id", "hip", "hr")
     for u, v, star_id, hip, hr in zip(*(shown[name].tolist() for name in columns), strict=True):
@@ -95,7 +95,7 @@ def _named_stars(stars: pd.DataFrame, reduction: int) -> Iterator[tuple[float, f
 
 
 def _draw_star(draw: ImageDraw.ImageDraw, u: float, v: float, name: str, size: int, taken: list[Box]) -> Box:
-    """Draw a circle, and the name beside it unless it would cover another; returns the box of what is drawn."""
+    """Draw a circle, and the name next to it unless it would cover another; returns the bounding box of the drawing."""
     radius = 0.6 * size
     circle = (u - radius, v - radius, u + radius, v + radius)
     draw.ellipse(circle, outline=STAR_COLOUR, width=max(1, size // 12))
@@ -129,7 +129,7 @@ def _extent(box: Box) -> tuple[int, int]:
 
 @functools.cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which has the Greek letters of stars; it comes with Matplotlib."""
+    """Load DejaVu Sans, which has the Greek letters of stars; it comes with Matplotlib."""
     import matplotlib as mpl
 
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)

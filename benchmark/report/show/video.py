@@ -21,15 +21,15 @@ from generator.scenario.sensor_spec import ColourSpec, SensorSpec
 from generator.sensor.develop import develop
 
 LARGEST_PX = (3840, 2160)
-"""Larger frames are averaged over blocks of pixels: players do not decode them."""
+"""Larger frames are averaged over blocks of pixels, because players do not decode them."""
 CODECS = (
     ("libx264", {"crf": "18", "preset": "medium", "threads": "1"}),
     ("mpeg4", {"qscale": "3", "threads": "1"}),
 )
-"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality. The same frames give the same pictures to
-within a few grey levels; x264 does not promise the same bytes."""
+"""H.264, or MPEG-4 part 2 where PyAV was built without x264; constant quality. The same frames give the same pictures
+to within a few grey levels; x264 does not guarantee the same bytes."""
 PIXEL_FORMAT = "yuv420p"
-"""The one that every player knows; it needs even sizes."""
+"""The format that every player supports; it requires even sizes."""
 
 
 def write_video(
@@ -52,7 +52,7 @@ def write_video(
     frames_per_s : float
         Frames shown per second, 0.1 to 120.
     truth : bool
-        Draw time, place, attitude and the brightest stars' names over the pictures.
+        Whether to draw time, place, attitude and the brightest stars' names over the pictures.
     progress : callable
         Called with the number of frames written and their total.
 
@@ -80,7 +80,7 @@ def write_video(
 def _encode(
     source: Source, folder: Path, out: Path, frames_per_s: float, truth: bool, progress: Callable[[int], None]
 ) -> None:
-    # Loads FFmpeg, which other commands need not wait for.
+    # Imported here because it loads FFmpeg, for which other commands need not wait.
     import av
 
     with av.open(str(out), "w", format="mp4", options={"movflags": "+faststart"}) as container:
@@ -130,7 +130,7 @@ def video_picture(source: Source, position: int, folder: Path, truth: bool) -> N
 
 
 def _developed(dn: NDArray[np.uint16], sensor: dict[str, Any]) -> NDArray[np.uint8]:
-    """A raw frame, developed with automatic exposure by the sensor's part of its record."""
+    """Develop a raw frame with automatic exposure, using the sensor's part of its record."""
     pattern = sensor["bayer_pattern"]
     spec = SensorSpec(
         bits=sensor["bits"],

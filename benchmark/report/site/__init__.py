@@ -1,1 +1,1 @@
-"""The report over all tasks: a folder of plain pages that needs neither a server nor the network."""
+"""The report over all tasks: a folder of plain pages that need neither a server nor a network."""

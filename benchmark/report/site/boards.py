@@ -1,6 +1,6 @@
-"""What the report shows, worked out and ready to draw: boards of entries, one board to each set of results compared.
+"""Computed content of the report, ready to draw: boards of entries, one board for each set of compared results.
 
-A board holds the results on one set of frames in one mode of detections; all its solvers answered the same frames.
+A board holds the results on one set of frames in one mode of detection; all its solvers answered the same frames.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ F8 = NDArray[np.float64]
 
 MOST_LEVELS = 16
 _MOST_SHOWN = 9
-"""Groups of frames that success is shown by where no task grades them: as many as there are Bortle classes."""
+"""Number of groups of frames by which success is shown where no task grades them: that of the Bortle classes."""
 _NO_BREAK = Estimate(math.nan, math.nan, math.nan, 0)
 _MOST_GROUPS = 4
 _CIRCUMSTANCES = (
@@ -79,14 +79,14 @@ class Level:
 
 @dataclass(frozen=True)
 class Circumstance:
-    """Something of a frame that its task does not grade, but that varies: its name and the limits of its groups.
+    """A property of frames that varies but is not graded by their task: its name and the limits of its groups.
 
     Attributes
     ----------
     column, name, unit : str
-        Column of the table of frames, and what people call it.
+        Column of the table of frames, and name and unit as printed.
     groups : tuple of (float, float)
-        Least and largest value in each group of frames.
+        Smallest and largest value in each group of frames.
     """
 
     column: str
@@ -97,7 +97,7 @@ class Circumstance:
 
 @dataclass(frozen=True)
 class WorstFrame:
-    """The frame on which a solver did most harm: its farthest fix, or its refusal at the easiest condition."""
+    """The frame with a solver's worst failure: its farthest fix, or its refusal at the easiest condition."""
 
     frame_id: str
     condition: float
@@ -111,15 +111,15 @@ class Entry:
     Attributes
     ----------
     stored : StoredResult
-        Where it comes from.
+        The result from which it comes.
     metrics : mapping of str to Estimate
-        All of `metrics_within`, `confidence_metrics_within` and `covariance_metrics_within` by key, with the task's
-        limit. The area under the risk-coverage curve is undefined where no fix has a confidence.
+        All of `metrics_within`, `confidence_metrics_within` and `covariance_metrics_within` by key, with the task's limit.
+        The area under the risk-coverage curve is undefined where no fix has a confidence.
     success : Estimate
         By the limit of the task's own metric.
     rank : Rank
     break_point : Estimate
-        In the condition's unit.
+        In the unit of the condition.
     levels : tuple of Level
         In ascending order of the condition.
     bins, curve
@@ -127,9 +127,9 @@ class Entry:
     by_circumstance : tuple of tuple of Estimate
         Success in each group of each of the board's circumstances.
     statuses, reasons : mapping of str to int
-        How many frames ended in each.
+        Number of frames with each.
     worst : WorstFrame or None
-        None where every frame was right.
+        None where all frames are correct.
     """
 
     stored: StoredResult
@@ -168,12 +168,12 @@ class Board:
 
     @property
     def file_name(self) -> str:
-        """Of the board's page."""
+        """File name of the board's page."""
         return f"{self.task.key}-{self.split}-{self.detections}.html"
 
     @property
     def failures_file_name(self) -> str:
-        """Of the page that lists its failures."""
+        """File name of the page that lists its failures."""
         return f"{self.file_name.removesuffix('.html')}-failures.html"
 
     @property
@@ -183,7 +183,7 @@ class Board:
 
 
 def make_board(results: Sequence[StoredResult]) -> Board:
-    """Compare the results on one set of frames in one mode of detections.
+    """Compare the results on one set of frames in one mode of detection.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def make_board(results: Sequence[StoredResult]) -> Board:
 def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
     """Refuse to compare results of different frames. Raises ResultsError."""
     mine, theirs = one.provenance.frames, other.provenance.frames
-    truths = {mine.truth_sha256, theirs.truth_sha256} - {""}  # results of earlier formats do not say
+    truths = {mine.truth_sha256, theirs.truth_sha256} - {""}  # results of earlier formats do not state it
     same = mine.scenario_sha256 == theirs.scenario_sha256 and len(truths) < 2
     others = identities_in(other.frames)
     same &= not any(others.get(name, UNKNOWN).contradicts(its) for name, its in identities_in(one.frames).items())
@@ -237,7 +237,7 @@ def _check_same_frames(one: StoredResult, other: StoredResult) -> None:
 
 
 def _shown_by(task: TaskFacts, frames: pd.DataFrame) -> TaskFacts:
-    """Let success be shown by the first circumstance that varies, where nothing grades the frames."""
+    """Show success by the first circumstance that varies, where nothing grades the frames."""
     for name, words, unit in _CIRCUMSTANCES:
         if pd.Series(column(frames, name)).nunique() > 1:
             return dataclasses.replace(task, condition=words, unit=unit, by=name)
@@ -245,17 +245,17 @@ def _shown_by(task: TaskFacts, frames: pd.DataFrame) -> TaskFacts:
 
 
 def conditions_of(frames: pd.DataFrame, task: TaskFacts) -> F8:
-    """What success is shown by, frame by frame; NaN where it is not known, or nothing varies."""
+    """Value by which success is shown, for each frame; NaN where it is unknown or nothing varies."""
     return column(frames, task.by) if task.by else np.full(len(frames), math.nan)
 
 
 def _circumstances(frames: pd.DataFrame, task: TaskFacts) -> tuple[Circumstance, ...]:
-    """What varies from frame to frame besides the condition, in a few groups of like size each."""
+    """Circumstances that vary from frame to frame besides the condition, each in a few groups of similar size."""
     graded = pd.Series(conditions_of(frames, task)).fillna(-math.inf)
     found = []
     for name, words, unit in _CIRCUMSTANCES:
         values = column(frames, name)
-        # What goes with the condition is shown by the condition.
+        # A circumstance that depends on the condition alone is shown by the condition.
         if name == task.by or np.isnan(values).any() or pd.Series(values).groupby(graded).nunique().max() < 2:
             continue
         groups = groups_of(values, _MOST_GROUPS)
@@ -319,6 +319,6 @@ def _worst(frames: pd.DataFrame, task: TaskFacts) -> WorstFrame | None:
         words = f"fix off by {number(float(errors.max()), 'km')}"
         return WorstFrame(frames["frame_id"].iloc[place], float(values[place]), words)
     ease = pd.Series(-task.harder * values).fillna(-math.inf).where(failed, -math.inf)
-    # Where no condition tells frames apart, the first failure is as good as any.
+    # Where no condition distinguishes the frames, take the first failure.
     place = int(ease.argmax()) if ease.max() > -math.inf else int(failed.argmax())
     return WorstFrame(frames["frame_id"].iloc[place], float(values[place]), str(frames["reason"].iloc[place]))

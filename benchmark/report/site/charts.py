@@ -1,4 +1,4 @@
-"""The site's figures. Each is small enough to be read at its own size on a telephone."""
+"""The site's figures. Each is small enough to be read at its natural size on a telephone."""
 
 import itertools
 import math
@@ -19,18 +19,18 @@ from generator.drawing.style import LIGHT_PX, house_style
 SHAPES = ("circle", "square", "triangle", "diamond")
 # Size of one of many small panels, px.
 SMALL_PX = (226, 128)
-# Letters of a condition that a small panel holds under its axis.
+# Number of letters of a condition that fit under the axis of a small panel.
 _AXIS_LETTERS = 40
 _TITLE_LETTERS = 42
 _SQUARE_PX = (150, 128)
 _FOREST_PX, _NAMES_PX, _ROW_PX = 372, 168, 24
-# Marks of a figure that holds all solvers, against those of a small panel.
+# Size of marks in a figure with all solvers, relative to those of a small panel.
 _LARGE = 1.28
 
 
 @dataclass(frozen=True)
 class Style:
-    """How one solver looks in every figure: number of its colour, shape of its points."""
+    """Appearance of one solver in every figure: number of its colour, shape of its points."""
 
     colour: int
     shape: str
@@ -43,7 +43,7 @@ class Style:
 
 @dataclass(frozen=True)
 class Mark:
-    """One solver's number in a figure over solvers; `words` stand in its place where it is undefined."""
+    """One solver's number in a figure over solvers; `words` replace it where it is undefined."""
 
     name: str
     style: Style
@@ -56,19 +56,19 @@ Curves = Sequence[tuple[str, Style, Sequence[Level]]]
 
 @house_style()
 def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
-    """Success against the condition with its interval, one panel to a solver, all solvers in grey behind each.
+    """Success against the condition with its interval, one panel per solver, with all solvers in grey behind each.
 
     Parameters
     ----------
     curves : sequence of (name, Style, sequence of Level)
     task : TaskFacts
     identity : str
-        Id, unique on the page, of what the panels share.
+        Id of what the panels share, unique on the page.
 
     Returns
     -------
     backdrop, panels : Markup, list of Markup
-        The backdrop must stand on the page too.
+        The backdrop must be placed on the page too.
     """
     x, y = condition_scale([levels for _, _, levels in curves], task), share_scale("")
     behind, panel = Panel(x, y, *SMALL_PX), Panel(x, y, *SMALL_PX, bare=True)
@@ -86,7 +86,7 @@ def success_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Mark
 def success_curve(
     name: str, style: Style, levels: Sequence[Level], others: Sequence[Sequence[Level]], task: TaskFacts
 ) -> Markup:
-    """One solver's success against the condition, the best of the others at each value in grey behind."""
+    """One solver's success against the condition, with the best of the others at each value in grey behind."""
     panel = Panel(condition_scale([levels, *others], task), share_scale(""), *SMALL_PX)
     panel.across(0.5)
     best: dict[float, float] = {}
@@ -116,7 +116,7 @@ def _success(panel: Panel, style: Style, levels: Sequence[Level]) -> None:
 
 @house_style()
 def error_curves(curves: Curves, task: TaskFacts, identity: str) -> tuple[Markup, list[Markup]]:
-    """Median error against the condition with its interval, over the Cramér-Rao bound (dashed); as `success_curves`."""
+    """Median error against the condition with its interval and the Cramér-Rao bound (dashed); see `success_curves`."""
     x, y = condition_scale([levels for _, _, levels in curves], task), error_scale([levels for _, _, levels in curves])
     behind, panel = Panel(x, y, *SMALL_PX), Panel(x, y, *SMALL_PX, bare=True)
     for _, _, levels in curves:
@@ -139,7 +139,7 @@ def _errors(panel: Panel, style: Style, levels: Sequence[Level]) -> None:
         ((level.condition, level.median_error_km.low), (level.condition, level.median_error_km.high))
         for level in levels
     ]
-    # A bar over the whole axis says only that there are too few frames; it stays in the background.
+    # A bar over the whole axis only shows that there are too few frames; it stays in the background.
     bounded = [low[1] > 0.0 or math.isfinite(high[1]) for low, high in bars]
     panel.whiskers(list(itertools.compress(bars, bounded)), colour)
     panel.whiskers([bar for bar, known in zip(bars, bounded, strict=True) if not known], colour, alpha=0.2)
@@ -150,7 +150,7 @@ def _errors(panel: Panel, style: Style, levels: Sequence[Level]) -> None:
 
 
 def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
-    """Axis of kilometres that holds all medians and bounds, with a step for medians among the refused."""
+    """Axis of kilometres that contains all medians and bounds, with an extra step for medians that are refusals."""
     values = [level.median_error_km.value for levels in boards_levels for level in levels]
     values += [level.bound_km for levels in boards_levels for level in levels if not math.isnan(level.bound_km)]
     return log_scale(values, "km", refused=True)
@@ -158,7 +158,7 @@ def error_scale(boards_levels: Sequence[Sequence[Level]]) -> Scale:
 
 @house_style()
 def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
-    """One row to a solver: its number and interval."""
+    """One row per solver: its number and interval."""
     rows = len(marks)
     y = Scale(lambda row: 1.0 - (row + 0.5) / rows, ())
     panel = Panel(x, y, _FOREST_PX - _NAMES_PX - 20, rows * _ROW_PX, left=_NAMES_PX)
@@ -177,7 +177,7 @@ def forest(marks: Sequence[Mark], x: Scale, label: str) -> Markup:
 
 @house_style()
 def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) -> Markup:
-    """Success against median time; the step joins the solvers that none beats in both. Names stand at the right.
+    """Success against median time; the step joins the solvers that no other beats in both. Names are at the right.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def pareto(points: Sequence[tuple[str, Style, Estimate, Estimate]], label: str) 
 def reliabilities(
     solvers: Sequence[tuple[str, Style, Sequence[tuple[float, Estimate]]]], identity: str
 ) -> tuple[Markup, list[Markup]]:
-    """Share of right answers against the confidence claimed; on the diagonal, the claim is true. As `success_curves`."""
+    """Share of correct answers against the claimed confidence; on the diagonal the claim is true. See `success_curves`."""
     x, y = share_scale("confidence claimed", 0.5), share_scale("", 0.5)
     behind, panel = Panel(x, y, *_SQUARE_PX), Panel(x, y, *_SQUARE_PX, bare=True)
     behind.line([(0.0, 0.0), (1.0, 1.0)], SOFT.light, LIGHT_PX, dashes=DOTTED)
@@ -229,7 +229,7 @@ def reliabilities(
 def risk_coverages(
     solvers: Sequence[tuple[str, Style, Sequence[Point], float]], identity: str
 ) -> tuple[Markup, list[Markup]]:
-    """Share of wrong answers among those kept, against the share kept, most confident first. As `success_curves`.
+    """Share of wrong answers among those kept, against the share kept, most confident first. See `success_curves`.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def risk_coverages(
 
 
 def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale:
-    """Axis of a task's condition, harder to the right; its words are cut to what a small panel holds."""
+    """Axis of a task's condition, harder to the right; its title is cut to what a small panel can hold."""
     levels = sorted({level.condition for curve in curves for level in curve})
     unit = f", {task.unit}" if task.unit else ""
     words = _short(task.condition, min(_AXIS_LETTERS, _TITLE_LETTERS - len(unit)))
@@ -262,7 +262,7 @@ def condition_scale(curves: Sequence[Sequence[Level]], task: TaskFacts) -> Scale
 
 
 def _front(points: Sequence[Point]) -> list[Point]:
-    """Points that no other beats in both less time and more success, by time."""
+    """Points that no other beats in both time and success, by time."""
     front: list[Point] = []
     for time, success in sorted(points, key=lambda point: (point[0], -point[1])):
         if not math.isnan(success) and (not front or success > front[-1][1]):
@@ -271,7 +271,7 @@ def _front(points: Sequence[Point]) -> list[Point]:
 
 
 def _apart(places: Sequence[float], gap: float) -> list[float]:
-    """Places 0 to 1 moved as little as a sweep from below and one from above need to stand `gap` apart."""
+    """Move positions 0 to 1 as little as a sweep from below and one from above need to keep them `gap` apart."""
     order = sorted(range(len(places)), key=lambda n: places[n])
     moved = [min(max(place, 0.0), 1.0) for place in places]
     for before, after in itertools.pairwise(order):

@@ -1,4 +1,4 @@
-"""Columns of the site's tables: what each is called, how it is printed and how it sorts."""
+"""Columns of the site's tables: their headings, format and sort order."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmark.stats.intervals import Estimate
 
 
 class Measured(Protocol):
-    """What has numbers for columns: an entry of a board, or a solver over several."""
+    """Anything that has numbers for columns: an entry of a board, or a solver over several boards."""
 
     @property
     def metrics(self) -> Mapping[str, Estimate]:
@@ -27,7 +27,7 @@ class Measured(Protocol):
 
 @dataclass(frozen=True)
 class Column:
-    """One number of an entry; `first` is the direction in which a first press on its heading sorts."""
+    """One number of an entry; `first` is the direction in which the first click on its heading sorts."""
 
     heading: str
     hint: str
@@ -37,11 +37,11 @@ class Column:
     is_share: bool = False
 
     def value(self, entry: Measured) -> str:
-        """Print the number."""
+        """Format the number."""
         return self.form(self.estimate(entry).value)
 
     def interval(self, entry: Measured) -> str:
-        """Print its interval; empty where it has none."""
+        """Format its interval; empty where it has none."""
         found = self.estimate(entry)
         return "" if math.isnan(found.low) or found.low == math.inf else interval(found, self.form)
 
@@ -51,24 +51,24 @@ class Column:
 
 
 def script_number(value: float) -> str:
-    """Print a number for the page's script; empty where undefined."""
+    """Format a number for the page's script; empty where undefined."""
     if math.isnan(value):
         return ""
     return ("-" if value < 0 else "") + "Infinity" if math.isinf(value) else f"{value:.6g}"
 
 
 def signed(value: float) -> str:
-    """Print a difference of shares in points, with its sign."""
+    """Format a difference of shares in percentage points, with its sign."""
     return "—" if math.isnan(value) else f"{round(100.0 * value, 1) + 0.0:+.1f}".replace("-", "−")
 
 
 def p_value(value: float) -> str:
-    """Print a p-value: three decimals, or that it is below them."""
+    """Format a p-value: three decimals, or that it is smaller."""
     return "—" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def break_words(entry: Entry) -> str:
-    """Where the solver breaks, in a few words."""
+    """Describe in a few words where the solver breaks."""
     value = entry.break_point.value
     harder = entry.stored.task.harder
     if math.isnan(value):
@@ -79,7 +79,7 @@ def break_words(entry: Entry) -> str:
 
 
 def break_interval(entry: Entry) -> str:
-    """Its interval, an open end as the end of what was tested."""
+    """Interval of the break point; an open end is given as the end of the tested range."""
     found, tested = entry.break_point, [level.condition for level in entry.levels]
     if not tested or not math.isfinite(found.value):
         return ""
@@ -89,7 +89,7 @@ def break_interval(entry: Entry) -> str:
 
 
 def break_bracket(entry: Entry) -> str:
-    """The tested values on both sides of it."""
+    """Tested values on both sides of the break point."""
     bracket = tested_around(entry.break_point.value, [level.condition for level in entry.levels])
     return f"tested {graded(bracket[0])} and {graded(bracket[1])}" if bracket else ""
 
@@ -108,7 +108,7 @@ BOUND = Column("error / bound", "median of identified fixes", _metric("identifie
 NEES = Column("NEES", "identified fixes; honest: 2", _metric("nees"), number, "ascending")
 RISK = Column("risk-coverage area", "0 is perfect", _metric("risk_coverage_area"), number, "ascending")
 LEADING = (SUCCESS, BOUND, NEES, WRONG, TIME)
-"""The four numbers that lead every table: success, error over bound, honesty (two columns), time."""
+"""The four numbers that lead every table: success, error over bound, calibration (two columns), time."""
 SHORT = (MEDIAN, RISK)
 """Columns of a set's main table after the leading ones, rank and break point."""
 _LIMITS = tuple(
@@ -130,7 +130,7 @@ MORE = (
 )
 """Columns of the second table."""
 HEADLINE = (*LEADING, MEDIAN, _TAIL, *_STARS, _SLOWEST)
-"""What the terminal shows of one set of frames."""
+"""Columns that the terminal shows for one set of frames."""
 CALIBRATION = (
     Column("calibration error", "0 is perfect", _metric("ece"), percent, "ascending", True),
     Column("overconfidence", "claimed less right, points", _metric("overconfidence"), signed, "ascending"),

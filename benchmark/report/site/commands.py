@@ -1,4 +1,4 @@
-"""Shell commands that make a page again, as they are to be pasted."""
+"""Shell commands that produce a page again, ready to be pasted."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from benchmark.report.site.boards import Board, Entry
 
 @dataclass(frozen=True)
 class Places:
-    """Where the report reads, as the user named it.
+    """Folders from which the report reads, as the user named them.
 
     Attributes
     ----------
     out : Path
         Root of the results.
     data : Path
-        Folder of the frames of tasks and of datasets in shards.
+        Folder of the frames of tasks and of sharded datasets.
     """
 
     out: Path
@@ -29,7 +29,7 @@ class Places:
 
     @property
     def options(self) -> list[str]:
-        """For the command line."""
+        """Options for the command line."""
         chosen = ["--out", str(self.out)]
         return chosen if self.data == DEFAULT_DATA else [*chosen, "--data", str(self.data)]
 
@@ -41,7 +41,7 @@ def report_command(places: Places, figure: Path | None = None) -> str:
 
 
 def commands_of(runs: Sequence[tuple[Board, Sequence[Entry]]], places: Places) -> tuple[str, ...]:
-    """Commands that run these entries again and write the report; a comment for each that no command runs.
+    """Commands that run these entries again and write the report; a comment for each entry that no command runs.
 
     Parameters
     ----------

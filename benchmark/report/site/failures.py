@@ -1,4 +1,4 @@
-"""All frames on which a solver of a board failed, and which of them are shown with pictures."""
+"""All frames on which a solver of a board failed, and the selection that is shown with pictures."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class Failure:
     Attributes
     ----------
     entry : int
-        Place of the solver on the board.
+        Index of the solver on the board.
     frame_id : str
     condition : float
-        What success is shown by; NaN where nothing is.
+        Value by which success is shown; NaN where there is none.
     kind : int
-        Place in `KINDS`.
+        Index in `KINDS`.
     error_km : float
         Infinite without a fix.
     reason : str
@@ -76,9 +76,9 @@ def _of_entry(board: Board, place: int) -> Iterator[Failure]:
 
 
 def worst_first(board: Board, failures: Sequence[Failure]) -> list[Failure]:
-    """Failures with the most harmful of each solver first, the solvers taking turns.
+    """Sort failures with the worst of each solver first; the solvers take turns.
 
-    Fixes that are off come before refusals, the farthest first; refusals from the easiest condition on.
+    Wrong fixes come before refusals, the farthest first; refusals follow from the easiest condition on.
     """
 
     def harm(failure: Failure) -> tuple[float, float, float]:
@@ -91,9 +91,9 @@ def worst_first(board: Board, failures: Sequence[Failure]) -> list[Failure]:
 
 
 def pictured_frames(board: Board, failures: Sequence[Failure], most: int) -> list[str]:
-    """Ids of the frames that are to be shown with pictures, at most so many pictures; the most harmful first.
+    """Ids of the frames that are shown with pictures, for at most `most` pictures; the worst first.
 
-    Levels of a task that differ in what solvers are told share their picture.
+    Levels of a task that only differ in what solvers are told share their picture.
     """
     chosen: list[str] = []
     known: set[str] = set()
@@ -110,7 +110,7 @@ def pictured_frames(board: Board, failures: Sequence[Failure], most: int) -> lis
 
 
 def listed(board: Board, failures: Sequence[Failure]) -> dict[str, Any]:
-    """The failures as the page's script reads them: short, for there may be thousands."""
+    """Convert the failures for the page's script; the form is compact, because there may be thousands."""
     frames = list(dict.fromkeys(failure.frame_id for failure in failures))
     reasons = {reason: place for place, reason in enumerate(dict.fromkeys(failure.reason for failure in failures))}
     place_of = {frame_id: place for place, frame_id in enumerate(frames)}
@@ -138,7 +138,7 @@ def listed(board: Board, failures: Sequence[Failure]) -> dict[str, Any]:
 
 
 def counts_by_kind(board: Board, failures: Sequence[Failure]) -> list[tuple[str, list[int]]]:
-    """For each solver how many failures of each kind it has."""
+    """Number of failures of each kind, for each solver."""
     table = np.zeros((len(board.entries), len(KINDS)), dtype=int)
     for failure in failures:
         table[failure.entry, failure.kind] += 1

@@ -1,4 +1,4 @@
-"""Pictures of frames and their true stars, from where they are at hand."""
+"""Pictures of frames and their true stars, where these are available."""
 
 from __future__ import annotations
 
@@ -29,36 +29,36 @@ from generator.identity.pixels import pixels_sha256
 from generator.reading.table import check_claims
 
 MOST_STARS = 200
-# A task that varies what solvers are told has several frame ids to a picture, with the level at their end.
+# A task that varies what solvers are told has several frame ids per picture, which end with the level.
 _FRAME_ID = re.compile(r"(frame-[0-9]{5,8})(-[0-9]{1,2})?")
 _STAR_COLUMNS = ("frame_id", "u_px", "v_px", "electrons_e", "snr")
 
 
 def rendered_id(frame_id: str) -> str | None:
-    """Id of the frame as it was rendered; None for what is not an id of a frame."""
+    """Id of the frame as it was rendered; None for anything that is not the id of a frame."""
     found = _FRAME_ID.fullmatch(frame_id)
     return found.group(1) if found else None
 
 
 @dataclass(frozen=True)
 class FrameSource:
-    """Where frames may be found.
+    """Where frames are looked up.
 
     Attributes
     ----------
     data : Path or None
-        Folder of the frames of tasks and of datasets in shards. Frames of a rendered folder are looked for in that folder.
+        Folder of the frames of tasks and of sharded datasets. Frames of a rendered folder are looked up in that folder.
     """
 
     data: Path | None = None
 
     def picture(self, result: StoredResult, frame_id: str, width_px: int) -> bytes | None:
-        """WebP picture of a frame, stretched, at most so wide; None where the frame that the result is of is not at hand.
+        """Stretched WebP picture of a frame, at most `width_px` wide; None where the frame of the result is not available.
 
         Raises
         ------
         ResultsError
-            It is damaged.
+            The image is damaged.
         """
         rendered, place = rendered_id(frame_id), self._place(result)
         if rendered is None or place is None:
@@ -74,7 +74,7 @@ class FrameSource:
         return preview_webp(pixels, width_px) if _is_the_one(pixels, result, frame_id) else None
 
     def true_stars(self, result: StoredResult, frame_ids: Sequence[str]) -> dict[str, list[tuple[float, float]]]:
-        """Positions (px) of the brightest stars that leave a trace, by frame; of no frame where the truth is not at hand.
+        """Positions (px) of the brightest stars that leave a trace, by frame; empty where the truth is not available.
 
         Raises
         ------
@@ -99,13 +99,13 @@ class FrameSource:
             return {}
         places: dict[str, list[tuple[float, float]]] = {}
         for name, stars in pd.concat(tables).groupby("frame_id"):
-            known = stars["electrons_e"].notna().all()  # of photographs they may not be
+            known = stars["electrons_e"].notna().all()  # for photographs they may be unknown
             brightest = stars.nlargest(MOST_STARS, "electrons_e" if known else "snr")
             places[str(name)] = list(zip(brightest["u_px"].tolist(), brightest["v_px"].tolist(), strict=True))
         return {frame_id: places[name] for frame_id, name in rendered.items() if name in places}
 
     def _place(self, result: StoredResult) -> _Place | None:
-        """Where a result's frames are, if anywhere."""
+        """Find the folder of a result's frames, if there is one."""
         frames = result.provenance.frames
         rendered = Path(frames.target)
         if frames.grading is None and frames.definition_sha256 is None:
@@ -121,24 +121,24 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class _Place:
-    """Folders of images and of tables of stars; of rendered frames one folder, whose other tables hold no stars."""
+    """Folders of images and of tables of stars; for rendered frames one folder, whose other tables contain no stars."""
 
     images: Path
     stars: Path
 
     def star_tables(self) -> list[Path]:
-        """Files of the stars' truth."""
+        """Files with the truth of stars."""
         return sorted(self.stars.glob("stars.parquet" if self.stars == self.images else "*.parquet"))
 
 
 def _is_the_one(pixels: NDArray[np.uint16], result: StoredResult, frame_id: str) -> bool:
-    """Whether an image is the one that a result is of, by its hash; a result that states no hash is taken at its word."""
+    """Whether an image is the one that a result is of, by its hash; a result that states no hash is trusted."""
     stated = identities_in(result.frames).get(frame_id, UNKNOWN).image_sha256
     return stated is None or stated == pixels_sha256(pixels)
 
 
 def _is_of(folder: Path, scenario_sha256: str) -> bool:
-    """Whether a folder holds frames of a scenario, which gives the same frames wherever it is rendered."""
+    """Whether a folder contains frames of a scenario, which gives the same frames wherever it is rendered."""
     record = next(iter(sorted(folder.glob("frame-*.json"))), None) if folder.is_dir() else None
     try:
         return record is not None and json.loads(record.read_bytes())["scenario"]["sha256"] == scenario_sha256

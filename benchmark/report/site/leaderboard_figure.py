@@ -1,4 +1,4 @@
-"""The leaderboard as one picture that stands by itself: success of each solver on each task, with its interval."""
+"""The leaderboard as one self-contained picture: success of each solver on each task, with its interval."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TICKS = ((0.0, "0"), (0.5, ""), (1.0, "100 %"))
 
 @dataclass(frozen=True)
 class _Band:
-    """Part of the picture: some groups of tasks, side by side, with all solvers that ran them; `title` at its top."""
+    """Part of the picture: some groups of tasks, side by side, with all solvers that ran them; `title` is at its top."""
 
     title: str
     places: tuple[int, ...]
@@ -45,13 +45,13 @@ class _Band:
 
 @house_style()
 def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
-    """Draw the successes, one block to each question; the picture follows the reader from light to dark.
+    """Draw the successes, one block per question; the picture follows the reader's light or dark theme.
 
     Parameters
     ----------
     view : SiteView
     mark : PageMark
-        Of the results that are drawn.
+        Mark of the results that are drawn.
     """
     matrix = next(matrix for matrix in view.matrices if matrix.key == "success")
     rows_of = {one.key: [row for row in matrix.rows if row.detections == one.key] for one in view.overall}
@@ -75,7 +75,7 @@ def leaderboard_svg(view: SiteView, mark: PageMark) -> str:
 
 
 def _bands(title: str, tasks: Sequence[TaskFacts], rows: Sequence[MatrixRow]) -> list[_Band]:
-    """Groups of tasks that these solvers ran, as many beside each other as there is room for."""
+    """Arrange groups of tasks that these solvers ran, as many side by side as there is room for."""
     ran = [place for place in range(len(tasks)) if any(row.cells[place][1] is not None for row in rows)]
     packed: list[list[int]] = []
     for _, group in itertools.groupby(ran, key=lambda place: group_of(tasks[place].name)):
@@ -113,7 +113,7 @@ def _draw_band(figure: Figure, band: _Band, tasks: Sequence[TaskFacts], top: flo
 
 
 def _draw_block(figure: Figure, band: _Band, lefts: Sequence[float], top: float) -> None:
-    """The solvers' names and their successes on each task, from a height of `top` px down."""
+    """Draw the solvers' names and their successes on each task, from `top` px downwards."""
     for n, row in enumerate(band.rows):
         middle = top + _ROW_PX * (n + 0.5)
         _words(figure, _EDGE_PX, middle, _short(row.label), bold=True)
@@ -140,14 +140,14 @@ def _draw_task(axes: Axes, rows: Sequence[MatrixRow], column: int) -> None:
         success, colour = entry.success, colour_of(row.style.colour)
         if math.isnan(success.value):
             continue
-        # Wider than the dot, so that a narrow interval shows beside it.
+        # Wider than the dot, so that a narrow interval is visible next to it.
         axes.hlines([place], [success.low], [success.high], colors=[colour], linewidth=12.0, alpha=0.4)
         (dot,) = axes.plot([success.value], [place], "o", markersize=5.0, color=colour, clip_on=False)
         dot.set_gid(f"{row.label}: {percent(success.value)}")
 
 
 def _words(figure: Figure, u: float, v: float, words: str, bold: bool = False, soft: bool = False) -> None:
-    """Words from a place to the right, px from the top left corner."""
+    """Write words to the right of a position, px from the top left corner."""
     across, down = figure.get_size_inches() * DPI
     figure.text(
         u / across,

@@ -1,4 +1,4 @@
-"""The four numbers of each solver over several sets of frames, each of which counts alike."""
+"""The four numbers of each solver over several sets of frames, which count equally."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmark.stats.intervals import Estimate
 from benchmark.stats.overall import geometric_mean_of, mean_of
 
 COLUMNS = (*LEADING, RISK)
-"""What is taken over all sets of frames."""
+"""Columns that are averaged over all sets of frames."""
 _SUCCESS_KEY = "success"
 KEYS: dict[Column, str] = {
     SUCCESS: _SUCCESS_KEY,
@@ -24,11 +24,11 @@ KEYS: dict[Column, str] = {
     TIME: "median_time_ms",
     RISK: "risk_coverage_area",
 }
-"""What the columns are called in files."""
+"""Names of the columns in files."""
 _RATIOS = (BOUND, TIME)
-"""Numbers whose ratios matter: they have geometric means."""
+"""Columns in which ratios matter: they are averaged by geometric means."""
 _OF_ALL_FRAMES = (RISK,)
-"""Numbers that depend on how hard a set is: a mean over some sets alone would flatter."""
+"""Columns that depend on the difficulty of a set: a mean over some of the sets would flatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,15 @@ class OverallRow:
     ----------
     label : str
     entries : tuple of Entry
-        One of each set that it answered.
+        One for each set that it answered.
     n_sets : int
-        Sets that there are; where it did not answer all of them its numbers are undefined, as they would be of easier or
-        harder frames than those of others.
+        Number of sets. Where the solver did not answer all of them, its numbers are undefined, because they would be of
+        easier or harder frames than those of others.
     metrics : mapping of str to Estimate
-        Of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver has on some sets alone (it has no such
-        fix on the others) is the mean over these.
+        Values of `COLUMNS`, by the metrics' keys. A number of identified fixes that a solver only has on some sets (it has
+        no such fix on the others) is the mean over these.
     lacking : mapping of str to int
-        Sets without the number, by key; those alone that are not 0.
+        Number of sets without the number, by key; zeros are omitted.
     """
 
     label: str
@@ -62,17 +62,17 @@ class OverallRow:
         return self.metrics[_SUCCESS_KEY]
 
     def lacks(self, column: Column) -> int:
-        """How many sets are without the column's number, where others have it."""
+        """Number of sets without the column's number where other solvers have it."""
         return self.lacking.get(KEYS[column], 0)
 
 
 def overall_rows(boards: Sequence[Board]) -> tuple[OverallRow, ...]:
-    """Solvers over boards of different frames, the most successful first; those that did not answer all sets last.
+    """Rows for solvers over boards of different frames, the most successful first; those that did not answer all sets last.
 
     Parameters
     ----------
     boards : sequence of Board
-        One to each set of frames: of one mode of detections, or of whatever else may be compared.
+        One for each set of frames: of one mode of detection, or of any other property by which they may be compared.
     """
     found: defaultdict[str, list[Entry]] = defaultdict(list)
     for board in boards:

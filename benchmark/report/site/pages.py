@@ -1,4 +1,4 @@
-"""Writing the site: one page to the leaderboard, two to each board, one to each solver, and pictures beside them."""
+"""Writing of the site: one page for the leaderboard, two for each board, one for each solver, with pictures."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, 
     root : Path
         Tree of results.
     progress : callable
-        Called with the boards done and their number.
+        Called with the number of boards that are done and the total.
 
     Raises
     ------
@@ -74,20 +74,20 @@ def make_boards(root: Path, progress: Callable[[int, int], None] = lambda done, 
 
 
 def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOST_PICTURES) -> Path:
-    """Write the report to the folder ``site`` of the results; what an earlier report left there goes.
+    """Write the report to the folder ``site`` of the results; files of an earlier report are removed.
 
     Parameters
     ----------
     boards : sequence of Board
     places : Places
-        Of results and frames, as the user named them.
+        Folders of results and frames, as the user named them.
     most_pictures : int
-        Pictures of each set of frames; other failures are listed without one.
+        Number of pictures for each set of frames; other failures are listed without one.
 
     Returns
     -------
     Path
-        Of the first page.
+        Path of the first page.
 
     Raises
     ------
@@ -114,15 +114,15 @@ def write_site(boards: Sequence[Board], places: Places, most_pictures: int = MOS
 def render_site(
     boards: Sequence[Board], failed: Sequence[Sequence[Failure]], pictures: Sequence[Pictures], places: Places
 ) -> dict[str, str]:
-    """All pages, by file name; they need the `shared_files` beside them.
+    """Render all pages, by file name; they need the `shared_files` next to them.
 
     Parameters
     ----------
     boards : sequence of Board
     failed : sequence of sequence of Failure
-        Of each board.
+        Failures of each board.
     pictures : sequence of Pictures
-        Of each board.
+        Pictures of each board.
     places : Places
     """
     styles = make_styles(boards)
@@ -175,7 +175,7 @@ def _failures_page(
     pictures: Pictures,
     places: Places,
 ) -> str:
-    """The page that lists all failures of a board; its script shows those of its data that are asked for."""
+    """The page that lists all failures of a board; its script shows the requested part of its data."""
     commands = commands_of([(board, board.entries)], places)
     more = f"{commands[-1]} --pictures {MOST_PICTURES * 10}"
     content = listed(board, failures) | {
@@ -197,23 +197,23 @@ def _failures_page(
 
 
 def pack_data(content: Mapping[str, Any]) -> str:
-    """Data for a page's script: JSON, folded."""
+    """Pack data for a page's script: compressed JSON."""
     return fold(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
 
 
 def fold(text: str) -> str:
-    """Text for a page's script, compressed by gzip, in base64; the same text gives the same."""
+    """Compress text for a page's script by gzip, in base64; the same text gives the same result."""
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode("ascii")
 
 
 def render_figure(boards: Sequence[Board], places: Places, figure: Path) -> str:
-    """The leaderboard as one picture, SVG, for a file of that name."""
+    """Render the leaderboard as one SVG picture, for a file of that name."""
     view = make_view(boards, make_styles(boards), places)
     return leaderboard_svg(view, page_mark(entries_of(boards), ["*"], report_command(places, figure)))
 
 
 def shared_files() -> dict[str, str]:
-    """The style sheet and the scripts that all pages share, by file name."""
+    """Style sheet and scripts that all pages share, by file name."""
     style = "\n".join((palette_sheet(), *map(read_sheet, _SHEETS)))
     return {"site.css": style} | {name: read_sheet(f"site/{name}") for name in _SCRIPTS}
 
@@ -250,7 +250,7 @@ def _templates(styles: Mapping[str, Style], name: str) -> Callable[[str], jinja2
 
 @dataclass(frozen=True, eq=False)
 class Drawings:
-    """One panel to an entry, and the backdrop that they share."""
+    """One panel per entry, and the backdrop that they share."""
 
     backdrop: Markup
     panels: tuple[tuple[Entry, Markup], ...]
@@ -292,7 +292,7 @@ def _board_charts(board: Board, styles: Mapping[str, Style]) -> dict[str, Any]:
 
 
 def _inside(entry: Entry) -> Estimate:
-    """Break point with ends beyond what was tested brought to its edge; NaN where the value itself lies beyond."""
+    """Break point with its interval cut to the tested range; NaN where the value itself is infinite."""
     found, tested = entry.break_point, [level.condition for level in entry.levels]
     if not tested or not math.isfinite(found.value):
         return Estimate(math.nan, math.nan, math.nan, found.n)
@@ -306,7 +306,7 @@ def _success_panel(board: Board, entry: Entry, style: Style) -> Markup:
 
 
 def _thinned(curve: RiskCoverage, most: int = 16) -> list[tuple[float, float]]:
-    """Points of the curve, the last fix and the last frame among them; of level parts their ends."""
+    """Thin the curve's points, keeping the last fix and the last frame; level stretches are reduced to their ends."""
     n = len(curve.coverage)
     ends = {curve.n_fixes - 1, n - 1} - {-1}
     kept = sorted({*range(0, n, max(1, n // most)), *ends})
@@ -320,7 +320,7 @@ def _thinned(curve: RiskCoverage, most: int = 16) -> list[tuple[float, float]]:
 
 
 def _differences(board: Board) -> list[dict[str, Any]]:
-    """Rows of the table of differences: for each pair the difference of success and whether it is certain."""
+    """Rows of the table of differences: for each pair, the difference of success and whether it is significant."""
     known: dict[tuple[str, str], dict[str, Any]] = {}
     for pair in board.comparisons:
         sure = pair.success_p_holm <= 0.05

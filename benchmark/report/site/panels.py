@@ -1,7 +1,7 @@
 """Small figures of one kind, drawn at the size at which they are read.
 
-A page holds hundreds of small panels, one per solver, and must stay light, readable on a telephone and in print, and
-work without scripts. What the panels of a row share, axes above all, stands once on the page, in a backdrop.
+A page contains hundreds of small panels, one per solver, and must stay light, readable on a telephone and in print, and work
+without scripts. What the panels of a row share, above all the axes, is stored once on the page, in a backdrop.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LETTER_PX = 6.8
 
 
 def colour_of(series: int) -> str:
-    """Colour of a solver's series, by day."""
+    """Colour of a solver's series in the light theme."""
     return SERIES[series].light
 
 
@@ -39,13 +39,13 @@ class Panel:
     Parameters
     ----------
     x, y : Scale
-        Axes; `y` runs upwards, and its title stands over it.
+        Axes; `y` runs upwards, and its title is above it.
     width, height : int
-        Of the drawing area, px.
+        Size of the drawing area, px.
     left, right : int
-        Room beside it, px.
+        Margins next to it, px.
     bare : bool
-        Without axes, to be drawn over the backdrop of a panel of the same size.
+        Whether to omit axes, so that it can be drawn over the backdrop of a panel of the same size.
     """
 
     def __init__(
@@ -71,18 +71,18 @@ class Panel:
         alpha: float = 1.0,
         dashes: tuple[float, tuple[float, ...]] | None = None,
     ) -> None:
-        """Polyline; points without a defined value are left out."""
+        """Draw a polyline; points without a defined value are left out."""
         places = [self._at(point) for point in points if not math.isnan(point[1])]
         if places:
             u, v = zip(*places, strict=True)
             self._add(Line2D(u, v, color=colour, linewidth=width, alpha=alpha, linestyle=dashes or "-"))
 
     def ghost(self, points: Sequence[Point]) -> None:
-        """Another series, in the background."""
+        """Draw another series in the background."""
         self.line(points, SOFT.light, LIGHT_PX, 0.28)
 
     def steps(self, points: Sequence[Point]) -> None:
-        """Dotted line that keeps its height up to the next point."""
+        """Draw a dotted line that keeps its height up to the next point."""
         corners: list[Point] = []
         for n, (x, y) in enumerate(points):
             if n:
@@ -91,13 +91,13 @@ class Panel:
         self.line(corners, SOFT.light, LIGHT_PX, dashes=DOTTED)
 
     def band(self, low: Sequence[Point], high: Sequence[Point], colour: str) -> None:
-        """Area between two lines."""
+        """Fill the area between two lines."""
         outline = [self._at(point) for point in (*low, *reversed(high)) if not math.isnan(point[1])]
         if outline:
             self._add(Polygon(outline, closed=True, facecolor=colour, alpha=0.17, linewidth=0.0))
 
     def dot(self, point: Point, colour: str, shape: str, title: str = "", size: float = 1.0) -> None:
-        """Mark at a point; `title` shows under the pointer."""
+        """Draw a mark at a point; `title` appears under the pointer."""
         if math.isnan(point[1]) or math.isnan(point[0]):
             return
         u, v = self._at(point)
@@ -111,7 +111,7 @@ class Panel:
     def whiskers(
         self, ends: Sequence[tuple[Point, Point]], colour: str, width: float = 2.0, alpha: float = 0.6
     ) -> None:
-        """Interval bars between pairs of points; those with an undefined end are left out."""
+        """Draw interval bars between pairs of points; those with an undefined end are left out."""
         bars = [
             (self._at(start), self._at(end))
             for start, end in ends
@@ -121,17 +121,17 @@ class Panel:
             self._add(LineCollection(bars, colors=[colour], linewidths=[width], alpha=alpha))
 
     def across(self, value: float) -> None:
-        """Dotted line over the whole width at a value of y."""
+        """Draw a dotted line over the whole width at a value of y."""
         place = self.y.place(value)
         self._add(Line2D([0.0, 1.0], [place, place], color=SOFT.light, linewidth=LIGHT_PX, linestyle=DOTTED))
 
     def uprights(self) -> None:
-        """Grid lines over the whole height at the ticks of x."""
+        """Draw grid lines over the whole height at the ticks of x."""
         bars = [((self.x.place(value), 0.0), (self.x.place(value), 1.0)) for value, _ in self.x.ticks]
         self._add(LineCollection(bars, colors=[LINE.light], linewidths=[LIGHT_PX]))
 
     def row_text(self, y: float, words: str, du: float, bold: bool = False) -> None:
-        """Words at the left edge of a row, `du` px into it, or before it where negative; bold, or soft as an aside."""
+        """Write at the left edge of a row, `du` px into it, or before it if negative; in bold, or soft for an aside."""
         text = self._axes.text(
             du / self.width,
             self.y.place(y),
@@ -144,20 +144,20 @@ class Panel:
         self._add(text)
 
     def margin_text(self, point: Point, place: float, words: str) -> None:
-        """Words in the right margin at a height of 0 to 1, with a thin line to them from a point."""
+        """Write in the right margin at a height of 0 to 1, with a thin line from a point."""
         ends = self._at(point), (1.0 + 6.0 / self.width, place)
         self._add(LineCollection([ends], colors=[SOFT.light], linewidths=[0.7], alpha=0.6))
         self._add(self._axes.text(1.0 + 10.0 / self.width, place, words, va="center_baseline", color=INK.light))
 
     def svg(self, label: str, backdrop: str = "") -> Markup:
-        """Return the drawing and forget its marks, so that the panel serves the next series.
+        """Return the drawing and discard its marks, so that the panel can be used for the next series.
 
         Parameters
         ----------
         label : str
-            What the figure shows, for those who cannot see it.
+            Description of the figure for readers who cannot see it.
         backdrop : str
-            Id of a `backdrop` on the same page to draw over.
+            Id of a `backdrop` on the same page over which to draw.
         """
         behind = f'<use href="#{escape(backdrop)}"/>' if backdrop else ""
         drawn = inline_svg(self._figure, label, behind)
@@ -165,7 +165,7 @@ class Panel:
         return Markup(drawn)
 
     def backdrop(self, identity: str) -> Markup:
-        """Return axes and marks as a backdrop that other panels of the page share; it draws nothing by itself."""
+        """Return axes and marks as a backdrop that other panels of the page share; by itself it draws nothing."""
         marks = svg_marks(self._figure)
         self._clear()
         return Markup(
@@ -183,7 +183,7 @@ class Panel:
         axes.set_xticks([self.x.place(value) for value, _ in self.x.ticks], [words for _, words in self.x.ticks])
         axes.set_yticks([self.y.place(value) for value, _ in self.y.ticks], [words for _, words in self.y.ticks])
         if self.x.title:
-            # A long title moves left rather than out of the drawing.
+            # A long title moves to the left rather than out of the drawing.
             most = self.width + self.right - _LETTER_PX / 2.0 * len(self.x.title)
             axes.set_xlabel(self.x.title, x=min(0.5, most / self.width))
         if self.y.title:

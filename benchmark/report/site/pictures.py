@@ -1,4 +1,4 @@
-"""Pictures of frames as files beside the pages, and what each solver made of them as drawings to lay over them."""
+"""Picture files of frames next to the pages, and drawings of each solver's answer to be overlaid on them."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from generator.files import write_bytes
 
 PICTURES_FOLDER = "pictures"
 MOST_PICTURES = 100
-"""Pictures of a board unless told otherwise."""
+"""Default number of pictures per board."""
 PICTURE_WIDTH_PX = 640
 _STROKES = 'fill="none" stroke-linecap="round" stroke-width'
 _COLOURS = {"truth": "#f2d34e", "found": "#b9c6d6", "right": "#2fe0a6", "wrong": "#ff8247"}
-"""As in the pages' style sheet."""
+"""Colours as in the pages' style sheet."""
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Files of a board's pictures, by their paths from the pages.
+    """Files of a board's pictures, as paths relative to the pages.
 
     Attributes
     ----------
     frames : dict of str to str
-        By the id of the frame as rendered.
+        By the id of the frame as it was rendered.
     overlays : dict of (int, str) to str
-        By the solver's place on the board and the frame's id.
+        By the index of the solver on the board and the id of the frame.
     at_hand : bool
-        Whether the frames are at hand at all.
+        Whether the frames are available at all.
     """
 
     frames: dict[str, str] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Pictures:
 
 @dataclass(frozen=True)
 class Card:
-    """One solver's worst frame, and what it made of it; `overlay` is None where its detections are not at hand."""
+    """One solver's worst frame and its answer there; `overlay` is None where its detections are not available."""
 
     anchor: str
     label: str
@@ -62,18 +62,18 @@ class Card:
 def write_pictures(
     board: Board, failures: Sequence[Failure], source: FrameSource, site: Path, most: int = MOST_PICTURES
 ) -> Pictures:
-    """Write the pictures of the most harmful failures, and an overlay for each solver that failed on one.
+    """Write the pictures of the worst failures, and an overlay for each solver that failed on one.
 
     Parameters
     ----------
     board : Board
     failures : sequence of Failure
-        All of the board's.
+        All failures of the board.
     source : FrameSource
     site : Path
         Folder of the pages.
     most : int
-        Pictures.
+        Largest number of pictures.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _overlay(
 
 
 def remove_others(site: Path, kept: Sequence[Pictures]) -> None:
-    """Remove pictures that an earlier report left."""
+    """Remove pictures left by an earlier report."""
     places = {place for one in kept for place in (*one.frames.values(), *one.overlays.values())}
     for path in sorted((site / PICTURES_FOLDER).glob("*/*")):
         if path.relative_to(site).as_posix() not in places:
@@ -157,7 +157,7 @@ def remove_others(site: Path, kept: Sequence[Pictures]) -> None:
 
 
 def _svg(overlay: Overlay) -> str:
-    """An overlay as a file of its own: it stands on the picture, which is dark in every light."""
+    """An overlay as a separate file: it is shown on the picture, which is dark in both themes."""
     paths = "".join(
         f'<path stroke="{colour}" {_STROKES}="{overlay.dot_px if name == "found" else overlay.stroke_px}" d="{marks}"/>'
         for name, colour in _COLOURS.items()

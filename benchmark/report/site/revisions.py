@@ -1,4 +1,4 @@
-"""Of which revision the rows of the site are: marks of its pages, and words for its tables."""
+"""Revisions of the site's rows: marks for its pages, and words for its tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmark.run.freshness import State
 
 @dataclass(frozen=True)
 class PageMark:
-    """A mark and the sentence to print on the line after it."""
+    """A mark, and the sentence to print on the next line."""
 
     line: str
     sentence: str
@@ -25,22 +25,22 @@ def row_name(stored: StoredResult) -> str:
 
 
 def state_of(stored: StoredResult) -> State:
-    """How a result stands to today's code; one of a solver or frames that are not skybench's own is never called older."""
+    """State of a result relative to today's code; results of solvers or frames other than skybench's own are never older."""
     if stored.age is not None:
         return stored.age.state
     return State.TODAY if stored.provenance.solver.revision else State.UNRECORDED
 
 
 def page_mark(entries: Iterable[Entry], patterns: Sequence[str], by: str) -> PageMark:
-    """Mark a page or a figure of some results.
+    """Make the mark of a page or a figure of some results.
 
     Parameters
     ----------
     entries : iterable of Entry
     patterns : sequence of str
-        They match the names (`row_name`) of these results, and of no others.
+        They match the names (`row_name`) of these results and of no others.
     by : str
-        Command that makes it again.
+        Command that produces it again.
     """
     found = [entry.stored for entry in entries]
     states = {row_name(stored): state_of(stored) for stored in found}
@@ -55,7 +55,7 @@ def board_pattern(board: Board) -> str:
 
 
 def solver_mark(entries: Sequence[Entry], by: str) -> PageMark:
-    """Mark a page of all rows of one solver."""
+    """Make the mark of a page with all rows of one solver."""
     return page_mark(entries, sorted({f"*/{entry.label}" for entry in entries}), by)
 
 
@@ -65,7 +65,7 @@ def entries_of(boards: Sequence[Board]) -> list[Entry]:
 
 
 def not_of_today(entries: Iterable[Entry]) -> int:
-    """How many of some results are not known to be of today's code."""
+    """Number of results that are not known to be of today's code."""
     return sum(state_of(entry.stored) is not State.TODAY for entry in entries)
 
 

@@ -1,4 +1,4 @@
-"""Axes of the site's figures: where values lie, and how their ticks are labelled."""
+"""Axes of the site's figures: positions of values, and labels of ticks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class Scale:
-    """Where values lie along an axis: `place` gives 0 to 1, `ticks` are values and their labels."""
+    """Positions of values along an axis: `place` returns 0 to 1, `ticks` are values and their labels."""
 
     place: Callable[[float], float]
     ticks: tuple[Tick, ...]
@@ -31,7 +31,7 @@ def share_scale(title: str, step: float = 0.25) -> Scale:
 def log_scale(values: Iterable[float], title: str, refused: bool = False) -> Scale:
     """Logarithmic axis over whole decades around the positive, finite values.
 
-    With `refused`, one more step at the end stands for infinity.
+    With `refused`, an additional step at the end represents infinity.
     """
     finite = [value for value in values if math.isfinite(value) and value > 0.0]
     low = math.floor(math.log10(min(finite, default=0.1)) + 1e-9)
@@ -53,7 +53,7 @@ def log_scale(values: Iterable[float], title: str, refused: bool = False) -> Sca
 
 
 def level_scale(levels: Sequence[float], title: str, most: int = 7) -> Scale:
-    """Axis on which the graded values of a condition stand at equal distances, with values between them between."""
+    """Axis with the graded values of a condition at equal distances; other values are interpolated between them."""
     if len(levels) == 1:
         return Scale(lambda value: 0.5, ((levels[0], number(levels[0])),), title)
     order = sorted(levels)

@@ -56,7 +56,7 @@ _MATRICES = (
 
 @dataclass(frozen=True, eq=False)
 class MatrixRow:
-    """One solver in one mode of detections over all tasks; a cell is None where it was not run."""
+    """One solver in one mode of detection over all tasks; a cell is None where it was not run."""
 
     label: str
     family: str
@@ -80,17 +80,17 @@ class Matrix:
 
 @dataclass(frozen=True, eq=False)
 class Overall:
-    """The four numbers over all sets of frames, of the boards that answer one question.
+    """The four numbers over all sets of frames, for the boards that answer one question.
 
     Attributes
     ----------
     key, title : str
-        For an id, and for people.
+        Key for ids, and title for readers.
     n_sets : int
-        Sets of frames that each row is a mean over.
+        Number of sets of frames over which each row is a mean.
     rows : tuple of OverallRow
     by_group : mapping of str to mapping of str to OverallRow
-        The same over the sets of one group of tasks, by group and solver; empty where there is one group alone.
+        The same over the sets of one group of tasks, by group and solver; empty where there is only one group.
     """
 
     key: str
@@ -117,7 +117,7 @@ class SolverView:
 
 @dataclass(frozen=True, eq=False)
 class SiteView:
-    """Everything the first page shows; `groups` are those of its tasks."""
+    """Content of the first page; `groups` are those of its tasks."""
 
     name: str
     boards: tuple[Board, ...]
@@ -135,12 +135,12 @@ class SiteView:
 
 
 def solver_page(name: str) -> str:
-    """File name of a solver's page; the names of solvers are file names by `results.check_solver_name`."""
+    """File name of a solver's page; solver names are valid file names by `results.check_solver_name`."""
     return f"solver-{name}.html"
 
 
 def make_styles(boards: Sequence[Board]) -> dict[str, Style]:
-    """Each solver's colour and shape, the same in every figure: all colours with one shape, then with the next."""
+    """Assign each solver a colour and a shape for all figures: all colours with one shape, then with the next."""
     names = {(entry.stored.family, entry.stored.solver) for board in boards for entry in board.entries}
     return {
         name: Style(place % COLOURS, SHAPES[place // COLOURS % len(SHAPES)])
@@ -170,13 +170,13 @@ def make_view(boards: Sequence[Board], styles: Mapping[str, Style], places: Plac
 
 
 def tasks_of(boards: Sequence[Board]) -> tuple[TaskFacts, ...]:
-    """What the boards' frames are, each once, group by group."""
+    """Facts about the boards' frames, without duplicates, group by group."""
     found = {board.task.key: board.task for board in boards}.values()
     return tuple(sorted(found, key=lambda task: place_of(task.name)))
 
 
 def site_name(boards: Sequence[Board]) -> str:
-    """What the pages are of: a round by its name, or else the leaderboard."""
+    """Title of the pages: the name of a round, or else the leaderboard."""
     rounds = {
         board.task.title if board.entries[0].stored.provenance.frames.frozen is not None else "" for board in boards
     }
@@ -184,7 +184,7 @@ def site_name(boards: Sequence[Board]) -> str:
 
 
 def overall_of(boards: Sequence[Board]) -> tuple[Overall, ...]:
-    """The four numbers over all sets of frames, one table to each mode of detections."""
+    """The four numbers over all sets of frames, one table per mode of detection."""
     groups: defaultdict[str, list[Board]] = defaultdict(list)
     for board in boards:
         groups[board.detections].append(board)

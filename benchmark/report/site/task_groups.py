@@ -1,4 +1,4 @@
-"""Tasks in the groups in which people look for them."""
+"""Groups of tasks, as readers look for them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ OTHERS = "other frames"
 
 
 def group_of(task: str) -> str:
-    """Group of a task by its name without a revision; `OTHERS` for frames of somebody else."""
+    """Group of a task by its name without a revision; `OTHERS` for frames that are not skybench's."""
     return _GROUP_OF.get(task, OTHERS)
 
 
 def place_of(task: str) -> int:
-    """Order in which tasks stand: group by group, those of somebody else last."""
+    """Rank of a task in the order of display: group by group, tasks that are not skybench's last."""
     return _PLACE.get(task, len(_PLACE))
 
 
 def groups_among(tasks: Iterable[str]) -> tuple[str, ...]:
-    """Groups of these tasks, in the order in which they stand."""
+    """Groups of these tasks, in the order of display."""
     return tuple(dict.fromkeys(group_of(task) for task in sorted(tasks, key=place_of)))

@@ -1,4 +1,4 @@
-"""What the terminal shows of the boards: tables for people, a document for programs."""
+"""Terminal output for boards: tables for people, a document for programs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from benchmark.report.site.site_view import matrices_of, overall_of, tasks_of
 from benchmark.stats.intervals import Estimate
 
 SIDE_BY_SIDE = 4
-"""Solvers that fit beside one another into a terminal of 80 letters."""
+"""Number of solvers that fit side by side into a terminal of 80 characters."""
 
 
 def result_tables(boards: Sequence[Board]) -> list[Table]:
-    """What the terminal shows: all numbers of one board, or the successes of several."""
+    """Tables for the terminal: all numbers of one board, or the successes of several."""
     return board_tables(boards[0]) if len(boards) == 1 else [*overall_tables(boards), leaderboard_table(boards)]
 
 
 def overall_tables(boards: Sequence[Board]) -> list[Table]:
-    """The four numbers of each solver over all sets of frames, one table to each mode of detections."""
+    """The four numbers of each solver over all sets of frames, one table per mode of detection."""
     tables = []
     for overall in overall_of(boards):
         title = f"{overall.title}, {overall.n_sets} sets of frames (95 % intervals below)"
@@ -39,7 +39,7 @@ def overall_tables(boards: Sequence[Board]) -> list[Table]:
 
 
 def board_tables(board: Board) -> list[Table]:
-    """All numbers of one board with their intervals, for the terminal, SIDE_BY_SIDE solvers to a table."""
+    """All numbers of one board with their intervals, for the terminal, SIDE_BY_SIDE solvers per table."""
     title = f"{board.task.title} ({board.title}): {board.n_frames} frames (95 % intervals in brackets)"
     tables = []
     for first in range(0, len(board.entries), SIDE_BY_SIDE):
@@ -105,7 +105,7 @@ def boards_document(boards: Sequence[Board]) -> list[dict[str, object]]:
 
 
 def overall_document(boards: Sequence[Board]) -> list[dict[str, object]]:
-    """The four numbers of each solver over all sets of frames, in each mode of detections."""
+    """The four numbers of each solver over all sets of frames, in each mode of detection."""
     return [
         {
             "detections": overall.key,

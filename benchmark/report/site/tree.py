@@ -1,7 +1,7 @@
-"""Reading a tree of results (docs/benchmark.md), raw and packed.
+"""Reader of a tree of results (docs/benchmark.md), raw and packed.
 
-Raw results lie in ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/``, packed ones in ``RESULTS/LABEL/PART.json`` and
-``PART.parquet``. A raw result takes the place of the packed ones of the same solver on the same frames.
+Raw results are in ``RESULTS/LABEL/PART/DETECTIONS/SOLVER-KEY/``, packed ones in ``RESULTS/LABEL/PART.json`` and
+``PART.parquet``. A raw result replaces the packed one of the same solver on the same frames.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ GRADED = "condition"
 
 @dataclass(frozen=True)
 class TaskFacts:
-    """What the report needs to know of a task, or of frames that nothing grades.
+    """What the report needs to know about a task, or about ungraded frames.
 
     Attributes
     ----------
     name, revision, title : str
     condition, unit : str
-        What the task grades; the unit may be empty. Of frames that nothing grades: what success is shown by instead, empty
-        where nothing varies.
+        The graded quantity of the task; the unit may be empty. For ungraded frames: the quantity by which success is shown
+        instead, empty where nothing varies.
     harder : int
         1 where larger values of the condition are harder, -1 where smaller ones are.
     metric : str
@@ -83,24 +83,24 @@ class TaskFacts:
 
 @dataclass(frozen=True, eq=False)
 class StoredResult:
-    """One solver's result, as read.
+    """One solver's result as read from files.
 
     Attributes
     ----------
     folder : Path
-        Of its raw result, whether it is there or packed.
+        Folder of its raw result, whether it exists or is packed.
     solver, family, title, split, detections, key : str
     label : str
-        Tells it from the others of its board.
+        Distinguishes it from the others on its board.
     task : TaskFacts
     provenance : RunProvenance
     frames : DataFrame
     source : Path
-        File that says where it comes from.
+        File that states its provenance.
     established : str
-        How the solver's revision was found, where the run did not record it.
+        How the solver's revision was established, where the run did not record it.
     age : Age or None
-        How it stands to today's code; None where that is not at hand.
+        How it relates to today's code; None where that is not available.
     """
 
     folder: Path
@@ -119,7 +119,7 @@ class StoredResult:
     age: Age | None = None
 
     def detections_in(self, frame_ids: Collection[str]) -> dict[str, list[DetectionRow]]:
-        """Detections by frame; of no frame where the table of detections is not at hand.
+        """Detections by frame; empty where the table of detections is not available.
 
         Raises
         ------
@@ -138,21 +138,21 @@ class StoredResult:
 
 @lru_cache(maxsize=256)  # reading all solvers' files for each of a hundred rows takes ten seconds
 def family_of(solver: str) -> str:
-    """Which solvers one belongs with: celnav's own, the peers that come with skybench, or others' programs."""
+    """Family of a solver: celnav's own, the peers that come with skybench, or others' programs."""
     if solver not in known_solvers():
         return "others"
     return "celnav" if solver_folder(solver).spec.adapter == "celnav" else "peers"
 
 
 def read_tree(root: Path) -> list[list[StoredResult]]:
-    """Read all results, grouped by frames and mode of detections, in the order of their paths.
+    """Read all results, grouped by frames and mode of detection, in the order of their paths.
 
-    Those of a task's earlier revision are left out where a later one is there (`benchmark.run.superseded`).
+    Results on an earlier revision of a task are left out where a later one exists (`benchmark.run.superseded`).
 
     Raises
     ------
     ResultsError
-        There is none, or a file is damaged.
+        There are no results, or a file is damaged.
     """
     raw = [_read(summary) for summary in sorted(root.glob(_PATTERN))]
     replaced = {(result.folder.parent, result.solver) for result in raw}
@@ -223,7 +223,7 @@ def _stored(
 
 
 def _task_facts(frames: FrameFacts) -> TaskFacts:
-    """Frames of one condition are graded no more: what success is shown by is for the board to find."""
+    """Facts for the report; frames of a single condition count as ungraded, and the board finds how to show success."""
     name, _, revision = frames.label.rpartition("@")
     grading = frames.grading if frames.condition is None else None
     chosen = "" if frames.grading is None or frames.condition is None else _only(frames)

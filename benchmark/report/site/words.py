@@ -1,4 +1,4 @@
-"""Sentences of the pages: who is best, what can be told apart, and where the results come from."""
+"""Sentences of the pages: which solver is best, which differences are significant, and the provenance of results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOT_RECORDED = "not recorded"
 
 
 def site_verdict(boards: Sequence[Board]) -> str:
-    """What the leaderboard comes to, in a sentence or two."""
+    """Conclusion from the leaderboard, in a sentence or two."""
     leads: Counter[str] = Counter()
     shared = 0
     for board in boards:
@@ -41,7 +41,7 @@ def site_verdict(boards: Sequence[Board]) -> str:
 
 
 def board_verdict(board: Board) -> str:
-    """Who is best on a board, and whether that is certain."""
+    """Which solver is best on a board, and whether this is certain."""
     best = board.entries[0]
     head = f"{best.label} succeeds most often: {percent(best.success.value)} of the frames."
     if len(board.entries) == 1:
@@ -74,7 +74,7 @@ def detectable_words(board: Board) -> str:
 
 
 def run_words(entry: Entry) -> str:
-    """Where one result comes from."""
+    """Provenance of one result."""
     run = entry.stored.provenance
     machine = (
         f"{run.machine.get('cpu', 'unknown')} ({run.machine.get('cores', '?')} cores, {run.machine.get('system', '?')})"
@@ -89,7 +89,7 @@ def run_words(entry: Entry) -> str:
 
 
 def _renewal_words(renewed: Renewal | None) -> str:
-    """How many answers are of an earlier run."""
+    """How many answers are from an earlier run."""
     if renewed is None:
         return ""
     revision = renewed.rendered_with.get(GENERATOR_REVISION, NOT_RECORDED)
@@ -113,7 +113,7 @@ def _generator_words(frames: FrameFacts) -> str:
 
 
 def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
-    """Where a board comes from."""
+    """Provenance of a board."""
     frames = board.entries[0].stored.provenance.frames
     versions = {name: version for name, version in frames.rendered_with.items() if name != GENERATOR_REVISION}
     rendered = ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
@@ -136,7 +136,7 @@ def board_provenance(board: Board) -> tuple[tuple[str, str], ...]:
 
 
 def _hashes_words(board: Board) -> str:
-    """One hash of all images and truths, in the order of the frames' ids; empty where a result states none."""
+    """One hash over all images and truths, in the order of the frames' ids; empty where a result states none."""
     digest = hashlib.sha256()
     found = identities_in(board.entries[0].stored.frames)
     for name in sorted(found):
@@ -147,7 +147,7 @@ def _hashes_words(board: Board) -> str:
 
 
 def site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
-    """Where all results of the pages come from."""
+    """Provenance of all results on the pages."""
     runs = [entry.stored.provenance for board in boards for entry in board.entries]
     dates = sorted(run.date_utc for run in runs)
     return (
@@ -159,5 +159,5 @@ def site_provenance(boards: Sequence[Board]) -> tuple[tuple[str, str], ...]:
 
 
 def joined(values: Iterable[str]) -> str:
-    """Each of the values once, in order."""
+    """Join the values, without duplicates, in order."""
     return ", ".join(sorted(set(values)))

@@ -1,7 +1,7 @@
-"""astrometry.net behind docs/solver_protocol.md: ``solve-field`` of the system, with Debian's indexes of Tycho-2.
+"""astrometry.net behind docs/solver_protocol.md: the system's ``solve-field`` with Debian's Tycho-2 indexes.
 
-Given detections go to it as a list of positions; without them it detects in the image by itself (image2xy). Of a wider frame
-it gets the middle 30 deg: it compares the shapes of quads on planes, which wide fields bend.
+Supplied detections are passed on as a list of positions; without them it detects in the image by itself (image2xy). Of frames
+wider than 30 deg it receives the middle 30 deg, because it compares the shapes of quads on planes, which wide fields distort.
 """
 
 import json
@@ -26,9 +26,9 @@ PROTOCOL = "skybench-solver/1"
 INDEXES = Path("/usr/share/astrometry")
 INSTALL = "apt-get install -y astrometry.net astrometry-data-tycho2"
 SCALE_ERROR = 0.06
-"""Of the told field, to both sides; frames whose focal length is farther off are asked again with others."""
+"""Relative tolerance around the supplied field, to both sides; frames with a larger error of the focal length are retried."""
 MARGIN, LEAST_MARGIN_S = 0.1, 1.0
-"""Of the time that a request may take: left for the answer."""
+"""Share and least amount (s) of a request's time that are reserved for the answer."""
 SETTINGS = [
     "--no-plots",
     "--overwrite",
@@ -46,7 +46,7 @@ WIDEST_DEG = 30.0
 
 
 def version_of_program() -> str:
-    """Version of the installed program; ends with what to do where it is absent."""
+    """Version of the installed program; exits with a message that says what to do where it is missing."""
     if shutil.which("solve-field") is None:
         sys.exit(f"astrometry-net: solve-field is not installed; on Debian and Ubuntu: {INSTALL}")
     if not any(INDEXES.glob("index-tycho2-*.fits")):
@@ -56,7 +56,7 @@ def version_of_program() -> str:
 
 
 def middle_of(camera: dict[str, Any]) -> tuple[dict[str, Any], tuple[int, int]]:
-    """The camera of the frame's middle, no wider and no higher than `WIDEST_DEG`, and its first pixel in the frame."""
+    """Camera of the frame's middle, at most `WIDEST_DEG` wide and high, and the position of its first pixel in the frame."""
     most = 2 * camera["f_px"] * math.tan(math.radians(WIDEST_DEG / 2))
     corner = tuple(max(0, math.ceil((camera[side] - most) / 2)) for side in ("width", "height"))
     size = {side: camera[side] - 2 * first for side, first in zip(("width", "height"), corner, strict=True)}
@@ -64,16 +64,16 @@ def middle_of(camera: dict[str, Any]) -> tuple[dict[str, Any], tuple[int, int]]:
 
 
 def write_detections(uv: Any, path: Path) -> None:
-    """Positions in FITS' way, counted from 1, the brightest first."""
+    """Write positions by the FITS convention, counted from 1, the brightest first."""
     columns = [fits.Column(name, "E", array=uv[:MOST_DETECTIONS, axis] + 1.0) for axis, name in enumerate("XY")]
     fits.BinTableHDU.from_columns(columns).writeto(path)
 
 
 def solve(request: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Run it in an empty folder, and put its answer into the protocol's terms."""
+    """Run the program in an empty folder, and convert its answer to the protocol's terms."""
     started = time.perf_counter()
     camera, corner = middle_of(request["camera"])
-    # It measures a field by its scale in the middle times its width, as if it were flat.
+    # It measures a field by the scale in its middle times its width, as if it were flat.
     width_deg = math.degrees(camera["width"] / camera["f_px"])
     (folder / "config").write_text(f"add_path {INDEXES}\nautoindex\nminwidth 0.1\nmaxwidth 180\n")
     own = request["detections"] is None
@@ -108,7 +108,7 @@ def solve(request: dict[str, Any], folder: Path) -> dict[str, Any]:
             return answer | {"status": "error", "reason": failure}
         return answer | {"status": "refused", "reason": "did not solve"}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FITSFixedWarning)  # its header has axes and no image
+        warnings.simplefilter("ignore", FITSFixedWarning)  # its header has axes but no image
         wcs = WCS(fits.getheader(folder / "field.wcs"))
     return answer | {
         "status": "attitude",
@@ -118,14 +118,14 @@ def solve(request: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def search_time_s(limit_s: float, started: float) -> float:
-    """What the search may take of a request's time, which began at a reading of `time.perf_counter`."""
+    """Time for the search within a request that began at the given reading of `time.perf_counter`."""
     return max(limit_s - max(MARGIN * limit_s, LEAST_MARGIN_S) - (time.perf_counter() - started), 0.0)
 
 
 def run_within(limit_s: float, command: list[str], folder: Path) -> str:
-    """Run a command and end it, with all that it has started, after so many seconds; why it failed, or nothing.
+    """Run a command and end it, with everything that it has started, at the limit; returns why it failed, or nothing.
 
-    Its own limit is of processor time, which lasts longer on a machine with other work than a frame may take.
+    The program's own limit counts processor time, which on a busy machine lasts longer than a frame may take.
     """
     process = subprocess.Popen(
         command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -140,7 +140,7 @@ def run_within(limit_s: float, command: list[str], folder: Path) -> str:
 
 
 def read_detections(path: Path) -> Any:
-    """Its own detections, the brightest first, shape (n, 2)."""
+    """Read the program's own detections, the brightest first, shape (n, 2)."""
     if not path.is_file():
         return np.empty((0, 2))
     table = fits.getdata(path, 1)
@@ -148,7 +148,7 @@ def read_detections(path: Path) -> Any:
 
 
 def read_matches(path: Path, uv: Any) -> list[list[float]]:
-    """Rows of the detections with the places of their stars."""
+    """Read the indices of the matched detections, with the places of their stars."""
     if not path.is_file() or not len(uv):
         return []
     table = fits.getdata(path, 1)
@@ -162,13 +162,13 @@ def read_matches(path: Path, uv: Any) -> list[list[float]]:
 
 
 def rotation_of(wcs: Any, camera: dict[str, Any]) -> Any:
-    """Rotation ICRS to camera (x right, y down, z boresight) that fits the solution best over the frame."""
+    """Rotation from ICRS to camera (x right, y down, z boresight) that best fits the solution over the frame."""
     u, v = (
         axis.ravel() for axis in np.meshgrid(*(np.linspace(0, camera[side] - 1, 9) for side in ("width", "height")))
     )
     ra, dec = np.radians(wcs.all_pix2world(u, v, 0))
     sky = np.column_stack((np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)))
-    # Directions by its own scale: the one that it was told may be off.
+    # Directions use the scale of the solution, because the supplied scale may be off.
     (scale,) = np.sqrt(np.abs(np.linalg.det(wcs.pixel_scale_matrix)))[None]
     f_px = 1.0 / math.radians(scale)
     x, y = (u - (camera["width"] - 1) / 2) / f_px, (v - (camera["height"] - 1) / 2) / f_px
@@ -193,7 +193,7 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as folder:
                 try:
                     reply = solve(request, Path(folder))
-                except Exception as error:  # whatever it raises costs it the frame
+                except Exception as error:  # any exception costs it only this frame
                     reply = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
             reply |= {"type": "fix", "frame_id": request["frame_id"]}
             reply["time_ms"] = {"all": 1000.0 * (time.perf_counter() - started)}

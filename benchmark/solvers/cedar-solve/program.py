@@ -1,8 +1,8 @@
-"""cedar-solve behind docs/solver_protocol.md; runs in an environment of its own (requirements.txt), without skybench.
+"""cedar-solve behind docs/solver_protocol.md; runs in its own environment (requirements.txt), without skybench.
 
-Fields to 30 deg are solved with the database that comes with it. Those for wider fields are made on first use from the Yale
-Bright Star Catalogue that comes with skybench, which takes half a minute, and kept in the user's cache:
-`python program.py make` makes them beforehand, since an isolated program cannot keep them.
+Fields up to 30 deg are solved with the database that comes with it. Databases for wider fields are built on first use from
+the Yale Bright Star Catalogue that comes with skybench, which takes half a minute, and kept in the user's cache.
+`python program.py make` builds them beforehand, since an isolated program cannot keep them.
 """
 
 import json
@@ -24,13 +24,13 @@ DATABASE_FOVS_DEG = (45.0, 60.0, 90.0, 120.0)
 WIDEST_OF_DEFAULT_DEG = 30.0
 FOV_MAX_ERROR_DEG = 5.0
 MARGIN, LEAST_MARGIN_S = 0.1, 0.3
-"""Of the time that a request may take: left for the last pattern and for the answer."""
+"""Share and least amount (s) of a request's time that are reserved for the last pattern and for the answer."""
 EXTRACTION: dict[str, Any] = {}
-"""Of its detector, beside its defaults; docs/rivals.md has the tries."""
+"""Settings of its detector that differ from the defaults; docs/rivals.md reports the trials."""
 
 
 def write_bsc5(path: Path) -> None:
-    """Write the catalogue in the byte format of the SAO's BSC5 file, which tetra3 reads (29 bytes of header, 32 a star)."""
+    """Write the catalogue in the byte format of the SAO's BSC5 file, which tetra3 reads (29 bytes of header, 32 per star)."""
     rows = []
     for line in BSC.read_text(encoding="ascii", errors="replace").splitlines():
         line = line.ljust(197)
@@ -47,8 +47,8 @@ def write_bsc5(path: Path) -> None:
 
 
 def load_database(tetra3: Any, fov_deg: float) -> Any:
-    """Database of patterns for fields of view up to this; made where it is not yet there."""
-    name = CACHE / f"bsc5-{fov_deg:g}-deg-{VERSION.replace('.', '-')}"  # a dot would be taken for a suffix
+    """Load the database of patterns for fields of view up to this one; build it where it does not exist yet."""
+    name = CACHE / f"bsc5-{fov_deg:g}-deg-{VERSION.replace('.', '-')}"  # a dot would start a suffix
     if not name.with_suffix(".npz").exists():
         CACHE.mkdir(parents=True, exist_ok=True)
         catalogue = CACHE / "bsc5"
@@ -64,7 +64,7 @@ def load_database(tetra3: Any, fov_deg: float) -> Any:
 
 
 def rotation_of(found: dict[str, float]) -> Any:
-    """Rotation ICRS to camera (x right, y down, z boresight) from tetra3's right ascension, declination and roll."""
+    """Rotation from ICRS to camera (x right, y down, z boresight), from tetra3's right ascension, declination and roll."""
     ra, dec, roll = (math.radians(found[key]) for key in ("RA", "Dec", "Roll"))
     boresight = np.array([math.cos(ra) * math.cos(dec), math.sin(ra) * math.cos(dec), math.sin(dec)])
     east = np.array([-math.sin(ra), math.cos(ra), 0.0])
@@ -75,14 +75,14 @@ def rotation_of(found: dict[str, float]) -> Any:
 
 
 def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) -> dict[str, Any]:
-    """Detect, solve, and put the answer into the protocol's terms."""
+    """Detect, solve, and convert the answer to the protocol's terms."""
     camera = request["camera"]
     started = time.perf_counter()
     own = request["detections"] is None
     if own:
         with Image.open(request["image"]) as picture:
             image = np.asarray(picture).astype(np.float32)
-        # tetra3 counts from the first pixel's corner, rows first.
+        # tetra3 counts from the corner of the first pixel, row before column.
         centroids = np.asarray(tetra3.get_centroids_from_image(image, **EXTRACTION)).reshape(-1, 2)
         uv = centroids[:, ::-1] - 0.5
     else:
@@ -96,9 +96,9 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
         return result | {"status": "refused", "reason": "fewer than 4 detections"}
     fov = math.degrees(2 * math.atan(camera["width"] / 2 / camera["f_px"]))
     database = database_for(databases, fov)
-    # It verifies with so many of the brightest; the pattern of a fainter one would reach beyond their end (IndexError).
+    # It verifies with this number of brightest stars; a pattern with a fainter one would exceed them (IndexError).
     brightest = uv[: database.database_properties["verification_stars_per_fov"]]
-    # With `lens: pinhole` the principal point is in the middle, as tetra3 takes it to be. Rows come first.
+    # With `lens: pinhole` the principal point is in the middle, as tetra3 assumes. The row comes before the column.
     found = database.solve_from_centroids(
         brightest[:, ::-1] + 0.5, (camera["height"], camera["width"]), fov_estimate=fov,
         fov_max_error=FOV_MAX_ERROR_DEG, solve_timeout=1000 * search_time_s(request["time_limit_s"], started),
@@ -115,17 +115,17 @@ def answer(tetra3: Any, databases: dict[float, Any], request: dict[str, Any]) ->
 
 
 def search_time_s(limit_s: float, started: float) -> float:
-    """What the search may take of a request's time, which began at a reading of `time.perf_counter`."""
+    """Time for the search within a request that began at the given reading of `time.perf_counter`."""
     return max(limit_s - max(MARGIN * limit_s, LEAST_MARGIN_S) - (time.perf_counter() - started), 0.0)
 
 
 def database_for(databases: dict[float, Any], fov_deg: float) -> Any:
-    """The database of the smallest fields that are no smaller than this one; of the largest, where all are smaller."""
+    """Database with the smallest field that is not smaller than this one; if all are smaller, the one with the largest."""
     return databases[min((known for known in databases if known >= fov_deg), default=max(databases))]
 
 
 def matches_of(found: dict[str, Any], uv: Any) -> list[list[float]]:
-    """Rows of the detections with right ascension and declination of their stars, degrees."""
+    """Indices of the matched detections, with right ascension and declination of their stars, degrees."""
     matches = []
     for (y, x), (ra, dec, _) in zip(found["matched_centroids"], found["matched_stars"], strict=True):
         row = int(np.argmin(np.hypot(uv[:, 0] + 0.5 - x, uv[:, 1] + 0.5 - y)))
@@ -150,7 +150,7 @@ def main() -> None:
         else:
             try:
                 reply = answer(tetra3, databases, request)
-            except Exception as error:  # whatever it raises costs it the frame
+            except Exception as error:  # any exception costs it only this frame
                 reply = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
             reply |= {"type": "fix", "frame_id": request["frame_id"]}
         print(json.dumps(reply), file=replies, flush=True)

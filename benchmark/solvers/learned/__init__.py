@@ -1,1 +1,1 @@
-"""A star identification by a network that was trained here."""
+"""Star identification by a network that was trained in this project."""

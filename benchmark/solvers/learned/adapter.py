@@ -1,4 +1,4 @@
-"""A star identification by a network trained on simulated detections; the vertical makes a position of its attitude."""
+"""Adapter for star identification by a network trained on simulated detections; the vertical gives the position."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from benchmark.solvers.star_naming import EPOCH_JYEAR
 from celnav.sky.catalog import load_catalog, propagate
 
 FAINTEST_V = 6.5
-"""Of the stars that an attitude is held against."""
+"""Magnitude limit of the stars with which an attitude is compared."""
 FEWEST_DETECTIONS = 4
 
 
 @dataclass(frozen=True)
 class Learned:
-    """Patterns of the brightest detections, named by a network, believed where their angles agree."""
+    """Solver whose network names patterns of the brightest detections; names are accepted where their angles agree."""
 
     name = "learned"
     detector = "celnav"
 
     @property
     def version(self) -> str:
-        """Version of the distribution, of which it is a part."""
+        """Version of the skybench distribution, which contains it."""
         return distribution_version()
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
@@ -42,7 +42,7 @@ class Learned:
         return found
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Identify, and turn the attitude into a position."""
+        """Identify the stars, and convert the attitude to a position."""
         uv = np.asarray(detections.uv)
         brightness = np.ones(len(uv)) if detections.flux is None else np.asarray(detections.flux)
         brightest = np.argsort(-brightness, kind="stable")[:MOST_DETECTIONS]
@@ -67,7 +67,7 @@ class Learned:
 
 @lru_cache(maxsize=1)
 def _stars() -> tuple[NDArray[np.float64], Sky, NDArray[np.int64]]:
-    """Directions of the stars that the network knows, the sky, and its star ids."""
+    """Directions of the stars that the network knows, the sky for verification, and its star ids."""
     stars = load_catalog()
     bright = stars.take(stars.v_mag < FAINTEST_V)
     known = stars.take(stars.rows_of(trained_network().star_ids))

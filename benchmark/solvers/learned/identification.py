@@ -1,8 +1,8 @@
-"""From what the network names to an attitude: names that agree in their angles, and what they foretell of the other stars.
+"""Attitude from a network's names: names whose angles agree, verified by the other stars that they predict.
 
-A network names every detection by itself, some of them wrongly. Names are believed where the angles between them are those
-of the catalogue. The attitude of such a set is held against all detections, and is an answer if so many meet a star that
-chance would hardly do it.
+The network names every detection separately, some of them wrongly. Names are accepted where the angles between them are those
+of the catalogue. The attitude of such a set is compared with all detections; it is an answer if more detections match a star
+than is plausible by chance.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from benchmark.solvers.attitude_position import best_rotation
 from benchmark.solvers.pinhole import PinholeView
 
 NAMES_EACH = 3
-"""The most probable stars of a detection that are considered."""
+"""Number of the most probable stars of a detection that are considered."""
 LEAST_PROBABILITY = 0.02
 ANGLE_TOLERANCE_PX = 2.0
 ANGLE_TOLERANCE = 0.005
-"""Of an angle itself, beside the pixels."""
+"""Tolerance relative to the angle, in addition to the one in pixels."""
 SETS_TRIED = 12
 FEWEST_NAMES = 3
 MATCH_PX = (5.0, 3.0, 2.5)
-"""How near to a star a detection lies that meets it, fit after fit."""
+"""Largest distance of a detection from the star that it matches, for each successive fit."""
 STARS_PER_DETECTION = 2
 FEWEST_STARS = 40
 FREE_MATCHES = 2
-"""An attitude can be made to meet two stars."""
+"""Matches that do not count as evidence, because an attitude can always be made to match two stars."""
 MOST_CHANCE = 1e-6
-"""Probability that so many detections meet a star by chance."""
+"""Largest accepted probability that as many detections match a star by chance."""
 
 
 @dataclass(frozen=True)
 class Sky:
-    """Stars that an attitude is held against.
+    """Stars with which an attitude is compared.
 
     Attributes
     ----------
@@ -50,16 +50,16 @@ class Sky:
 
 @dataclass(frozen=True)
 class Identified:
-    """An attitude and the matches behind it.
+    """An attitude with its matches.
 
     Attributes
     ----------
     rotation : ndarray, shape (3, 3)
-        Takes ICRS directions to the camera frame.
+        Rotation from ICRS directions to the camera frame.
     detections, stars : ndarray of int, shape (k,)
-        Rows of the detections and of the sky.
+        Indices of the detections and of the stars of the sky.
     chance : float
-        Probability of as many matches of a false attitude.
+        Probability that a false attitude has as many matches.
     """
 
     rotation: NDArray[np.float64]
@@ -71,16 +71,16 @@ class Identified:
 def identify(
     view: PinholeView, probabilities: NDArray[np.float32], named: NDArray[np.float64], sky: Sky
 ) -> Identified | None:
-    """The attitude that most of the detections agree with; None where none is sure.
+    """Find the attitude with which most detections agree; None where no attitude is certain.
 
     Parameters
     ----------
     view : PinholeView
-        Shows the detections, in the order of `probabilities`.
+        View with the detections, in the order of `probabilities`.
     probabilities : ndarray, shape (n, m)
-        Of each star that the network knows, for each detection.
+        Probability of each star that the network knows, for each detection.
     named : ndarray, shape (m, 3)
-        ICRS unit vectors to those stars.
+        ICRS unit vectors of those stars.
     sky : Sky
     """
     detections, classes, chances = _candidates(probabilities)
@@ -107,7 +107,7 @@ def _candidates(probabilities: NDArray[np.float32]) -> tuple[NDArray[np.intp], N
 def _agreement(
     view: PinholeView, detections: NDArray[np.intp], classes: NDArray[np.intp], named: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Which pairs of names have the angle of their stars, shape (c, c)."""
+    """Which pairs of names have the same angle as their stars, shape (c, c)."""
     rays, stars = view.rays[detections], named[classes]
     seen = np.arccos(np.clip(rays @ rays.T, -1.0, 1.0))
     true = np.arccos(np.clip(stars @ stars.T, -1.0, 1.0))
@@ -116,13 +116,13 @@ def _agreement(
 
 
 def _sets(agree: NDArray[np.bool_], chances: NDArray[np.float64]) -> list[NDArray[np.intp]]:
-    """Sets of names of which each agrees with each, grown from the best supported ones."""
+    """Sets of names that all agree with each other, grown from the names with the best support."""
     support = chances * (agree @ chances)
     grown: dict[tuple[int, ...], None] = {}
     for first in np.argsort(-support)[:SETS_TRIED]:
         members, open_ = [int(first)], agree[first].copy()
         while open_.any():
-            # Of those that agree with all members, the one that most others of them support.
+            # Of the names that agree with all members, take the one with the most support from the others.
             rows = np.flatnonzero(open_)
             gain = chances[rows] * (agree[np.ix_(rows, rows)] @ chances[rows] + chances[rows])
             following = int(rows[np.argmax(gain)])
@@ -134,7 +134,7 @@ def _sets(agree: NDArray[np.bool_], chances: NDArray[np.float64]) -> list[NDArra
 
 
 def _held_against(view: PinholeView, rotation: NDArray[np.float64], sky: Sky) -> Identified | None:
-    """The attitude fitted to all detections that meet a star; None where chance could do as much."""
+    """Fit an attitude to all detections that match a star; None where chance could achieve as many matches."""
     n = len(view.rows)
     detections = stars = np.empty(0, dtype=np.intp)
     rows, xy = np.empty(0, dtype=np.intp), np.empty((0, 2))
@@ -143,7 +143,7 @@ def _held_against(view: PinholeView, rotation: NDArray[np.float64], sky: Sky) ->
         if len(rows) == 0:
             return None
         away, nearest = (np.asarray(each) for each in cKDTree(xy).query(view.xy))
-        # Of several detections at one star the nearest.
+        # Of several detections at one star keep the nearest.
         order = np.argsort(away)
         _, first = np.unique(nearest[order], return_index=True)
         met = order[np.sort(first)]
@@ -160,7 +160,7 @@ def _held_against(view: PinholeView, rotation: NDArray[np.float64], sky: Sky) ->
 def _in_view(
     view: PinholeView, rotation: NDArray[np.float64], sky: Sky, most: int
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows and places of the brightest stars of the sky in the frame."""
+    """Indices and positions of the brightest stars of the sky in the frame."""
     seen = sky.directions @ rotation.T
     front = seen[:, 2] > 0.1
     xy = view.f_px * seen[:, :2] / np.where(front, seen[:, 2], 1.0)[:, None]

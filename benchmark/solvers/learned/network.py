@@ -1,7 +1,7 @@
-"""The network of the solver `learned`: from patterns to the probabilities of the stars that it knows, in NumPy.
+"""The network of the solver `learned`, in NumPy: from patterns to the probabilities of the stars that it knows.
 
-Two hidden layers, ReLU, and one output for each star: Rijlaarsdam et al. 2020 (see `patterns`) have one hidden layer.
-tools/train_learned.py makes its weights, which lie beside this file.
+It has two hidden layers, ReLU, and one output per star; that of Rijlaarsdam et al. 2020 (see `patterns`) has one hidden
+layer. tools/train_learned.py trains its weights, which are stored next to this file.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 WEIGHTS = Path(__file__).with_name("weights.npz")
 FAINTEST_CLASS_V = 5.5
-"""The network knows the stars to this magnitude."""
+"""Magnitude limit of the stars that the network knows."""
 
 
 @dataclass(frozen=True)
 class Network:
-    """Weights and biases of its layers, and the stars of its outputs.
+    """Weights and biases of the layers, and the stars of the outputs.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Network:
     star_ids: NDArray[np.int64]
 
     def probabilities(self, patterns: NDArray[np.float32]) -> NDArray[np.float32]:
-        """How probable each star is for each pattern, shape (n, m)."""
+        """Probability of each star for each pattern, shape (n, m)."""
         values = patterns
         for weights, bias in self.layers[:-1]:
             values = np.maximum(values @ weights + bias, 0.0)
@@ -46,12 +46,12 @@ class Network:
 
 @lru_cache(maxsize=1)
 def trained_network() -> Network:
-    """The network as it was trained."""
+    """The trained network."""
     return read_network(WEIGHTS)
 
 
 def read_network(path: Path) -> Network:
-    """Read weights: arrays ``weights0``, ``bias0`` and so on, and ``star_ids``; nothing in the file is run."""
+    """Read weights from the arrays ``weights0``, ``bias0`` and so on, and ``star_ids``; nothing in the file is executed."""
     with np.load(path, allow_pickle=False) as stored:
         numbers = range(sum(name.startswith("bias") for name in stored.files))
         layers = [(stored[f"weights{n}"].astype(np.float32), stored[f"bias{n}"].astype(np.float32)) for n in numbers]

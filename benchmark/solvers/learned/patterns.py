@@ -1,9 +1,9 @@
-"""What the network sees of a star: how far from it the other detections are, and whether they are brighter.
+"""The network's view of a star: the distances of the other detections from it, and whether they are brighter.
 
 Rijlaarsdam et al. (Sensors 20, 3684, 2020, doi 10.3390/s20133684) describe a star by a histogram of the angular distances to
-its neighbours, which no rotation of the camera changes. Here the bins widen with the distance, because an error of the
-focal length grows with it; a distance is shared by its two nearest bins; and there is one histogram each of neighbours that
-are brighter, alike and fainter, because wide fields have many.
+its neighbours, which no rotation of the camera changes. Here the bins widen with the distance, because the effect of an error
+of the focal length grows with it. Each distance is shared between its two nearest bins. Brighter, similar and fainter
+neighbours have separate histograms, because wide fields contain many stars.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ NEAREST_DEG = 0.4
 FARTHEST_DEG = 36.0
 NARROWEST_BIN_DEG = 0.1
 BINS_PER_E_FOLD = 100
-"""Beyond 10 deg; there a bin is 0.2 deg wide, and at 36 deg 0.46 deg."""
+"""Bins per factor of e far beyond 10 deg; at 10 deg a bin is 0.2 deg wide, and at 36 deg 0.46 deg."""
 BINS = int(BINS_PER_E_FOLD * np.log1p(FARTHEST_DEG / (BINS_PER_E_FOLD * NARROWEST_BIN_DEG))) + 2
 KINDS = 3
 KIND_STEP_MAG = 1.2
-"""Between the middles of brighter, alike and fainter."""
+"""Difference in magnitude between the centres of the kinds brighter, similar and fainter."""
 PATTERN_SIZE = BINS * KINDS
 MOST_DETECTIONS = 60
-"""The brightest of a frame make its patterns."""
+"""Number of the brightest detections of a frame that take part in its patterns."""
 
 
 def patterns_of(rays: NDArray[np.float64], magnitudes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -31,9 +31,9 @@ def patterns_of(rays: NDArray[np.float64], magnitudes: NDArray[np.float64]) -> N
     Parameters
     ----------
     rays : ndarray, shape (n, 3)
-        Unit vectors to them in any frame.
+        Unit vectors to the detections, in any frame.
     magnitudes : ndarray, shape (n,)
-        Of any zero point.
+        Magnitudes with any zero point.
 
     Returns
     -------

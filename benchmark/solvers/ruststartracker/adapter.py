@@ -1,4 +1,4 @@
-"""Adapter for ruststartracker: triangles of angles; the vertical makes a position of its attitude."""
+"""Adapter for ruststartracker, which compares triangles of angles; the vertical converts its attitude to a position."""
 
 from __future__ import annotations
 
@@ -24,43 +24,46 @@ from benchmark.solvers.star_naming import EPOCH_JYEAR, named_matches
 
 TOLERANCE_PX = 1.5
 SEARCHES_S = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 8.0)
-"""How long a search may be. A tracker is made for one of them, and its table of angles takes up to a second and 65 MB."""
+"""Search limits to choose from. Each needs its own tracker, whose table of angles takes up to a second and 65 MB."""
 MAKING_S = 1.2
-"""Of the time that a frame may take: left for a tracker that has not been made yet, and for the answer."""
+"""Part of a frame's time that is reserved for a tracker that does not exist yet, and for the answer."""
 STARS_TO_LOOK_UP = 40.0
-"""Expected in the field among those that triangles are looked up of."""
+"""Expected number of stars in the field among those whose triangles are looked up."""
 LOOKUP_MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0)
-"""To choose from. Triangles of bright stars only: with all, half of the solvable frames of wide fields run out of time."""
+"""Magnitude limits to choose from.
+
+Triangles are of bright stars only: with all, half of the solvable wide fields time out.
+"""
 FAINTER_BY = 1.5
-"""Than the stars that are looked up are the faintest that verify."""
+"""Difference in magnitude between the faintest stars that verify and the faintest that are looked up."""
 FAINTEST = 7.0
-"""Its Hipparcos catalogue ends there."""
+"""Magnitude at which its Hipparcos catalogue ends."""
 EXTRACTION: Mapping[str, Any] = MappingProxyType({"min_star_area": 3, "max_star_area": 100})
-"""Settings of its detector beside its defaults; docs/rivals.md has the tries."""
+"""Settings of its detector that differ from the defaults; docs/rivals.md reports the trials."""
 STARS_TO_MAGNITUDE_0 = 4.8
-"""Of the whole sky, to V 0; 10 to the power of half a magnitude as many to a fainter one: 4,800 to V 6."""
+"""Stars in the whole sky to V 0; each magnitude multiplies their number by 10 to the power 0.5: 4,800 to V 6."""
 
 
 @dataclass(frozen=True)
 class RustStarTracker:
     """ruststartracker on the brightest detections, with its own Hipparcos catalogue to a magnitude that fits the field.
 
-    Its other catalogue, Gaia's, lacks the brightest stars, which are those that are detected first.
+    Its other catalogue, from Gaia, lacks the brightest stars, which are the first to be detected.
 
     Attributes
     ----------
     candidates : int
-        How many of the brightest detections it gets.
+        Number of the brightest detections that it receives.
     min_matches : int
-        Below it refuses.
+        With fewer matches it refuses.
     brightest_quantile : float
-        Of the image's pixels: what 255 of the 8 bits stands for that its detector reads; 0 stands for the median.
+        Quantile of the image's pixels that becomes 255 in the 8-bit image for its detector; the median becomes 0.
     threshold_quantile : float
-        Of those bytes, above which its detector sees light.
+        Quantile of those bytes that serves as the threshold of its detector.
     extraction : mapping
-        Settings of its detector beside its defaults.
+        Settings of its detector that differ from the defaults.
     ends_s : float, optional
-        Reading of `time.perf_counter` at which it should have answered; none: its longest search ends by itself.
+        Reading of `time.perf_counter` at which it should have answered; without one, its longest search limit applies.
     """
 
     candidates: int = 30
@@ -74,15 +77,15 @@ class RustStarTracker:
 
     @property
     def version(self) -> str:
-        """Of the installed package."""
+        """Version of the installed package."""
         return version("ruststartracker")
 
     def within(self, time_limit_s: float) -> RustStarTracker:
-        """The same, to answer within so many seconds from now."""
+        """Return the same solver with a time limit that starts now."""
         return dataclasses.replace(self, ends_s=time.perf_counter() + time_limit_s)
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Detect with its own detector, in 8 bits from the sky's level up."""
+        """Detect with its own detector, in 8 bits from the sky level upwards."""
         from ruststartracker.libruststartracker import get_threshold_from_histogram
         from ruststartracker.star import StarTrackerError
 
@@ -90,8 +93,9 @@ class RustStarTracker:
         bytes_ = np.clip(255.0 * (image - sky) / max(top - sky, 1.0), 0.0, 255.0).astype(np.uint8)
         height, width = image.shape
         try:
-            # It sorts by brightness and does not tell it. Any focal length does: it only checks the image's size. Its own
-            # threshold is given, since what works it out first does not run with OpenCV 5.
+            # It sorts by brightness but does not return it. Any focal length will do: it only checks the size of the image.
+            # The threshold is computed here with its own function, because the code that would otherwise call that function
+            # does not run with OpenCV 5.
             threshold = get_threshold_from_histogram(bytes_, fraction=self.threshold_quantile)
             uv = tracker(float(width), width, height, self.min_matches, SEARCHES_S[0]).get_centroids(
                 bytes_, n_candidates=self.candidates, threshold=threshold, **self.extraction
@@ -101,7 +105,7 @@ class RustStarTracker:
         return Points(np.asarray(uv, dtype=np.float64).reshape(-1, 2), None)
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Identify, and turn the attitude into a position."""
+        """Identify the stars, and convert the attitude to a position."""
         from ruststartracker.star import StarTrackerError
 
         uv = np.asarray(detections.uv)[: self.candidates]
@@ -113,7 +117,7 @@ class RustStarTracker:
             found = asked.process_observation_vectors(view.rays)
         except StarTrackerError as error:
             return Answer(ok=False, reason=str(error))
-        # Its quaternion takes the camera frame to the sky.
+        # Its quaternion rotates from the camera frame to the sky.
         rotation = Rotation.from_quat(np.asarray(found.quat, dtype=np.float64)).as_matrix().T
         matched = view.rows[np.asarray(found.obs_indices, dtype=np.intp)]
         up = observation.R_cam[:, 2]
@@ -128,7 +132,7 @@ class RustStarTracker:
 
 
 def magnitudes_for(f_px: float, width: int, height: int) -> tuple[float, float]:
-    """How faint the stars of a field are that are looked up, and those that verify."""
+    """Magnitude limits in a field, of the stars that are looked up and of those that verify."""
     x, y = width / 2.0 / f_px, height / 2.0 / f_px
     share = math.atan(x * y / math.sqrt(1.0 + x * x + y * y)) / math.pi
     expected = [share * STARS_TO_MAGNITUDE_0 * 10.0 ** (0.5 * limit) for limit in LOOKUP_MAGNITUDES]
@@ -138,7 +142,7 @@ def magnitudes_for(f_px: float, width: int, height: int) -> tuple[float, float]:
 
 
 def search_time_s(ends_s: float | None) -> float:
-    """How long a search may be that should have ended at a reading of `time.perf_counter`."""
+    """Search limit for a search that should end at a reading of `time.perf_counter`."""
     if ends_s is None:
         return SEARCHES_S[-1]
     left_s = ends_s - time.perf_counter() - MAKING_S
@@ -147,7 +151,7 @@ def search_time_s(ends_s: float | None) -> float:
 
 @lru_cache(maxsize=16)
 def tracker(f_px: float, width: int, height: int, min_matches: int, search_s: float) -> Any:
-    """A tracker for a pinhole; its table of angles is made for the field."""
+    """Build a tracker for a pinhole; its table of angles fits the field."""
     from ruststartracker.star import CameraParameters, StarTracker
 
     lookup, faintest = magnitudes_for(f_px, width, height)
@@ -163,7 +167,7 @@ def tracker(f_px: float, width: int, height: int, min_matches: int, search_s: fl
 
 @lru_cache(maxsize=8)
 def _stars(faintest: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Places and magnitudes of its catalogue."""
+    """Directions and magnitudes of its catalogue."""
     from ruststartracker.catalog import StarCatalog
 
     catalogue = StarCatalog.from_hipparcos(max_magnitude=faintest)

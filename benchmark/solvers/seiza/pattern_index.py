@@ -1,9 +1,9 @@
-"""The index of patterns that seiza's blind search looks up, made of a star catalogue.
+"""The index of patterns for seiza's blind search, built from a star catalogue.
 
-Its Python package opens such a file (`SEIZABI1`, little-endian) and has nothing that makes one; its command-line program,
-which has, is not on the Package Index. Rules and layout are those of its own builder: theatrus/seiza (Apache-2.0),
-`seiza/src/blind.rs`. A star that no other outshines within a radius, among stars to a magnitude that belongs to the radius,
-makes patterns: all fours among itself and the five next brightest there.
+Its Python package opens such a file (`SEIZABI1`, little-endian) but cannot build one; its command-line program can, but is
+not on the Package Index. Rules and layout are those of its own builder: theatrus/seiza (Apache-2.0), `seiza/src/blind.rs`.
+Each radius has a magnitude limit. A star that is the brightest within a radius, among stars to that limit, forms patterns:
+all groups of four from itself and the five next brightest stars there.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 TIERS = ((6.0, 6.1), (3.0, 7.6), (1.5, 9.2), (0.75, 10.7), (0.4, 11.8))
-"""Radii in degrees and magnitudes; those below are of stars that no catalogue here reaches."""
+"""Radii in degrees and their magnitude limits; the last ones are beyond the depth of any catalogue used here."""
 MOST_MEMBERS = 6
 LONGEST_DEG = 6.0
 """Longest edge of a pattern."""
@@ -24,7 +24,7 @@ HEADER = struct.Struct("<8sQQQffIIQQ")
 
 
 def index_of(ra_deg: Any, dec_deg: Any, magnitudes: Any, magnitude_limit: float) -> bytes:
-    """The file's content for n stars to the magnitude limit; three arrays of shape (n,), the places ICRS."""
+    """Content of the file for n stars to the magnitude limit; three arrays of shape (n,), with ICRS positions."""
     order = np.argsort(magnitudes, kind="stable")
     ra, dec, mag = np.radians(ra_deg)[order], np.radians(dec_deg)[order], np.asarray(magnitudes)[order]
     stars = np.column_stack((np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)))
@@ -43,7 +43,7 @@ def index_of(ra_deg: Any, dec_deg: Any, magnitudes: Any, magnitude_limit: float)
 
 
 def quads_of(stars: Any, mag: Any) -> Any:
-    """Rows of four stars that are a pattern, each once, shape (m, 4); the stars are sorted by magnitude."""
+    """Indices of the four stars of each pattern, without duplicates, shape (m, 4); the stars are sorted by magnitude."""
     found: dict[tuple[int, ...], None] = {}
     for radius_deg, faintest in TIERS:
         some = stars[: np.searchsorted(mag, faintest, side="right")]
@@ -55,14 +55,14 @@ def quads_of(stars: Any, mag: Any) -> Any:
 
 
 def planes_of(stars: Any) -> tuple[Any, Any, Any]:
-    """Patterns on planes that touch the sky in their middles, of unit vectors, shape (m, 4, 3).
+    """Project patterns, given as unit vectors of shape (m, 4, 3), onto planes tangent to the sky at their centres.
 
     Returns
     -------
     points : ndarray of float32, shape (m, 4, 2)
-        East and north, degrees, by the sum of a star's distances to the others.
+        East and north, degrees, sorted by the sum of a star's distances to the others.
     centre : ndarray, shape (m, 2)
-        Right ascension and declination of the middle, degrees.
+        Right ascension and declination of the centre, degrees.
     longest : ndarray, shape (m,)
         Largest distance, degrees.
     """
@@ -80,7 +80,7 @@ def planes_of(stars: Any) -> tuple[Any, Any, Any]:
 
 
 def keys_of(points: Any) -> Any:
-    """What the index is sorted by: the five shorter distances over the longest, sorted, a byte each."""
+    """Keys by which the index is sorted: the five shorter distances over the longest, sorted, one byte each."""
     ends = np.array(list(combinations(range(4), 2))).T
     apart = np.sort(np.linalg.norm(points[:, ends[0]].astype(float) - points[:, ends[1]], axis=-1), axis=1)
     bins = np.minimum(apart[:, :5] / apart[:, 5:] * BINS, 255).astype(np.uint64)

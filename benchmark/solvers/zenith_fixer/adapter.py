@@ -1,4 +1,4 @@
-"""Adapter for zenith-fixer: it answers with a position and an ellipse by itself."""
+"""Adapter for zenith-fixer, which itself returns a position and an ellipse."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from benchmark.solvers.told_errors import covariance_of_told
 from celnav.sky.wgs84 import MEAN_RADIUS_KM
 
 FISHEYE_K1 = 0.1
-"""Of the law on which fisheyes are laid; without a coefficient it takes the focal length from the size of the image."""
+"""Coefficient of the law to which fisheyes are mapped; without one it derives the focal length from the image's size."""
 
 
 @dataclass(frozen=True)
 class ZenithFixer:
-    """zenith-fixer with its bundled catalogue and its detector for point spreads of 1 to 2 px.
+    """zenith-fixer with its bundled catalogue and its detector for point spread functions of 1 to 2 px.
 
     Attributes
     ----------
     most : int
-        Detections.
+        Largest number of detections.
     psf_sigma_px : float
         Width of the matched filter.
     """
@@ -42,7 +42,7 @@ class ZenithFixer:
 
     @property
     def version(self) -> str:
-        """Of the installed package."""
+        """Version of the installed package."""
         return version("zenith-fixer")
 
     def detect(self, image: NDArray[np.uint16]) -> Detections:
@@ -54,7 +54,7 @@ class ZenithFixer:
         return Points(found[:, :2], found[:, 2])
 
     def solve(self, detections: Detections, observation: Observation) -> Answer:
-        """Resolve the position."""
+        """Determine the position."""
         import zenith
 
         camera = observation.camera
@@ -67,16 +67,16 @@ class ZenithFixer:
             fix = zenith.resolve_from_centroids(centroids, camera.f_px, 0.0, 0.0, up, utc, _catalogue(), **lens)
         except zenith.ZenithError as error:
             return Answer(ok=False, reason=str(error))
-        # It names stars, but not which detections they are.
+        # It names stars, but not the detections that they belong to.
         cov_km2 = position_covariance(fix.covariance, float(fix.latitude_deg), observation)
         return Answer(True, "", float(fix.latitude_deg), float(fix.longitude_deg), cov_km2)
 
 
 def position_covariance(stated_rad2: Any, latitude_deg: float, told: Observation) -> NDArray[np.float64]:
-    """East-north covariance of the position, km^2, of its own and of what is told of vertical and time.
+    """East-north covariance of the position, km^2, from its own one and from the uncertainties of vertical and time.
 
-    Its own is of north before east on a sphere, in radians squared, of independent errors of half a pixel of each star's
-    altitude, at least 1 arcmin; it takes vertical and time for exact.
+    Its own covariance lists north before east, on a sphere, in radians squared. It assumes independent errors of half a pixel
+    in each star's altitude, at least 1 arcmin, and takes vertical and time as exact.
     """
     (north, both), (_, east) = np.asarray(stated_rad2, dtype=np.float64)
     return MEAN_RADIUS_KM**2 * np.array([[east, both], [both, north]]) + covariance_of_told(latitude_deg, told)
@@ -85,9 +85,9 @@ def position_covariance(stated_rad2: Any, latitude_deg: float, told: Observation
 def _as_its_lens(
     uv: NDArray[np.float64], camera: CameraRecord
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], dict[str, float]]:
-    """Detections that it is given, their places under a lens that it knows, and what it is told of this lens.
+    """Detections that it receives, their positions under a lens that it supports, and the description of this lens.
 
-    It knows pinholes, and fisheyes whose radius is a polynomial of the angle: every fisheye is laid on one of these.
+    It supports pinholes, and fisheyes whose radius is a polynomial of the angle: every fisheye is mapped to one of these.
     """
     if camera.model in PERSPECTIVE:
         view = pinhole_view(uv, camera)

@@ -1,16 +1,17 @@
 r"""First-order effect of a wrong camera, attitude, clock or sky on a position.
 
-A solver that turns its sky until predicted and observed positions agree minimises sum |d_i - D_i t|^2 over small turns t,
-where d_i is the fault's share in the observed minus predicted position of star i (px), and D_i the derivative of the
-predicted position by a turn. Its answer moves by the t of that least-squares problem, linear in d. Faults that turn the
-whole sky, or the horizon, add to t directly and leave no residual: no fit can see them.
+A solver that rotates its sky until predicted and observed positions agree minimises sum |d_i - D_i t|^2 over small rotations
+t, where d_i is the contribution of the fault to the observed minus predicted position of star i (px), and D_i the derivative
+of the predicted position with respect to the rotation. Its answer moves by the t of that least-squares problem, which is
+linear in d. Faults that rotate the whole sky, or the horizon, add to t directly and leave no residual, so no fit can detect
+them.
 
-A turn of the sky by t (east, north, up; right-handed, rad) against the horizon is a displacement of the observer: going north
-by n turns the sky about east by n; going east by e turns it about the Earth's axis, by -e about north and -e tan(latitude)
-about up. Where the heading is given, the two numbers are fitted to all three of t with the stars' own weight; where only
-the vertical is, they are the first two.
+A rotation of the sky by t (east, north, up; right-handed, rad) relative to the horizon is a displacement of the observer.
+Going north by n rotates the sky about east by n; going east by e rotates it about the Earth's axis, by -e about north and -e
+tan(latitude) about up. Where the heading is supplied, the two displacements are fitted to all three components of t with the
+stars' own weight; where only the vertical is, they are the first two.
 
-The formulas hold for a camera of any lens model that looks anywhere, on a sphere for the astronomy and on WGS84 for the
+The formulas hold for a camera of any lens model in any direction, on a sphere for the astronomy and on WGS84 for the
 kilometres.
 """
 
@@ -38,7 +39,7 @@ FREE = ("focal length", "cx", "cy", "r^3", "r^5")
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The part of a frame that a prediction depends on.
+    """The part of a frame on which a prediction depends.
 
     Attributes
     ----------
@@ -47,11 +48,11 @@ class View:
     R_cam : ndarray, shape (3, 3)
         ENU to camera.
     latitude_deg : float
-        Of the observer.
+        Latitude of the observer.
     lens : Projection
-        That the solver is given where there is no fault.
+        Lens that the solver receives where there is no fault.
     half_diagonal_px : float
-        Of the frame.
+        Half of the frame's diagonal.
     """
 
     rays: F8
@@ -62,12 +63,12 @@ class View:
 
     @cached_property
     def from_centre(self) -> F8:
-        """Positions of the stars in the declared camera from its principal point, px, shape (n, 2)."""
+        """Positions of the stars in the declared camera relative to its principal point, px, shape (n, 2)."""
         return project(self.rays, self.lens) - [self.lens.cx_px, self.lens.cy_px]
 
     @cached_property
     def by_direction(self) -> F8:
-        """Derivatives of these positions by the components of the stars' directions, shape (n, 2, 3)."""
+        """Derivatives of these positions with respect to the components of the stars' directions, shape (n, 2, 3)."""
         return derivatives(self.rays, self.lens)
 
 
@@ -78,9 +79,9 @@ class Misfit:
     Attributes
     ----------
     shift_px : ndarray, shape (n, 2)
-        Added to observed minus predicted positions.
+        Contribution to observed minus predicted positions.
     turn_rad : ndarray, shape (3,)
-        Turn of the sky against the horizon (east, north, up) that leaves no residual.
+        Rotation of the sky relative to the horizon (east, north, up) that leaves no residual.
     """
 
     shift_px: F8
@@ -94,14 +95,14 @@ class Estimator:
     Attributes
     ----------
     horizon : str
-        The part of the attitude that it is given.
+        The part of the attitude that it receives.
     weights : str
         Whether errors count in pixels or in angle.
     free_sigmas : tuple of float
-        Standard deviations before the fit of the camera's five corrections, in the order of `FREE`: of the logarithm of the
+        Standard deviations, before the fit, of the camera's five corrections, in the order of `FREE`: of the logarithm of the
         focal length, of the principal point (px), and of the factors q of q (r/half diagonal)^2 and ^4; empty for none.
     noise_px : float
-        Of a centroid along each axis; sets the weight of the priors.
+        Noise of a centroid along each axis; sets the weight of the priors.
     """
 
     horizon: Horizon = "whole attitude"
@@ -111,22 +112,22 @@ class Estimator:
 
 
 def turning_derivatives(view: View) -> F8:
-    """Derivatives of positions by a turn of the sky about the camera's axes, px/rad, shape (n, 2, 3).
+    """Derivatives of positions with respect to rotations of the sky about the camera's axes, px/rad, shape (n, 2, 3).
 
-    A turn t moves a direction s by t x s.
+    A rotation t moves a direction s by t x s.
     """
     return view.by_direction @ -_cross_matrices(view.rays)
 
 
 def _cross_matrices(rays: F8) -> F8:
-    """Matrices, shape (n, 3, 3), that take t to s x t for each direction s."""
+    """Matrices, shape (n, 3, 3), that map t to s x t for each direction s."""
     x, y, z = rays.T
     zero = np.zeros_like(x)
     return np.stack((np.stack((zero, -z, y), 1), np.stack((z, zero, -x), 1), np.stack((-y, x, zero), 1)), axis=1)
 
 
 def camera_derivatives(view: View) -> F8:
-    """Derivatives of positions by the corrections in `FREE`, shape (n, 2, 5)."""
+    """Derivatives of positions with respect to the corrections in `FREE`, shape (n, 2, 5)."""
     place = view.from_centre
     q = (np.sum(place**2, axis=1) / view.half_diagonal_px**2)[:, None]
     across, down = np.zeros_like(place), np.zeros_like(place)
@@ -141,11 +142,11 @@ def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
     ----------
     view : View
     misfit : Misfit
-        Of the fault, or the sum of several.
+        Misfit of the fault, or the sum over several.
     estimator : Estimator
-        Of the solver: least squares with Gaussian priors on the camera's corrections.
+        Estimator of the solver: least squares with Gaussian priors on the camera's corrections.
     """
-    design = turning_derivatives(view) @ view.R_cam  # by turns about east, north and up
+    design = turning_derivatives(view) @ view.R_cam  # by rotations about east, north and up
     if estimator.free_sigmas:
         design = np.concatenate((design, camera_derivatives(view)), axis=2)
     to_weight = _to_angle(view) if estimator.weights == "angle" else np.broadcast_to(np.eye(2), (len(design), 2, 2))
@@ -163,9 +164,9 @@ def position_bias_km(view: View, misfit: Misfit, estimator: Estimator) -> F8:
 
 
 def _to_angle(view: View) -> F8:
-    """Matrices, shape (n, 2, 2), that take a displacement in px to one in rad along two directions across the ray."""
+    """Matrices, shape (n, 2, 2), that map a displacement in px to one in rad along two directions across the ray."""
     rays = view.rays
-    # Any axis far from the ray gives a basis of the plane at right angles to it.
+    # Any axis far from the ray gives a basis of the plane perpendicular to it.
     axis = np.eye(3)[np.argmin(np.abs(rays), axis=1)]
     one = np.cross(rays, axis)
     one /= np.linalg.norm(one, axis=1, keepdims=True)
@@ -184,7 +185,7 @@ def centre_misfit(view: View, shift_px: F8) -> Misfit:
 
 
 def k1_misfit(view: View, k1: float) -> Misfit:
-    """A first radial term that is `k1` too large: predicted positions move outward by k1 x (argument)^2 x position.
+    """A first radial coefficient that is `k1` too large: predicted positions move outward by k1 x (argument)^2 x position.
 
     The argument is the tangent of the angle off the axis for perspective lenses, the angle for fisheyes.
     """
@@ -203,15 +204,15 @@ def projection_misfit(view: View) -> Misfit:
 
 
 def attitude_misfit(view: View, turn_rad: F8) -> Misfit:
-    """Declared R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems turned back by it."""
+    """Declared R_cam rotated by `turn_rad` (about east, north, up) before it; the sky seems rotated by the inverse."""
     return Misfit(np.zeros((len(view.rays), 2)), -np.asarray(turn_rad, dtype=np.float64))
 
 
 def clock_misfit(view: View, late_s: float) -> Misfit:
-    """A declared time later than the true one: the sky is expected to have turned on about the Earth's axis.
+    """A declared time later than the true one: the sky is expected to have rotated further about the Earth's axis.
 
-    The Earth's rate times the delay, about (0, cos, sin) of the latitude: the position moves west by 464 m x cos(latitude)
-    a second.
+    The rotation is the Earth's rate times the delay, about (0, cos, sin) of the latitude: the position moves west by 464 m x
+    cos(latitude) per second.
     """
     latitude = math.radians(view.latitude_deg)
     axis = np.array([0.0, math.cos(latitude), math.sin(latitude)])
@@ -219,17 +220,17 @@ def clock_misfit(view: View, late_s: float) -> Misfit:
 
 
 def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> Misfit:
-    """Air declared absent: stars stand higher than predicted, by the refraction.
+    """Air declared absent: stars are higher than predicted, by the refraction.
 
-    Refraction by apparent altitude h, in arc minutes: cot(h + 7.31/(h + 4.4)), h in degrees, at 1010 hPa and 10 deg C, in
-    proportion to pressure over absolute temperature (Bennett 1982, Journal of Navigation 35, 255).
+    The refraction at apparent altitude h, in arc minutes, is cot(h + 7.31/(h + 4.4)), with h in degrees, at 1010 hPa and 10
+    deg C, and proportional to pressure over absolute temperature (Bennett 1982, Journal of Navigation 35, 255).
     """
     zenith = view.R_cam[:, 2]
     sine = view.rays @ zenith
     altitude_deg = np.degrees(np.arcsin(np.clip(sine, -1, 1)))
     arcmin = 1 / np.tan(np.radians(altitude_deg + 7.31 / (altitude_deg + 4.4)))
     angle = np.radians(arcmin / 60) * pressure_hpa / 1010 * 283 / (273 + temperature_c)
-    # Each star is turned about the horizontal axis at right angles to its vertical circle, upwards.
+    # Each star is rotated upwards about the horizontal axis perpendicular to its vertical circle.
     axis = np.cross(view.rays, zenith)
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
     return Misfit(np.einsum("nij,nj->ni", turning_derivatives(view), axis * angle[:, None]))
@@ -238,9 +239,9 @@ def refraction_misfit(view: View, pressure_hpa: float, temperature_c: float) -> 
 def epoch_misfit(view: View, pole: F8, declared_pole: F8, local_angle_rad: float) -> Misfit:
     """A declared date with another celestial pole, at the same Earth rotation angle.
 
-    Between two dates the celestial intermediate system turns by the difference (dX, dY) of the pole's coordinates: by
-    (dY, -dX, 0) about the axes that the Earth rotation angle counts from (X grows by 20.04 arcsec a year). Proper motion,
-    which differs from star to star, is left out.
+    Between two dates the celestial intermediate system rotates by the difference (dX, dY) of the pole's coordinates, that is,
+    by (dY, -dX, 0) about the axes from which the Earth rotation angle is counted (X grows by 20.04 arcsec per year). Proper
+    motion, which differs from star to star, is neglected.
 
     Parameters
     ----------
@@ -261,5 +262,5 @@ def epoch_misfit(view: View, pole: F8, declared_pole: F8, local_angle_rad: float
             [math.cos(latitude) * c, math.cos(latitude) * s, math.sin(latitude)],
         ]
     )
-    # The predicted sky is turned by this; the observed one seems turned back.
+    # The predicted sky is rotated by this; the observed one seems rotated by the inverse.
     return Misfit(np.zeros((len(view.rays), 2)), -to_enu @ sky_turn)

@@ -1,12 +1,12 @@
-"""A camera recovered from pictures by differentiating the renderer's star pass, against its Cramer-Rao bound.
+"""A camera recovered from pictures by differentiating the renderer's star pass, compared with its Cramer-Rao bound.
 
-A picture is rendered and read out with noise. The recovery starts from a camera that is wrong in focal length,
-distortion and attitude, renders the stars through it with derivatives, and corrects it until the residuals are those of
-noise: Fisher scoring on the pixels. A derivative of a point of light reaches no farther than its width, so that the first
-steps look at both images through a wide Gaussian, and the last at the pixels themselves.
+A picture is rendered and read out with noise. The recovery starts from a camera with errors in focal length, distortion and
+attitude, renders the stars through it with derivatives, and corrects it until only noise remains in the residuals: Fisher
+scoring on the pixels. The derivative of a point of light reaches no farther than its width. The first steps therefore view
+both images through a wide Gaussian, and the last ones use the pixels themselves.
 
-Known are the names and light of the stars, the sky behind them, what the lens scatters, and the noise. The bound is that of
-the five camera parameters with all of this known.
+The names and light of the stars, the sky background, the light scattered by the lens, and the noise are known. The bound is
+that of the five camera parameters with all of this known.
 """
 
 from __future__ import annotations
@@ -39,34 +39,35 @@ F8 = NDArray[np.float64]
 
 BLURS_PX = (8.0, 4.0, 2.0, 1.0, 0.0)
 COARSE_STEPS, MOST_STEPS = 8, 40
-"""Of a stage through a wide Gaussian, and of the last one, which goes on until it has settled."""
+"""Number of steps of a stage with a wide Gaussian, and limit for the last stage, which continues until it has settled."""
 STARTING_PX = 2.0
-"""Standard deviation of the starting camera's errors, by how far each moves a star, px: in the frame's corner for focal
-length, k1 and the turn about the axis, on the axis for the other turns."""
+"""Standard deviation of the starting camera's errors, expressed as the displacement of a star, px: in the frame's corner for
+focal length, k1 and the rotation about the axis, on the axis for the other rotations."""
 SATURATED = 0.8
-"""Pixels whose expectation exceeds this part of saturation are left out."""
+"""Pixels whose expectation exceeds this fraction of saturation are left out."""
 LONGEST_STEP_PX = 4.0
 """A step that would move the stars further, on average, is shortened to this: with few stars in a frame the first steps can
 overshoot by more than the blurred images reach."""
 SETTLED = 1e-3
-"""A step shorter than this part of its standard deviation ends the iteration."""
+"""A step shorter than this fraction of its standard deviation ends the iteration."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """One picture's camera.
+    """Recovery of the camera of one picture.
 
     Attributes
     ----------
     frame : int
     start, error, sigma : ndarray, shape (5,)
-        Errors of the starting camera and of the recovered one, and the bound's standard deviations, in the order and units of
-        `generator.plugins.star_gradient.PARAMETERS`.
+        Errors of the starting camera and of the recovered one, and the standard deviations of the bound, in the order and
+        units of `generator.plugins.star_gradient.PARAMETERS`.
     nees : float
-        Square of the error in the bound's metric: chi^2 with five degrees of freedom where the bound is reached.
+        Square of the error in the metric of the bound: chi^2 with five degrees of freedom where the bound is attained.
     steps : int
     path_px : tuple of float
-        Root mean square distance of the predicted stars from where they are, after each step, px; the start first.
+        Root-mean-square distance of the predicted stars from their true positions, after each step, px; the start comes
+        first.
     """
 
     frame: int
@@ -84,9 +85,9 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
     Parameters
     ----------
     scenario : Scenario
-        With a lens model that has a k1, one channel, a Gaussian point spread function and a still camera.
+        A scenario with a lens model that has a k1, one channel, a Gaussian point spread function and a still camera.
     index : int
-        Of the frame.
+        Index of the frame.
     """
     mi = plugins.start()
     from generator.plugins.star_gradient import DifferentiableStars  # needs Mitsuba's variant
@@ -124,13 +125,13 @@ def recover_camera(scenario: Scenario, index: int) -> Recovery:
 
 
 def gradient_scenario(scenario: Scenario, camera: CameraSpec, n_frames: int) -> Scenario:
-    """The scenario as the recovery takes it: a lens model with a k1, a Gaussian point spread without wings, steady stars."""
+    """Adapt a scenario for the recovery: a lens model with k1, a Gaussian point spread without wings, steady stars."""
     lens = with_k1(camera.projection, 0.0)
     if lens is None:
         raise ValueError(f"{camera.model} has no k1")
     left_out = ("hfov_deg", "focal_length_mm", "psf", "bloom", "ghosts")
     section = {key: value for key, value in scenario.template["camera"].items() if key not in left_out}
-    # Wings and glare count as known, though they depend on the camera too.
+    # Wings and glare count as known, although they depend on the camera too.
     section |= {"bloom": {"share": 0.0}, "veiling_glare": 0.0}
     section |= {"model": lens.model, "f_px": lens.f_px, "k": list(lens.k), "p": list(lens.p)}
     if camera.psf is not None:
@@ -140,9 +141,9 @@ def gradient_scenario(scenario: Scenario, camera: CameraSpec, n_frames: int) -> 
 
 
 def passed_share(plan: FramePlan) -> F8:
-    """Part of the stars' light in each pixel that the lens does not scatter and dust does not stop, shape (height, width).
+    """Fraction of the stars' light in each pixel that neither the lens scatters nor dust stops, shape (height, width).
 
-    The differentiable pass renders all of the light; the renderer puts what is scattered into the light of the sky.
+    The differentiable pass renders all of the light; the renderer adds what is scattered to the light of the sky.
     """
     camera = plan.spec.camera
     passed = np.full((camera.height, camera.width), camera.direct_share)
@@ -161,7 +162,7 @@ def starting_sigma(camera: CameraSpec) -> F8:
 
 
 def recover_all(scenario: Scenario, n_frames: int, progress: Advance) -> tuple[Recovery, ...]:
-    """Recover the camera of each of the first frames by itself."""
+    """Recover the camera of each of the first frames separately."""
     found = []
     for index in range(n_frames):
         found.append(recover_camera(scenario, index))
@@ -180,7 +181,7 @@ def spoiled(plan: FramePlan, change: F8) -> FramePlan:
 
 
 def difference(plan: FramePlan, declared: FramePlan, values: F8) -> F8:
-    """Difference of a declared camera plus `values` from a plan's own, shape (5,)."""
+    """Difference between a declared camera plus `values` and the camera of a plan, shape (5,)."""
     ours, theirs = plan.spec.camera.projection, declared.spec.camera.projection
     x, y, z = values[2:] / 2
     turn = Rotation.from_quat([x, y, z, 1.0])
@@ -207,14 +208,15 @@ def _electrons(rendered: RenderedFrame) -> tuple[F8, F8, float]:
 def _score(
     stars: F8, derivatives: F8, observed: F8, background: F8, noise_variance: float, full_e: float, blur_px: float
 ) -> tuple[F8, F8]:
-    """A step of Fisher scoring and the information, of pixels with Poisson light and Gaussian read noise.
+    """Step of Fisher scoring, and the information, for pixels with Poisson light and Gaussian read noise.
 
-    The score of a parameter is sum (observed - expected)/variance x derivative; the information sum derivative x
-    derivative'/variance (Kay, Fundamentals of Statistical Signal Processing, 1993, 3.9, with the variance held).
+    The score of a parameter is the sum of (observed - expected)/variance x derivative; the information is the sum of
+    derivative x derivative'/variance (Kay, Fundamentals of Statistical Signal Processing, 1993, 3.9, with the variance held
+    fixed).
     """
     residual = observed - background - stars
     if blur_px:
-        # `stars` is wider already.
+        # `stars` is already blurred.
         residual = gaussian_filter(observed - background, blur_px) - stars
     variance = np.maximum(stars + background, 0) + noise_variance
     weight = np.where(stars + background < SATURATED * full_e, 1 / variance, 0.0)
@@ -232,7 +234,7 @@ def _rays(plan: FramePlan, rendered: RenderedFrame) -> F8:
 
 
 def _distance_px(plan: FramePlan, declared: FramePlan, values: F8, enu: F8) -> float:
-    """Root mean square distance, px, between stars through the true camera and through the declared one plus `values`."""
+    """Root-mean-square distance, px, between stars through the true camera and through the declared one plus `values`."""
     places = []
     off = difference(plan, declared, values)
     for change in (np.zeros(5), off):
@@ -243,7 +245,7 @@ def _distance_px(plan: FramePlan, declared: FramePlan, values: F8, enu: F8) -> f
 
 
 def as_table(found: tuple[Recovery, ...]) -> dict[str, Any]:
-    """Columns of numbers for a file: one row a frame."""
+    """Columns of numbers for a file, with one row per frame."""
     columns: dict[str, Any] = {"frame": [one.frame for one in found], "nees": [one.nees for one in found]}
     for kind in ("start", "error", "sigma"):
         for place, name in enumerate(("log_f", "k1", "turn_x_rad", "turn_y_rad", "turn_z_rad")):

@@ -1,6 +1,6 @@
-"""What a study of a scenario does: its camera in words, the faults in the sizes asked for, and what has to be refused.
+"""Setup of a study from a scenario: its camera in words, the faults in the requested sizes, and refusals.
 
-Everything that can be refused is refused here, before a frame is made.
+Everything that can be refused is refused here, before a frame is rendered.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from generator.scenario.file import Scenario
 
 SIZES_OPTION = "--sizes"
 LOWEST_ALTITUDE_DEG = 10.0
-"""Of the stars that the study uses."""
+"""Lowest altitude of the stars that the study uses."""
 MOST_LOOKED_AT = 40
-"""Frames whose attitudes are looked at before the study."""
+"""Number of frames whose attitudes are inspected before the study."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Subject:
     ----------
     camera : CameraSpec
     field_deg : float
-        Across the width.
+        Field across the width.
     tilts_deg : tuple of float
-        Least and greatest angle of the boresight from the zenith.
+        Smallest and largest angle of the boresight from the zenith.
     is_colour : bool
         Whether the sensor has more than one channel.
     """
@@ -43,7 +43,7 @@ class Subject:
 
     @property
     def has_k1(self) -> bool:
-        """Whether its lens is of a family of models with a first radial term."""
+        """Whether its lens belongs to a family of models with a first radial coefficient."""
         return with_k1(self.camera.projection, 0.0) is not None
 
     @property
@@ -56,7 +56,7 @@ class Subject:
 
     @property
     def tilt_text(self) -> str:
-        """Where it points."""
+        """Where it points, in words."""
         low, high = (f"{tilt:.3g}" for tilt in self.tilts_deg)
         if high == "0":
             return "points to the zenith"
@@ -69,7 +69,7 @@ def read_sizes(given: Sequence[str]) -> dict[str, tuple[float, ...]]:
     Raises
     ------
     BenchmarkError
-        Names the option and what it may be.
+        The message names the option and the permitted values.
     """
     found: dict[str, tuple[float, ...]] = {}
     for one in given:
@@ -84,7 +84,7 @@ def read_sizes(given: Sequence[str]) -> dict[str, tuple[float, ...]]:
         except ValueError:
             raise BenchmarkError(f"{SIZES_OPTION} {one}: {words!r} is not a list of numbers such as 0.1,1") from None
         fault = KINDS[key]
-        # A fault by tilt starts at the zenith; all others at more than nothing.
+        # A fault by tilt starts at the zenith; all others start above zero.
         allowed = [fault.least <= size <= fault.most and (size > 0 or key == "refraction") for size in sizes]
         if not all(allowed):
             unit = f" {fault.unit}" if fault.unit else ""
@@ -95,12 +95,12 @@ def read_sizes(given: Sequence[str]) -> dict[str, tuple[float, ...]]:
 
 
 def subject_of(scenario: Scenario) -> Subject:
-    """Look at the camera and the attitudes of a scenario.
+    """Inspect the camera and the attitudes of a scenario.
 
     Raises
     ------
     BenchmarkError
-        The study cannot be made of it; names file and key.
+        The study does not support the scenario; the message names file and key.
     """
     if scenario.steps is not None:
         raise BenchmarkError(
@@ -135,7 +135,7 @@ def check_gradient(scenario: Scenario, subject: Subject) -> None:
     Raises
     ------
     BenchmarkError
-        With the way around it, ``--gradient 0``.
+        The message states the alternative, ``--gradient 0``.
     """
     without = "or leave this part out: --gradient 0"
     if not subject.has_k1:
@@ -150,7 +150,7 @@ def check_gradient(scenario: Scenario, subject: Subject) -> None:
 
 
 def check_sizes(subject: Subject, sizes: Mapping[str, tuple[float, ...]]) -> None:
-    """Refuse sizes of a fault that the camera cannot have.
+    """Refuse sizes of a fault that are impossible for the camera.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def check_sizes(subject: Subject, sizes: Mapping[str, tuple[float, ...]]) -> Non
 
 
 def notes_of(subject: Subject, faults: Sequence[Kind]) -> dict[str, str]:
-    """What the page says under figures of faults, with the numbers of the camera."""
+    """Notes that the page prints under figures of faults, with the numbers of the camera."""
     camera, lens = subject.camera, subject.camera.projection
     corner = camera.corner_px
     notes = {

@@ -32,26 +32,26 @@ F8 = NDArray[np.float64]
 MOST_STARS = 150
 LEAST_STARS = 4
 WHOLE_SKY = {"model": "equidistant", "width": 512, "height": 512, "hfov_deg": 359.0, "aperture_mm": 4.0}
-"""Camera of the scenario whose stars are listed: a fault may turn the study's camera, or give it another field."""
+"""Camera of the scenario whose stars are listed; a fault may turn the study's camera, or give it another field."""
 NOISE_PX = 0.1
 PRESSURE_HPA, TEMPERATURE_C = 1010.0, 10.0
 EARTH_TURN_S = 86164.098903691
-"""UT1 seconds in which the Earth rotation angle goes once round (Capitaine, Guinot & McCarthy 2000, A&A 355, 398)."""
+"""UT1 seconds in which the Earth rotation angle completes a turn (Capitaine, Guinot & McCarthy 2000, A&A 355, 398)."""
 TURNS_PER_YEAR = 366.2422
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How a frame is made.
+    """How a frame is produced.
 
     Attributes
     ----------
     hfov_deg : float or None
-        Field across the width of a pinhole of the frame's focal length; None for the scenario's own camera.
+        Field across the width of a pinhole with the frame's focal length; None for the scenario's own camera.
     tilt_deg : float or None
-        Of the boresight from the zenith, towards the scenario's azimuth; None for the scenario's attitude.
+        Tilt of the boresight from the zenith, towards the scenario's azimuth; None for the scenario's attitude.
     stereographic : bool
-        Whether the lens is stereographic and declared as the pinhole; only with `hfov_deg`.
+        Whether the lens is stereographic but declared as the pinhole; only with `hfov_deg`.
     """
 
     hfov_deg: float | None = None
@@ -60,7 +60,7 @@ class Setting:
 
 
 def declared_lens(camera: CameraSpec, setting: Setting) -> Projection:
-    """The lens that a solver is given where there is no fault but a mistaken projection."""
+    """Lens that a solver receives where there is no fault other than a mistaken projection."""
     if setting.hfov_deg is None:
         return camera.projection
     f_px = camera.width / 2 / math.tan(math.radians(setting.hfov_deg) / 2)
@@ -77,18 +77,18 @@ class StudyFrame:
     uv, flux : ndarray, shapes (n, 2) and (n,)
         Detections.
     star_id : ndarray, shape (n,) or None
-        Their true names; None where they come from a picture.
+        Their true names; None where the detections come from a picture.
     view : View
-        Of the stars, for predictions.
+        View of the stars, for predictions.
     latitude_deg, longitude_deg : float
     utc : str
         Mid-exposure.
     dut1_s : float
         UT1 - UTC.
     lens : Projection
-        The frame's own; `view` has the one that a solver is given.
+        Lens of the frame itself; `view` has the one that a solver receives.
     width, height : int
-        Of the frame, px.
+        Size of the frame, px.
     """
 
     site: int
@@ -112,7 +112,7 @@ class StudyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Declared:
-    """The camera, attitude, time and air that a solver is given."""
+    """The camera, attitude, time and air that a solver receives."""
 
     camera: celnav.Camera
     R_cam: F8
@@ -122,7 +122,7 @@ class Declared:
 
 
 def solver_camera(lens: Projection, width: int, height: int) -> celnav.Camera:
-    """A lens and a size of frame as celnav takes them."""
+    """Convert a lens and a frame size to celnav's camera."""
     return celnav.Camera(
         lens.model, width, height, lens.f_px, fy_px=lens.fy_px, cx_px=lens.cx_px, cy_px=lens.cy_px,
         k=lens.k, p=lens.p, s=lens.s, tilt_rad=lens.tilt_rad,
@@ -130,9 +130,9 @@ def solver_camera(lens: Projection, width: int, height: int) -> celnav.Camera:
 
 
 def make_study_frame(stars: StarList, camera: CameraSpec, setting: Setting, noise_px: float = NOISE_PX) -> StudyFrame:
-    """Make a frame of the brightest stars that stand high enough, from stars of the whole sky (`WHOLE_SKY`).
+    """Make a frame of the brightest stars that are high enough, from the stars of the whole sky (`WHOLE_SKY`).
 
-    Where the setting has a tilt of its own, the camera tilts towards the azimuth of the scenario's attitude.
+    Where the setting has its own tilt, the camera tilts towards the azimuth of the scenario's attitude.
     """
     plan = stars.plan
     enu = stars.rays @ np.asarray(plan.spec.R_cam)
@@ -153,7 +153,7 @@ def make_study_frame(stars: StarList, camera: CameraSpec, setting: Setting, nois
             inside &= np.hypot(*(uv - [lens.cx_px, lens.cy_px]).T) < camera.image_circle_px
     inside &= enu[:, 2] > math.sin(math.radians(LOWEST_ALTITUDE_DEG))
     if setting.stereographic:
-        # It reaches farther from the axis than a pinhole can; its rim has no image in the declared camera.
+        # A stereographic lens reaches farther from the axis than a pinhole can; its rim has no image in the declared camera.
         inside &= rays[:, 2] > 0.2
     rows = np.flatnonzero(inside)
     rows = rows[np.argsort(stars.v_mag[rows], kind="stable")][:MOST_STARS]
@@ -184,16 +184,16 @@ def declared_truth(frame: StudyFrame) -> Declared:
 
 @dataclass(frozen=True)
 class Fault(Kind):
-    """A kind of fault, and what it does to a frame.
+    """A kind of fault, and its effect on a frame.
 
     Attributes
     ----------
     declare : callable
-        Makes the values that the solver is given, for a size.
+        Returns the values that the solver receives for a size.
     misfit : callable
-        Its first-order misfit.
+        Returns its first-order misfit.
     setting : callable
-        Setting of the frame for a size.
+        Returns the setting of the frame for a size.
     """
 
     declare: Callable[[StudyFrame, float], Declared] = field(kw_only=True)
@@ -236,7 +236,7 @@ def _declare_clock(frame: StudyFrame, late_s: float) -> Declared:
 
 
 def _declare_epoch(frame: StudyFrame, years: float) -> Declared:
-    """A date so many years too early, a whole number of turns of the Earth: at its UT1, which `dut1_s` carries over."""
+    """Declare a date some years too early, by a whole number of turns of the Earth: at its UT1, which `dut1_s` preserves."""
     return replace(declared_truth(frame), utc=_earlier_date(frame.utc, years), dut1_s=frame.dut1_s)
 
 
@@ -303,7 +303,7 @@ FAULTS = (
 
 
 def chosen_faults(subject: Subject, sizes: Mapping[str, tuple[float, ...]]) -> tuple[Fault, ...]:
-    """The faults that the camera can have, in the sizes asked for; see `chosen.check_sizes`."""
+    """The faults that the camera can have, in the requested sizes; see `chosen.check_sizes`."""
     faults = []
     for fault in FAULTS:
         if fault.key == "k1" and not subject.has_k1:
@@ -321,7 +321,7 @@ def chosen_faults(subject: Subject, sizes: Mapping[str, tuple[float, ...]]) -> t
 
 
 def check_stars(scenario: Scenario, camera: CameraSpec, lists: Sequence[StarList]) -> None:
-    """Refuse a scenario in whose typical frame too few stars stand for a position.
+    """Refuse a scenario whose typical frame has too few stars for a position.
 
     Raises
     ------

@@ -23,7 +23,7 @@ _SHAPES = {
     run.THESIS_FIX: ("triangle", False, 0.0),
 }
 _SIZES = {"projection": "horizontal field", "refraction": "tilt of the camera", "k1": "k1 too large by"}
-"""What a size is, where the title of the fault is too long for an axis."""
+"""Name of a size, where the title of the fault is too long for an axis."""
 _RMS_COLOUR = 1
 _COLOURS = {name: place for place, name in enumerate(_SHAPES)}
 
@@ -73,7 +73,7 @@ def figure_fault(shifts: Shifts, fault: Fault) -> str:
 
 
 def _ends(fault: Fault) -> tuple[float, float]:
-    """Ends of the axis of sizes, a little beyond them; one size alone stands in the middle."""
+    """Ends of the axis of sizes, slightly beyond them; a single size is centred."""
     low, high = min(fault.sizes), max(fault.sizes)
     if fault.logarithmic:
         margin = (high / low) ** 0.06 if high > low else 2.0
@@ -83,7 +83,7 @@ def _ends(fault: Fault) -> tuple[float, float]:
 
 
 def figure_paths(found: Sequence[Recovery]) -> str:
-    """Distance between predicted and true stars, step by step, one line a frame."""
+    """Distance between predicted and true stars at each step, one line per frame."""
     longest = max(len(one.path_px) for one in found)
     series = [
         Series("one frame a line", list(range(len(one.path_px))), one.path_px, shape="dot", line="solid")

@@ -18,15 +18,15 @@ PARAMETERS = ("log f", "k1", "turn x", "turn y", "turn z")
 
 @dataclass(frozen=True)
 class GradientFinding:
-    """How near the recovered cameras come to their bound.
+    """How closely the recovered cameras approach their bound.
 
     Attributes
     ----------
     n_frames : int
     rms_over_bound : dict of str to float
-        Root mean square error over the bound's standard deviation, by parameter.
+        Root-mean-square error over the standard deviation of the bound, by parameter.
     nees, nees_low, nees_high : float
-        Sum of the squared errors in the bound's metric, and where 95 % of such sums lie at the bound.
+        Sum of the squared errors in the metric of the bound, and the range of 95 % of such sums where the bound is attained.
     steps : float
         Mean number of steps per frame.
     """
@@ -40,12 +40,12 @@ class GradientFinding:
 
     @property
     def worst_ratio(self) -> float:
-        """The largest root mean square error over its bound."""
+        """The largest root-mean-square error over its bound."""
         return max(self.rms_over_bound.values())
 
     @property
     def inside(self) -> bool:
-        """Whether the sum of the squared errors is one that the bound makes likely."""
+        """Whether the sum of the squared errors is in the range that the bound makes likely."""
         return self.nees_low <= self.nees <= self.nees_high
 
 
@@ -63,19 +63,19 @@ def gradient_finding(recovered: Sequence[Recovery]) -> GradientFinding:
 
 
 def rms_over_bound(recovered: Sequence[Recovery]) -> list[float]:
-    """Root mean square of each parameter's error over the bound's standard deviation."""
+    """Root mean square of each parameter's error over the standard deviation of the bound."""
     errors = np.array([one.error / one.sigma for one in recovered])
     return [float(value) for value in np.sqrt(np.mean(errors**2, axis=0))]
 
 
 def nees_interval(n_frames: int) -> tuple[float, float]:
-    """Where 95 % of the summed squared errors lie if the bound is reached: chi^2 with five degrees a frame."""
+    """Range of 95 % of the summed squared errors if the bound is attained: chi^2 with five degrees of freedom per frame."""
     degrees = len(PARAMETERS) * n_frames
     return float(stats.chi2.ppf(0.025, degrees)), float(stats.chi2.ppf(0.975, degrees))
 
 
 def gradient_table(recovered: Sequence[Recovery]) -> Table:
-    """Errors of the recovered cameras beside their bound."""
+    """Errors of the recovered cameras next to their bound."""
     scale = np.array([1e6, 1e6, *[math.degrees(1) * 3600] * 3])
     units = ("millionths", "millionths", "arcsec", "arcsec", "arcsec")
     start, error, bound = (

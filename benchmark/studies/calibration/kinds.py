@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 NARROW_DEG = 60.0
-"""Field of the pinhole for refraction where the scenario's camera is wider: tilted, it still sees no horizon."""
+"""Field of the pinhole for refraction where the scenario's camera is wider, so that it sees no horizon when tilted."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Kind:
     typical : float
         The size shown in the summary.
     least, most : float
-        Range of sizes that can be asked for.
+        Range of sizes that can be requested.
     logarithmic : bool
-        Sizes go by factors.
+        Whether sizes are spaced by factors.
     """
 
     key: str
@@ -66,4 +66,4 @@ KINDS = {
         Kind("epoch", "Epoch of the sky too early", "yr", (1.0, 3.0, 10.0, 25.0), 10.0, most=50.0),
     )
 }
-"""By key, in the order of the page."""
+"""Kinds by key, in the order of the page."""

@@ -1,6 +1,7 @@
-"""Projections of all lens models, written for the study: from directions to pixels, and how pixels follow directions.
+"""Projections of all lens models, written for the study: directions to pixels, and their derivatives.
 
-Formulas as documented for scenarios (`generator.scenario.projection`); neither the renderer's nor the solver's code.
+The formulas are those documented for scenarios (`generator.scenario.projection`); the code is neither the renderer's nor the
+solver's.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def project(rays: F8, lens: Projection) -> F8:
             radius = theta * (1 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
         else:
             radius = _RADII[lens.model](theta)
-        # On the axis the direction of the radius does not matter: its length is zero.
+        # On the axis the direction of the radius is irrelevant, because its length is zero.
         part = radius / np.where(across > 0, across, 1.0)
         x, y = rays[:, 0] * part, rays[:, 1] * part
         dx, dy = _decentring(x, y, lens)
@@ -67,7 +68,7 @@ def project(rays: F8, lens: Projection) -> F8:
 
 
 def _decentring(x: F8, y: F8, lens: Projection) -> tuple[F8, F8]:
-    """Shift by p1, p2 and s1..s4."""
+    """Shift by the terms p1, p2 and s1..s4."""
     p1, p2 = lens.full_p or (0.0, 0.0)
     s1, s2, s3, s4 = lens.full_s or (0.0,) * 4
     q = x * x + y * y
@@ -78,7 +79,7 @@ def _decentring(x: F8, y: F8, lens: Projection) -> tuple[F8, F8]:
 
 
 def _on_tilted_sensor(x: F8, y: F8, tau_x: float, tau_y: float) -> tuple[F8, F8]:
-    """Points of the plane at unit distance in the frame of a sensor turned about u, then v; seen along the old axis."""
+    """Points of the plane at unit distance in the frame of a sensor tilted about u, then v, seen along the old axis."""
     turned = Rotation.from_euler("xy", [-tau_x, -tau_y]).apply(np.column_stack((x, y, np.ones_like(x))))
     axis = Rotation.from_euler("xy", [-tau_x, -tau_y]).apply([0.0, 0.0, 1.0])
     depth = np.where(turned[:, 2] > 0, turned[:, 2], np.nan)
@@ -87,7 +88,7 @@ def _on_tilted_sensor(x: F8, y: F8, tau_x: float, tau_y: float) -> tuple[F8, F8]
 
 
 def derivatives(rays: F8, lens: Projection) -> F8:
-    """Derivatives of pixels by the components of a direction, central differences, shape (n, 2, 3)."""
+    """Derivatives of pixels with respect to the components of a direction, by central differences, shape (n, 2, 3)."""
     columns = []
     for axis in range(3):
         step = np.zeros(3)
@@ -97,7 +98,7 @@ def derivatives(rays: F8, lens: Projection) -> F8:
 
 
 def with_k1(lens: Projection, k1: float) -> Projection | None:
-    """Add to the lens's first distortion coefficient; None for a model that is none of a family with distortion."""
+    """Add to the lens's first distortion coefficient; None for a model outside the families with distortion."""
     model = _WITH_K1.get(lens.model)
     if model is None:
         return None
@@ -106,14 +107,14 @@ def with_k1(lens: Projection, k1: float) -> Projection | None:
 
 
 def field_deg(lens: Projection, width: int) -> float:
-    """Angle between the left and the right edge of the frame through the principal point, deg; tangential terms aside."""
+    """Angle between the left and the right edge of the frame through the principal point, deg, without tangential terms."""
     reach = lens.largest_radius
     sides = ((lens.cx_px + 0.5) / lens.f_px, (width - 0.5 - lens.cx_px) / lens.f_px)
     return sum(lens.axis_angle_deg(min(side, reach)) for side in sides)
 
 
 def corner_shift_px(lens: Projection, other: Projection, corner_px: float) -> float:
-    """How far a star that `lens` has at a distance from the principal point, px, lies from there through `other`, px."""
+    """Distance, px, by which `other` shifts a star that `lens` images at a given distance from the principal point, px."""
     angle = math.radians(lens.axis_angle_deg(min(corner_px / lens.f_px, lens.largest_radius)))
     ray = np.array([[math.sin(angle), 0.0, math.cos(angle)]])
     return float(np.linalg.norm(project(ray, other) - project(ray, lens)))

@@ -46,7 +46,7 @@ DECLARED, FOCAL, CALIBRATED = "camera as declared", "focal length if clearly off
 VERTICAL, THESIS_FIX, THESIS = "vertical alone", "thesis' fix, true names", "thesis-adaptive"
 CENTROIDS, PICTURES = "centroids", "pictures"
 _PRIORS = tuple(float(sigma) for sigma in SkybenchConfig().priors.sigmas)
-# The solver that decides from the frame whether to fit the focal length has no single linear answer.
+# The solver that decides for each frame whether to fit the focal length has no single linear answer.
 ESTIMATORS: MappingProxyType[str, Estimator] = MappingProxyType(
     {
         DECLARED: Estimator(noise_px=NOISE_PX),
@@ -68,7 +68,7 @@ TRACE_SNR = 5.0
 THESIS_CASE = "thesis' own case"
 THESIS_FIELD_DEG = 120.0
 LEAST_STARS = 3
-"""Fewer do not determine a position by least squares."""
+"""Fewer stars do not determine a position by least squares."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Shift:
 
     @property
     def along(self) -> float:
-        """Part of the prediction that the shift is, along it; NaN without either."""
+        """Ratio of the shift's component along the prediction to the prediction; NaN if either is missing."""
         square = self.predicted_km**2
         if not square > 0:
             return math.nan
@@ -167,7 +167,7 @@ def shifts_of(
 def solve_centroids(
     sites: Sequence[StarList], camera: CameraSpec, faults: Sequence[Fault], progress: Advance
 ) -> list[Shift]:
-    """All faults in all sizes on star positions with noise."""
+    """Apply all faults in all sizes to star positions with noise."""
     rows: list[Shift] = []
     for stars in sites:
         known: dict[Setting, tuple[StudyFrame, dict[str, F8]]] = {}
@@ -184,7 +184,7 @@ def solve_centroids(
 
 
 def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: Any) -> Scenario:
-    """Make a scenario of the same name stem with other sections (a mapping each) and number of frames."""
+    """Make a scenario with the same name stem, other sections (a mapping each) and another number of frames."""
     header = {"name": f"{scenario.name}-{name}", "seed": scenario.seed, "frames": n_frames}
     return parse_scenario(yaml.safe_dump({**header, **scenario.template, **sections}), scenario.source)
 
@@ -192,7 +192,7 @@ def changed_scenario(scenario: Scenario, name: str, n_frames: int, **sections: A
 def solve_pictures(
     scenario: Scenario, camera: CameraSpec, faults: Sequence[Fault], n_frames: int, folder: Path, progress: Advance
 ) -> list[Shift]:
-    """Faults of typical size on rendered frames, and the thesis' own case: a stereographic frame at the zenith.
+    """Apply faults of typical size to rendered frames, and run the case of the thesis: a stereographic frame at the zenith.
 
     The size of the thesis' case is the horizontal field of the declared pinhole.
     """
@@ -220,7 +220,7 @@ def solve_pictures(
                 if (fault.key == "projection") != setting.stereographic:
                     continue
                 chosen = replace(fault, key=THESIS_CASE) if setting.stereographic else fault
-                # Refraction is left out of these frames as they are, not of those of its sweep.
+                # Refraction is neglected at the frames' own tilt, not at the tilts of its sweep.
                 size = {"projection": THESIS_FIELD_DEG, "refraction": round(seen.tilt_deg, 3)}.get(
                     fault.key, fault.typical
                 )
@@ -229,7 +229,7 @@ def solve_pictures(
 
 
 def stereographic_camera(scenario: Scenario, f_px: float) -> dict[str, Any]:
-    """The camera section of a scenario with an ideal stereographic lens, centred, instead of its own."""
+    """Camera section of a scenario, replaced by an ideal, centred stereographic lens."""
     lens = (
         "model",
         "hfov_deg",
@@ -249,13 +249,13 @@ def stereographic_camera(scenario: Scenario, f_px: float) -> dict[str, Any]:
 
 
 def thesis_edge_px(camera: CameraSpec) -> float:
-    """How far the two projections of the thesis' case lie apart at the left and right edge of the pinhole's field, px."""
+    """Distance between the two projections of the thesis' case at the left and right edge of the pinhole's field, px."""
     half = math.radians(THESIS_FIELD_DEG / 2)
     return camera.width / 2 * (1 - 2 * math.tan(half / 2) / math.tan(half))
 
 
 def picture_frame(frame: Frame, camera: CameraSpec, setting: Setting) -> StudyFrame:
-    """Detect the stars of a picture; for predictions, take the true stars that leave a trace in the declared field."""
+    """Detect the stars of a picture; for predictions, use the true stars that leave a trace in the declared field."""
     detections = celnav.detect(load_image(frame))
     if detections.flux is None:
         raise ValueError("detection gives brightness")

@@ -40,16 +40,16 @@ UNITS = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much of each experiment.
+    """Extent of each experiment.
 
     Attributes
     ----------
     sites : int
-        Of the frames without pictures.
+        Number of sites for the frames without pictures.
     pictures : int
-        Rendered frames of each kind.
+        Number of rendered frames of each kind.
     gradient : int
-        Frames whose camera is recovered by gradient; 0 leaves this part out.
+        Number of frames whose camera is recovered by gradient; 0 skips this part.
     """
 
     sites: int = 40
@@ -59,7 +59,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that the page shows."""
+    """Content of the page."""
 
     subject: Subject
     sizes: Sizes
@@ -87,19 +87,19 @@ def run_study(
         Sites, instants, attitude and camera.
     sizes : Sizes
     work, out : Path
-        Where frames and results go.
+        Folders for frames and results.
     command : str
-        For the page.
+        Command to state on the page.
     progress : StudyProgress
     fault_sizes : mapping of str to tuple of float
-        Sizes of faults instead of the usual ones, as `chosen.read_sizes` returns them.
+        Sizes of faults that replace the usual ones, as `chosen.read_sizes` returns them.
 
     Raises
     ------
     BenchmarkError
-        The study cannot be made of the scenario; nothing has been done yet.
+        The study does not support the scenario; nothing has been done yet.
     GeneratorError
-        With what to do about it.
+        The message says what to do about it.
     """
     start = time.monotonic()
     scenario = load_scenario(scenario_path)
@@ -160,7 +160,7 @@ def _numbers(study: Study) -> dict[str, object]:
 
 
 def page(study: Study, mark: Mark, sentence: str) -> str:
-    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    """Render the page, with a mark of the sources of its numbers: one self-contained HTML file."""
     recovered = study.recovered
     n_faults = len(study.shifts.faults)
     return render_page(

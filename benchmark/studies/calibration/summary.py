@@ -22,7 +22,7 @@ AS_PREDICTED = 0.1
 
 
 class Effect(StrEnum):
-    """What self-calibration does to the shift of a position."""
+    """Effect of self-calibration on the shift of a position."""
 
     CORRECTED = "corrected"
     PARTLY_CORRECTED = "partly corrected"
@@ -32,18 +32,18 @@ class Effect(StrEnum):
 
 @dataclass(frozen=True)
 class Shifts:
-    """Shifts that can be asked for, and the faults that made them."""
+    """Shifts with selections, and the faults that caused them."""
 
     rows: tuple[Shift, ...]
     faults: tuple[Fault, ...] = FAULTS
 
     def of(self, part: str, fault: str, contestant: str, size: float | None = None) -> Shifts:
-        """Keep those of an experiment."""
+        """Select the shifts of an experiment."""
         kept = (r for r in self.rows if (r.part, r.fault, r.contestant) == (part, fault, contestant))
         return Shifts(tuple(r for r in kept if size is None or r.size == size), self.faults)
 
     def moved_km(self) -> Estimate:
-        """Median length of the shift over all frames, refusals infinite."""
+        """Median length of the shift over all frames, with refusals as infinite."""
         return quantile_estimate(np.array([row.moved_km for row in self.rows]), 0.5)
 
     def predicted_km(self) -> float:
@@ -51,7 +51,7 @@ class Shifts:
         return float(np.median([row.predicted_km for row in self.rows])) if self.rows else math.nan
 
     def along(self) -> Estimate:
-        """Median part of the prediction that the shift is, along it."""
+        """Median ratio of the shift's component along the prediction to the prediction."""
         parts = np.array([row.along for row in self.rows])
         return quantile_estimate(parts[np.isfinite(parts)], 0.5)
 
@@ -60,7 +60,7 @@ class Shifts:
         return proportion([math.isfinite(row.error_km) for row in self.rows])
 
     def error_km(self) -> Estimate:
-        """Median error with the fault, refusals infinite."""
+        """Median error with the fault, with refusals as infinite."""
         return quantile_estimate(np.array([row.error_km for row in self.rows]), 0.5)
 
     def faultless_km(self) -> Estimate:
@@ -69,10 +69,10 @@ class Shifts:
 
 
 def effect_of_calibration(declared: Shifts, calibrated: Shifts) -> Effect:
-    """What self-calibration does to a fault, from the medians of the shift without and with it.
+    """Effect of self-calibration on a fault, from the medians of the shift without and with it.
 
-    Corrected: less than a tenth is left, or clearly less than before and no more than three times the error without any
-    fault. Otherwise the intervals of the medians decide.
+    A fault counts as corrected if less than a tenth of the shift remains, or if the shift is clearly smaller than before and
+    no more than three times the error without any fault. Otherwise the intervals of the medians decide.
     """
     before, after = declared.moved_km(), calibrated.moved_km()
     smaller = after.high < before.low
@@ -84,17 +84,17 @@ def effect_of_calibration(declared: Shifts, calibrated: Shifts) -> Effect:
 
 
 def size_text(fault: Fault, size: float) -> str:
-    """A size with its unit."""
+    """Format a size with its unit."""
     return f"{size:g} {fault.unit}".strip()
 
 
 def fault_text(fault: Fault, size: float) -> str:
-    """A fault with its size: ``focal length too long (0.3 %)``."""
+    """Format a fault with its size: ``focal length too long (0.3 %)``."""
     return f"{fault.title} ({size_text(fault, size)})"
 
 
 def summary_table(shifts: Shifts) -> Table:
-    """One row a fault, at its typical size, on centroids."""
+    """One row per fault, at its typical size, on centroids."""
     body: list[tuple[Cell, ...]] = []
     for fault in shifts.faults:
         declared, auto, full, vertical, thesis = (
@@ -137,7 +137,7 @@ def summary_table(shifts: Shifts) -> Table:
 
 
 def size_tables(shifts: Shifts) -> tuple[Table, ...]:
-    """One table a fault: all sizes, all solvers."""
+    """One table per fault: all sizes, all solvers."""
     tables = []
     for fault in shifts.faults:
         body: list[tuple[Cell, ...]] = []
@@ -169,7 +169,7 @@ def _headings() -> Iterable[str]:
 
 
 def picture_table(shifts: Shifts, camera: str) -> Table:
-    """Rendered frames of a camera, which is given in words."""
+    """Table for rendered frames of a camera, which is given in words."""
     body: list[tuple[Cell, ...]] = []
     rows = [(fault.key, _picture_title(fault)) for fault in shifts.faults if fault.key != "projection"]
     thesis = f"a stereographic frame at the zenith declared as a {run.THESIS_FIELD_DEG:g} deg pinhole"
@@ -209,7 +209,7 @@ def _picture_title(fault: Fault) -> str:
 
 @dataclass(frozen=True)
 class FaultFindings:
-    """Faults at their typical sizes.
+    """Findings about faults at their typical sizes.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class FaultFindings:
     as_predicted : tuple of str
         Faults whose median shift is within 10 % of the first-order prediction.
     by_effect : dict of Effect to tuple of str
-        Faults with their sizes, by what self-calibration does to their shift.
+        Faults with their sizes, by the effect of self-calibration on their shift.
     """
 
     n_faults: int
@@ -227,15 +227,15 @@ class FaultFindings:
 
 @dataclass(frozen=True)
 class ThesisCase:
-    """The thesis' own case: stereographic pictures declared as a pinhole's.
+    """The case of the thesis: stereographic pictures declared as a pinhole's.
 
     Attributes
     ----------
     n_pictures : int
     fixed : dict of str to int
-        Pictures with a position, by solver.
+        Number of pictures with a position, by solver.
     most_near : int
-        The most of them within 10 km for any solver.
+        Largest number of them within 10 km for any solver.
     """
 
     n_pictures: int
@@ -244,7 +244,7 @@ class ThesisCase:
 
 
 def fault_findings(shifts: Shifts) -> FaultFindings:
-    """Sort the faults by their agreement with the prediction and by the effect of self-calibration."""
+    """Classify the faults by their agreement with the prediction and by the effect of self-calibration."""
     by_effect: dict[Effect, list[str]] = {effect: [] for effect in Effect}
     as_predicted = []
     for fault in shifts.faults:

@@ -1,1 +1,1 @@
-"""Shared by the studies: contestants, records, pages."""
+"""Code shared by the studies: contestants, records, pages."""

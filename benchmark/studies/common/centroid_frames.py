@@ -1,7 +1,7 @@
-"""Frames of star positions without a picture: the generator's places, one of two projections, and centroid noise.
+"""Frames of star positions without a picture: the generator's positions, one of two projections, and centroid noise.
 
-They are cheap and exclude all effects of detection. Places come from the generator's astrometry, so that a
-solver under test shares no code with them.
+They are cheap and exclude all effects of detection. Positions come from the generator's astrometry, so a solver under test
+shares no code with them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class StarList:
 
 @dataclass(frozen=True, eq=False)
 class CentroidFrame:
-    """A frame for the judge, and the detections that stand for its picture."""
+    """A frame for the judge, and the detections that replace its picture."""
 
     frame: Frame
     detections: celnav.Detections
@@ -89,19 +89,19 @@ def project(rays: F8, camera: CameraRecord, projection: Projection) -> F8:
 def make_frame(
     stars: StarList, depth_mag: float, projection: Projection = "pinhole", noise_px: float = 0.0, seed: int = 0
 ) -> CentroidFrame:
-    """Make a frame of every star down to a magnitude.
+    """Make a frame of all stars down to a magnitude.
 
     Parameters
     ----------
     stars : StarList
     depth_mag : float
-        Stars fainter than this leave no detection.
+        Stars fainter than this give no detection.
     projection : str
-        How the frame is made; the camera that the solver is given is a pinhole in any case.
+        Projection of the frame; the camera that the solver receives is a pinhole in any case.
     noise_px : float
         Standard deviation of the centroids along each axis.
     seed : int
-        Of the noise, together with the frame's index.
+        Seed of the noise, together with the frame's index.
     """
     spec = stars.plan.spec
     camera = CameraRecord(

@@ -1,4 +1,4 @@
-"""Contestants of a study: a solver of celnav with choices of the study's own, on prepared detections."""
+"""Contestants of a study: a solver of celnav with the study's own choices, on prepared detections."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Contestant:
     ----------
     name : str
     solver : Solver
-        Of `celnav`.
+        One of celnav's solvers.
     history : celnav.History or None
-        Carried from frame to frame if given.
+        Carried from frame to frame if supplied.
     """
 
     name: str
@@ -79,17 +79,18 @@ class _Prepared:
 def judge_detections(
     frame: Frame, detections: celnav.Detections, contestants: Sequence[Contestant], warm_up: bool = False
 ) -> tuple[SolverOutcome, ...]:
-    """Judge contestants on given detections by the benchmark's own judge.
+    """Judge contestants on supplied detections with the benchmark's own judge.
 
     Parameters
     ----------
     frame : Frame
-        With its truth.
+        Frame with its truth.
     detections : celnav.Detections
-        Given to all contestants.
+        Supplied to all contestants.
     contestants : sequence of Contestant
     warm_up : bool
-        Solve once untimed before. Contestants with a history are not warmed up, since it would learn from the frame.
+        Whether to solve once untimed beforehand. Contestants with a history are not warmed up, since the history would learn
+        from the frame.
     """
     prepared = [_Prepared(contestant, detections) for contestant in contestants]
     no_image = np.zeros((1, 1), dtype=np.uint16)

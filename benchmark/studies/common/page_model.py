@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How the first of two compared does against the second."""
+    """How the first of two compared solvers does against the second."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -42,19 +42,19 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Number:
-    """An estimate and how it is printed."""
+    """An estimate and the format in which it is printed."""
 
     estimate: Estimate
     form: Form = "plain"
 
     @property
     def text(self) -> str:
-        """The value."""
+        """The formatted value."""
         return percent(self.estimate.value) if self.form == "percent" else number(self.estimate.value)
 
     @property
     def range(self) -> str:
-        """The 95 % interval."""
+        """The formatted 95 % interval."""
         return interval(self.estimate, percent if self.form == "percent" else number)
 
 
@@ -63,7 +63,7 @@ Cell = str | Number
 
 @dataclass(frozen=True)
 class Table:
-    """A table; numbers come with their intervals where they are estimates."""
+    """A table; cells that are estimates come with their intervals."""
 
     title: str
     source: str
@@ -74,7 +74,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A paired test with its p-value adjusted among its family."""
+    """A paired test, with its p-value adjusted within its family."""
 
     name: str
     test: PairedTest
@@ -82,7 +82,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """The test in words."""
+        """Describe the test in words."""
         return (
             f"{self.name}: {self.test.only_first} to {self.test.only_second} of {self.test.n}, "
             f"p {p_text(self.test.p)}, after Holm {p_text(self.p_holm)}"
@@ -90,20 +90,20 @@ class Comparison:
 
     @property
     def outcome(self) -> Outcome:
-        """How the first does against the second, at 5 % after Holm."""
+        """How the first does against the second, at 5 % after Holm's adjustment."""
         if self.p_holm >= SIGNIFICANCE or self.test.only_first == self.test.only_second:
             return Outcome.NO_DIFFERENCE
         return Outcome.BETTER if self.test.only_first > self.test.only_second else Outcome.WORSE
 
 
 def family(tests: Sequence[tuple[str, PairedTest]]) -> tuple[Comparison, ...]:
-    """Adjust tests that belong together (Holm)."""
+    """Adjust the p-values of tests that belong together (Holm)."""
     adjusted = holm([test.p for _, test in tests])
     return tuple(Comparison(name, test, p) for (name, test), p in zip(tests, adjusted, strict=True))
 
 
 def p_text(p: float) -> str:
-    """Print a p-value with its sign of relation."""
+    """Format a p-value with its sign of relation."""
     return "< 0.0001" if p < 1e-4 else f"= {p:.2g}"
 
 
@@ -114,13 +114,13 @@ class Answer:
     Attributes
     ----------
     key : str
-        Of the hypothesis; names the template that puts the finding into words.
+        Key of the hypothesis; names the template that puts the finding into words.
     claim : str
         The hypothesis.
     verdicts : tuple of (str, Verdict or Outcome)
-        Aspect, empty where there is one only, and verdict.
+        Verdicts with their aspects; an aspect is empty where there is only one.
     finding : dataclass instance
-        The numbers and findings that the words are made from.
+        The numbers and findings from which the words are composed.
     tables : tuple of Table
     tests : tuple of Comparison
     """
@@ -134,12 +134,12 @@ class Answer:
 
     @property
     def verdict(self) -> str:
-        """The verdicts in a line: ``yes``, ``as a limit: not shown; as a weight: yes``."""
+        """Format the verdicts in one line: ``yes``, ``as a limit: not shown; as a weight: yes``."""
         return "; ".join(f"{aspect}: {verdict}" if aspect else str(verdict) for aspect, verdict in self.verdicts)
 
 
 def plain(value: object) -> Any:
-    """Turn tables, answers and other data classes into what JSON can hold: non-finite numbers become None."""
+    """Convert tables, answers and other data classes to what JSON can hold: non-finite numbers become None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Number):

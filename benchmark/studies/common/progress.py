@@ -1,4 +1,4 @@
-"""How a study reports its progress."""
+"""Progress reports of a study."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 Advance = Callable[[], None]
-"""Takes no argument: one step more is finished."""
+"""Takes no argument; reports that one more step is finished."""
 
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """Called by a study while it runs.
+    """Callbacks that a study uses while it runs.
 
     Attributes
     ----------
     begin : callable
-        A stage begins: its name and its number of steps (0: unknown).
+        Called when a stage begins, with its name and its number of steps (0: unknown).
     advance : callable
-        A step of the stage is finished.
+        Called when a step of the stage is finished.
     """
 
     begin: Callable[[str, int], None]

@@ -32,13 +32,13 @@ class Row:
     part : str
         Experiment of the study.
     depth_mag : float
-        Limiting magnitude of the frame: the scenario's label for pictures, where the star list ends for centroids.
+        Limiting magnitude of the frame: the scenario's label for pictures, the end of the star list for centroids.
     frame_id, contestant, status, reason : str
     error_km : float
         Infinite without a fix.
     n_matches, n_correct : int
     confidence : float
-        NaN where the solver gives none.
+        NaN where the solver returns none.
     detect_ms, solve_ms : float
     """
 
@@ -57,17 +57,17 @@ class Row:
 
     @property
     def near(self) -> bool:
-        """A fix within 10 km, which the thesis counts in its recall."""
+        """Whether it is a fix within 10 km, which the thesis counts in its recall."""
         return self.error_km < SUCCESS_KM
 
     @property
     def identified(self) -> bool:
-        """More than half of the named stars are right."""
+        """Whether more than half of the named stars are correct."""
         return 2 * self.n_correct > self.n_matches
 
 
 def row_of(part: str, depth_mag: float, contestant: str, outcome: SolverOutcome, detect_ms: float = 0.0) -> Row:
-    """Make a row of a judged outcome."""
+    """Make a row from a judged outcome."""
     score = outcome.score
     confidence = outcome.details.confidence
     return Row(
@@ -93,7 +93,7 @@ class Rows:
     rows: tuple[Row, ...]
 
     def of(self, part: str | None = None, contestant: str | None = None, depths: Iterable[float] | None = None) -> Rows:
-        """Keep the rows of an experiment, a contestant, some depths."""
+        """Select the rows of an experiment, of a contestant, of some depths."""
         wanted = None if depths is None else set(depths)
         kept = (
             row
@@ -109,27 +109,27 @@ class Rows:
 
     @property
     def near(self) -> NDArray[np.bool_]:
-        """Shape (n,)."""
+        """Whether each row is a fix within 10 km, shape (n,)."""
         return np.array([row.near for row in self.rows], dtype=bool)
 
     @property
     def identified(self) -> NDArray[np.bool_]:
-        """Shape (n,)."""
+        """Whether the stars of each row are identified, shape (n,)."""
         return np.array([row.identified for row in self.rows], dtype=bool)
 
     @property
     def errors_km(self) -> NDArray[np.float64]:
-        """Shape (n,), infinite without a fix."""
+        """Error of each row, shape (n,), infinite without a fix."""
         return np.array([row.error_km for row in self.rows], dtype=np.float64)
 
     @property
     def confidence(self) -> NDArray[np.float64]:
-        """Shape (n,)."""
+        """Confidence of each row, shape (n,)."""
         return np.array([row.confidence for row in self.rows], dtype=np.float64)
 
     @property
     def fixed(self) -> NDArray[np.bool_]:
-        """Shape (n,)."""
+        """Whether each row is a fix, shape (n,)."""
         return np.array([row.status == "fix" for row in self.rows], dtype=bool)
 
     def recall(self) -> Estimate:
@@ -141,7 +141,7 @@ class Rows:
         return proportion(self.identified)
 
     def median_km(self) -> Estimate:
-        """Median error over all frames, refused ones infinite."""
+        """Median error over all frames, with refusals as infinite."""
         return quantile_estimate(self.errors_km, 0.5)
 
     def median_solve_ms(self) -> Estimate:
@@ -154,13 +154,13 @@ class Rows:
 
 
 def near_test(first: Rows, second: Rows) -> PairedTest:
-    """McNemar's exact test of the frames fixed within 10 km; both must hold the same frames in the same order."""
+    """McNemar's exact test of the frames fixed within 10 km; both must contain the same frames in the same order."""
     _check_pairs(first, second)
     return mcnemar_exact(first.near, second.near)
 
 
 def identified_test(first: Rows, second: Rows) -> PairedTest:
-    """McNemar's exact test of the frames whose stars are identified; both must hold the same frames in the same order."""
+    """McNemar's exact test of the frames with identified stars; both must contain the same frames in the same order."""
     _check_pairs(first, second)
     return mcnemar_exact(first.identified, second.identified)
 
@@ -171,9 +171,9 @@ def _check_pairs(first: Rows, second: Rows) -> None:
 
 
 def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS) -> None:
-    """Write rows, data classes of one kind, as one Parquet file; units are in the fields' metadata.
+    """Write rows, instances of one data class, as one Parquet file; units are in the fields' metadata.
 
-    Numbers that are not finite are null; times are in single precision.
+    Non-finite numbers become null; times are in single precision.
     """
     kinds = {"str": pa.string(), "float": pa.float64(), "int": pa.int32()}
     # A clock's last digits are noise, and noise cannot be compressed.
@@ -190,7 +190,7 @@ def write_rows(path: Path, rows: Sequence[Any], units: Mapping[str, str] = UNITS
 
 
 def write_table(path: Path, table: pa.Table) -> None:
-    """Write a table as one Parquet file, whole or not at all."""
+    """Write a table as one Parquet file, which is complete or absent."""
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", compression_level=15)
     write_bytes(path, sink.getvalue().to_pybytes())

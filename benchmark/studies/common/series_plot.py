@@ -1,4 +1,4 @@
-"""Figures of a study: series differ in colour, shape, filling and dash, so that print in one ink keeps them apart."""
+"""Figures of a study: series differ in colour, shape, filling and dashes, so that a monochrome print separates them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from generator.drawing.style import DPI, axes_at, house_style, new_figure
 from generator.drawing.svg import inline_svg, svg_marks
 
 WIDTH, HEIGHT = 360, 230
-"""Of a figure and of its drawing area, px."""
+"""Size of a figure and of its drawing area, px."""
 LEFT, RIGHT, BOTTOM = 46, 12, 44
 _UNIT_PX, _LINE_PX = 26, 15
 _SAMPLE_PX = (30, 12)
@@ -32,7 +32,7 @@ class Series:
     Attributes
     ----------
     name : str
-        For the legend; one without a name is not in it.
+        Name in the legend; a series without a name does not appear in it.
     x, y : sequence of float
         Infinite or undefined points are left out.
     low, high : sequence of float or None
@@ -43,9 +43,9 @@ class Series:
     line : str
         ``solid``, ``dashed``, ``dotted`` or ``none``.
     shift_px : float
-        Sideways, so that intervals of several series stand side by side.
+        Sideways shift, so that intervals of several series are side by side.
     colour : int or None
-        Place in the palette of series; None for ink.
+        Index in the palette of series; None for ink.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Axis:
     log: bool = False
 
     def clamped(self, value: float) -> float:
-        """A value brought to the nearer end where it lies beyond the axis."""
+        """Move a value beyond the axis to the nearer end."""
         return min(max(value, min(self.low, self.high)), max(self.low, self.high))
 
 
@@ -83,14 +83,14 @@ def plot(series: Sequence[Series], x: Axis, y: Axis, label: str) -> str:
     ----------
     series : sequence of Series
     x, y : Axis
-        `x.low` may exceed `x.high`: the axis then runs the other way. Points and intervals beyond `y` lie at its end.
+        `x.low` may exceed `x.high`: the axis then runs the other way. Points and intervals beyond `y` are drawn at its end.
     label : str
-        What a screen reader says.
+        Description for screen readers.
 
     Returns
     -------
     str
-        A list, the legend, and an SVG element, in the colours of the page. The page wraps the legend to its width.
+        The legend as a list, and an SVG element, in the colours of the page. The page wraps the legend to its width.
     """
     extra_lines = max(words.count("\n") for _, words in x.ticks)
     figure = new_figure(WIDTH, _UNIT_PX + HEIGHT + BOTTOM + _LINE_PX * extra_lines)
@@ -129,7 +129,7 @@ def _draw(axes: Axes, one: Series, y: Axis) -> None:
 
 
 def _legend(named: Iterable[Series]) -> str:
-    """A list of names with samples of their lines and marks; empty without names."""
+    """List of names with samples of their lines and marks; empty without names."""
     items = [f"<li>{_sample(one.shape, one.filled, one.line, one.colour)}{escape(one.name)}</li>" for one in named]
     return f'<ul class="legend">{"".join(items)}</ul>' if items else ""
 
@@ -148,7 +148,7 @@ def _sample(shape: str, filled: bool, line: str, colour: int | None) -> str:
 
 
 def _look(one: Series) -> dict[str, Any]:
-    """How Matplotlib draws a series' line and marks."""
+    """Matplotlib's arguments for a series' line and marks."""
     colour = INK.light if one.colour is None else SERIES[one.colour].light
     marker, size = ("o", 3.6) if one.shape == "dot" else MARKERS.get(one.shape, ("", 0.0))
     return {

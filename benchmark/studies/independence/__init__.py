@@ -1,1 +1,1 @@
-"""What a solver that shares numbers with the generator gains from it: frames whose sky differs from every solver's."""
+"""What a solver gains by sharing numbers with the generator, tested on frames whose sky differs from every solver's."""

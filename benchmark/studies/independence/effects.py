@@ -1,4 +1,4 @@
-"""What a perturbation does to a solver: success, error over bound, NEES and ellipses, before and after, frame by frame."""
+"""Effects of a perturbation on a solver: success, error over bound, NEES and ellipses, before and after, frame by frame."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ELLIPSE = 0.95
 
 @dataclass(frozen=True)
 class Change:
-    """A number before and after, and the paired difference (of an error over bound: ratio) with its interval."""
+    """A number before and after, and the paired difference (for an error over bound: the ratio) with its interval."""
 
     before: Estimate
     after: Estimate
@@ -41,21 +41,21 @@ class Change:
 
 @dataclass(frozen=True)
 class Effect:
-    """What one perturbation does to one solver.
+    """Effect of one perturbation on one solver.
 
     Attributes
     ----------
     perturbation, solver : str
     success : Change
-        Share of frames within 10 km; the difference.
+        Share of frames within 10 km, and the difference.
     bound_ratio : Change
-        Median over identified fixes of the error over the bound; the geometric mean of the ratio of errors on the frames
+        Median of the error over the bound over identified fixes, and the geometric mean of the ratio of errors on the frames
         on which both have a fix.
     nees, ellipse : Change
-        NEES, and share of identified fixes whose 95 % ellipse holds the truth; the mean difference over frames identified
-        in both.
+        NEES, and share of identified fixes whose 95 % ellipse contains the truth; also the mean difference over frames that
+        are identified in both.
     success_p, error_p : float
-        McNemar's test and a sign-flip test of the errors, adjusted by Holm over all perturbations and solvers.
+        P-values of McNemar's test and of a sign-flip test of the errors, adjusted by Holm over all perturbations and solvers.
     """
 
     perturbation: str
@@ -69,7 +69,7 @@ class Effect:
 
     @property
     def words(self) -> str:
-        """What is shown at the 5 % level of the whole family."""
+        """What is significant at the 5 % level of the whole family."""
         found = []
         if self.success_p <= LEVEL:
             found.append(f"success {'falls' if self.success.change.value < 0 else 'rises'}")
@@ -82,19 +82,19 @@ Tables = Mapping[str, pd.DataFrame]
 
 
 def effects_of(before: Tables, after: Mapping[str, Tables]) -> tuple[Effect, ...]:
-    """Effects of perturbations on solvers.
+    """Compute effects of perturbations on solvers.
 
     Parameters
     ----------
     before : mapping of str to DataFrame
-        Tables of frames by solver, unperturbed.
+        Tables of frames by solver, without perturbation.
     after : mapping of str to mapping
-        The same by perturbation.
+        The same, by perturbation.
 
     Raises
     ------
     ResultsError
-        Tables are not of the same frames.
+        The tables are not of the same frames.
     """
     tables = {f"/{solver}": table for solver, table in before.items()}
     tables |= {f"{key}/{solver}": table for key, found in after.items() for solver, table in found.items()}
@@ -150,6 +150,6 @@ def _ellipse(right: pd.DataFrame) -> Estimate:
 
 
 def _identified_in_both(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.bool_]:
-    """Frames whose stars are identified in both and come with a covariance in both."""
+    """Frames whose stars are identified in both, with a covariance in both."""
     known = identified(before) & identified(after)
     return np.asarray(known & ~np.isnan(nees_values(before)) & ~np.isnan(nees_values(after)))

@@ -1,4 +1,4 @@
-"""Frames of a scenario with one thing changed that nobody is told."""
+"""Frames of a scenario with one thing changed, of which solvers receive no information."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from generator.sensor.sunburn import burnt_pixels
 F8 = NDArray[np.float64]
 
 SEPARATOR = "__"
-"""Between the key of a set and a frame's id."""
+"""Separates the key of a set from the id of a frame."""
 
 
 def perturbed_scenario(scenario: Scenario, perturbation: Perturbation | None, n_frames: int) -> Scenario:
-    """The scenario with a number of frames, a name of its own, and the perturbation's point spread.
+    """The scenario with a number of frames, its own name, and the perturbation's point spread function.
 
     Raises
     ------
     TaskError
-        The scenario has a sequence, a developed picture, a video or a sweep: the study takes single raw frames.
+        The scenario has a sequence, a developed picture, a video or a sweep; the study requires single raw frames.
     ScenarioError
-        The scenario's camera cannot have the point spread.
+        The scenario's camera does not support the point spread function.
     """
     first = scenario.frame(0)
     if (
@@ -64,7 +64,7 @@ def perturbed_scenario(scenario: Scenario, perturbation: Perturbation | None, n_
 
 
 def displaced(plan: FramePlan, perturbation: Perturbation) -> FramePlan:
-    """The plan with the stars' directions displaced, the same star by the same at all moments."""
+    """The plan with the stars' directions displaced, each star by the same amount at all moments."""
     displace = perturbation.displace
     if displace is None:
         return plan
@@ -85,7 +85,7 @@ def render_perturbed(
     folder: Path,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Render the frames that a folder lacks; without a perturbation, as the generator renders them.
+    """Render the frames that a folder lacks; without a perturbation they are the generator's own.
 
     All sets have the same sites, instants, attitudes and noise.
 
@@ -128,7 +128,7 @@ def _rendered(plan: FramePlan) -> RenderedFrame:
 
 
 def joined_sets(sets: Mapping[str, Path]) -> FrameSet:
-    """All sets as one, for solvers that take long to begin; a frame's id tells its set.
+    """Join all sets into one, for solvers that take long to start; a frame's id names its set.
 
     Parameters
     ----------

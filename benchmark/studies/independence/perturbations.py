@@ -1,7 +1,7 @@
-"""What is changed of the sky or of the lens, one thing at a time; solvers are told nothing of it.
+"""Changes of the sky or of the lens, one thing at a time, of which solvers receive no information.
 
-Displacements act on the apparent directions of the stars before they are imaged, so that they do not depend on how the
-generator computes places.
+Displacements act on the apparent directions of the stars before they are imaged, so they do not depend on how the generator
+computes positions.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ _YEAR_S = 365.25 * 86400.0
 REFRACTION_NM = 550.0
 PRECESSION_RATE_ARCSEC = 0.29965
 ROTATION_ARCSEC_S = 15.041067
-"""Earth rotation, arcsec of angle in a second of UT1 (IERS Conventions 2010, equation 5.15)."""
+"""Earth rotation, arcsec of angle per second of UT1 (IERS Conventions 2010, equation 5.15)."""
 
 Displace = Callable[[FramePlan, F8, np.random.Generator], F8]
-"""Directions (n, 3) of a plan's stars to directions (n, 3); called once for each moment with the same random numbers."""
+"""Maps directions (n, 3) of a plan's stars to directions (n, 3); called once per moment with the same random numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Perturbation:
-    """One thing that differs between the frames and what solvers believe.
+    """One difference between the frames and what solvers assume.
 
     Attributes
     ----------
     key : str
-        For files.
+        Key for files.
     title, source : str
-        What it is, and where its size comes from.
+        Description of the change, and source of its size.
     displace : callable, optional
-        Of the stars' directions.
+        Displacement of the stars' directions.
     psf : mapping
         Keys of the scenario's ``camera.psf`` that replace its own.
     """
@@ -59,14 +59,14 @@ class Perturbation:
 
 
 def turned(directions: F8, axis: F8, angle_rad: float) -> F8:
-    """Unit vectors (n, 3) turned about a unit axis (Rodrigues' formula)."""
+    """Rotate unit vectors (n, 3) about a unit axis (Rodrigues' formula)."""
     along = (directions @ axis)[:, None] * axis
     across = directions - along
     return np.asarray(along + math.cos(angle_rad) * across + math.sin(angle_rad) * np.cross(axis, directions))
 
 
 def scattered(directions: F8, sigma_rad: float, rng: np.random.Generator) -> F8:
-    """Unit vectors (n, 3) moved by a Gaussian of a standard deviation along each of two axes across them."""
+    """Displace unit vectors (n, 3) by Gaussian amounts with a standard deviation along each of two perpendicular axes."""
     step = rng.normal(scale=sigma_rad, size=directions.shape)
     step -= np.sum(step * directions, axis=1, keepdims=True) * directions
     moved = directions + step
@@ -74,7 +74,7 @@ def scattered(directions: F8, sigma_rad: float, rng: np.random.Generator) -> F8:
 
 
 def raised(directions: F8, angle_rad: F8) -> F8:
-    """Apparent directions (n, 3) moved towards the zenith by angles (n,); what passes it comes down behind."""
+    """Move apparent directions (n, 3) towards the zenith by angles (n,); those that pass it descend on the other side."""
     level = np.hypot(directions[:, 0], directions[:, 1])
     altitude = np.arctan2(directions[:, 2], level) + angle_rad
     around = directions[:, :2] / np.where(level > 0, level, 1.0)[:, None]

@@ -1,4 +1,4 @@
-"""The study of independence: frames rendered, solvers run on them, tables and one page written."""
+"""The independence study: render frames, run solvers on them, write tables and one page."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from generator.scenario.file import load_scenario
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS = "index.html", "study.json"
 FEWEST_FRAMES = 6
-"""Fewer give no interval of a median."""
+"""Fewer frames give no interval of a median."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that the page shows.
+    """Content of the page.
 
     Attributes
     ----------
@@ -69,19 +69,19 @@ def run_study(
     scenario_path : Path
         Sites, instants, attitudes and camera.
     n_frames : int
-        Of each set.
+        Number of frames of each set.
     solvers : sequence of str
     work, out : Path
-        Where frames and results go; what is in `work` is used again.
+        Folders for frames and results; the content of `work` is reused.
     command : str
-        For the page.
+        Command to state on the page.
     progress : StudyProgress
     perturbations : sequence of Perturbation
 
     Raises
     ------
     BenchmarkError, GeneratorError
-        With what to do about it.
+        The message says what to do about it.
     """
     if n_frames < FEWEST_FRAMES:
         raise ResultsError(f"{n_frames} frames give no interval of a median; take {FEWEST_FRAMES} or more")
@@ -105,7 +105,7 @@ def run_study(
 def answers_by_set(
     sets: Mapping[str, Path], solvers: Sequence[str], results: Path, progress: StudyProgress
 ) -> dict[str, Mapping[str, pd.DataFrame]]:
-    """Run every solver once over all sets; tables of frames by set and solver."""
+    """Run every solver once over all sets; returns tables of frames by set and solver."""
     frames = joined_sets(sets)
     runs = run(frames, list(solvers), results, progress=lambda solver, count: progress.advance())
     tables: dict[str, dict[str, pd.DataFrame]] = {key: {} for key in sets}
@@ -118,7 +118,7 @@ def answers_by_set(
 
 
 def effect_tables(study: Study, perturbation: Perturbation) -> tuple[Table, ...]:
-    """What a perturbation does to each solver, the most successful before it first; covariances in a table of their own."""
+    """Effect of a perturbation on each solver, sorted by success without it; covariances have a separate table."""
     effects = [effect for effect in study.effects if effect.perturbation == perturbation.key]
     effects.sort(key=lambda effect: (-effect.success.before.value, effect.solver))
     honest = [effect for effect in effects if effect.nees.before.n or effect.nees.after.n]
@@ -161,7 +161,7 @@ def _in_points(share: Estimate) -> Estimate:
 
 
 def summary_lines(study: Study) -> tuple[str, ...]:
-    """One line to a perturbation: what is shown of which solvers."""
+    """One line per perturbation: which effects are significant for which solvers."""
     lines = []
     for one in study.perturbations:
         shown = [effect for effect in study.effects if effect.perturbation == one.key and effect.words != "none shown"]
@@ -185,7 +185,7 @@ def _numbers(study: Study) -> dict[str, object]:
 
 
 def page(study: Study, mark: Mark, sentence: str) -> str:
-    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    """Render the page, with a mark of the sources of its numbers: one self-contained HTML file."""
     return render_page(
         "study_independence.html",
         study=study,
@@ -199,7 +199,7 @@ def page(study: Study, mark: Mark, sentence: str) -> str:
 
 
 def overview(study: Study) -> Table:
-    """Ratio of errors of each solver under each perturbation; for the default solver its NEES and ellipses too."""
+    """Ratio of errors of each solver under each perturbation; for the default solver also NEES and ellipses."""
     solvers = list(dict.fromkeys(effect.solver for effect in study.effects))
     by_key = {(effect.perturbation, effect.solver): effect for effect in study.effects}
     rows = []

@@ -1,1 +1,1 @@
-"""Photographs and their rendered twins: whether a ranking of solvers on the one foretells that on the other."""
+"""Photographs and their rendered twins: whether a ranking of solvers on twins predicts that on photographs."""

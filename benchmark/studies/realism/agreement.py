@@ -1,8 +1,8 @@
-"""How well twins foretell photographs: rankings of solvers, outcomes frame by frame, ratios of errors.
+"""How well twins predict photographs: rankings of solvers, outcomes frame by frame, ratios of errors.
 
-Kendall's tau-b (Kendall, Biometrika 33, 239-251, 1945), which allows ties; Cohen's kappa (Educational and Psychological
-Measurement 20, 37-46, 1960). Intervals are percentiles of a bootstrap over frames, each drawn with all solvers and with its
-twin. With few frames they are wide, and too narrow by some tenths.
+The statistics are Kendall's tau-b (Kendall, Biometrika 33, 239-251, 1945), which allows ties, and Cohen's kappa (Educational
+and Psychological Measurement 20, 37-46, 1960). Intervals are percentiles of a bootstrap over frames, each drawn with all
+solvers and with its twin. With few frames they are wide, and still too narrow by some tenths.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 RESAMPLES = 2000
 LEVELS = (2.5, 97.5)
 LEAST_DEFINED = 0.5
-"""Part of the resamples in which a statistic must be defined for an interval to be stated."""
+"""Fraction of the resamples in which a statistic must be defined for an interval to be stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class Outcomes:
     Attributes
     ----------
     solvers : tuple of str
-        m of them.
+        The m solvers.
     real_km, twin_km : (m, n) arrays
-        On n frames; infinite without a fix.
+        Errors on n frames; infinite without a fix.
     """
 
     solvers: tuple[str, ...]
@@ -45,33 +45,33 @@ class Outcomes:
     twin_km: Floats
 
     def frames(self, chosen: NDArray[np.intp]) -> Outcomes:
-        """The outcomes on some of the frames, which may repeat."""
+        """Select the outcomes on some of the frames, which may repeat."""
         return Outcomes(self.solvers, self.real_km[:, chosen], self.twin_km[:, chosen])
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """What the twins foretell.
+    """What the twins predict.
 
     Attributes
     ----------
     tau_success : Estimate
         Kendall's tau-b between the solvers' shares of success.
     tau_error : Estimate
-        The same between their median errors over all frames, a refusal counting as infinite. Solvers whose medians are
-        infinite on both are tied on both, which counts as agreement with all others.
+        The same between their median errors over all frames, with a refusal as infinite. Solvers whose medians are infinite
+        on both are tied on both, which counts as agreement with all others.
     tau_error_finite : Estimate
         The same among the solvers whose medians are finite on both.
     n_finite : int
-        How many these are.
+        Number of these solvers.
     same_outcome : Estimate
-        Part of solvers and frames with success on both or on neither.
+        Share of pairs of solver and frame with success on both or on neither.
     kappa : Estimate
-        The same beyond chance.
+        The same agreement beyond chance.
     error_ratio : Estimate
-        Median of the error on a photograph over that on its twin, of successes on both.
+        Median ratio of the error on a photograph to that on its twin, for successes on both.
     swapped : int
-        Pairs of solvers that succeed more often than each other on the one and less often on the other.
+        Pairs of solvers of which one succeeds more often on photographs, and the other on twins.
     """
 
     tau_success: Estimate
@@ -85,7 +85,7 @@ class Agreement:
 
 
 def agreement_of(outcomes: Outcomes) -> Agreement:
-    """Compare what happened on photographs and on twins."""
+    """Compare the outcomes on photographs and on twins."""
     return Agreement(
         tau_success=_estimate(outcomes, tau_success),
         tau_error=_estimate(outcomes, tau_error),
@@ -114,14 +114,14 @@ def tau_error(outcomes: Outcomes) -> float:
 
 
 def tau_error_finite(outcomes: Outcomes) -> float:
-    """Kendall's tau-b between median errors, of the solvers that have a finite one on both; NaN of fewer than two."""
+    """Kendall's tau-b between median errors, among the solvers with a finite one on both; NaN for fewer than two."""
     real, twin = _median_errors(outcomes)
     finite = _finite(real, twin)
     return _tau(real[finite], twin[finite])
 
 
 def _median_errors(outcomes: Outcomes) -> tuple[Floats, Floats]:
-    """The lower of two middle values, shape (m,) each: the mean with an infinite one would be infinite."""
+    """Lower of the two middle values, shape (m,) each, because their mean would be infinite if one of them is."""
     middle = (outcomes.real_km.shape[1] - 1) // 2
     return np.sort(outcomes.real_km, axis=1)[:, middle], np.sort(outcomes.twin_km, axis=1)[:, middle]
 
@@ -131,7 +131,7 @@ def _finite(real: Floats, twin: Floats) -> NDArray[np.bool_]:
 
 
 def same_outcome(outcomes: Outcomes) -> float:
-    """Part of solvers and frames with the same outcome."""
+    """Share of pairs of solver and frame with the same outcome."""
     return float(np.mean(successes(outcomes.real_km) == successes(outcomes.twin_km)))
 
 
@@ -143,7 +143,7 @@ def kappa(outcomes: Outcomes) -> float:
 
 
 def error_ratio(outcomes: Outcomes) -> float:
-    """Median ratio of errors, real over twin, of successes on both; NaN where there are none."""
+    """Median ratio of errors, photograph over twin, for successes on both; NaN where there are none."""
     both = successes(outcomes.real_km) & successes(outcomes.twin_km)
     if not both.any():
         return math.nan
@@ -151,7 +151,7 @@ def error_ratio(outcomes: Outcomes) -> float:
 
 
 def swapped_pairs(outcomes: Outcomes) -> int:
-    """Pairs of solvers whose order by success is the opposite on twins."""
+    """Number of pairs of solvers whose order by success is reversed on twins."""
     real, twin = (successes(errors).sum(axis=1) for errors in (outcomes.real_km, outcomes.twin_km))
     ahead_real = np.sign(real[:, None] - real[None, :])
     ahead_twin = np.sign(twin[:, None] - twin[None, :])
@@ -159,7 +159,7 @@ def swapped_pairs(outcomes: Outcomes) -> int:
 
 
 def _tau(one: Floats, other: Floats) -> float:
-    # Ranks in place of infinite values, whose differences are not defined.
+    # Ranks instead of infinite values, whose differences are undefined.
     ranks = [np.unique(values, return_inverse=True)[1] for values in (one, other)]
     if any(rank.max(initial=0) == 0 for rank in ranks):
         return math.nan
@@ -169,7 +169,7 @@ def _tau(one: Floats, other: Floats) -> float:
 
 
 def _estimate(outcomes: Outcomes, statistic: Callable[[Outcomes], float]) -> Estimate:
-    """A statistic with its bootstrap interval over frames; an undefined one has the widest."""
+    """A statistic with its bootstrap interval over frames; an undefined one gets the widest interval."""
     n = outcomes.real_km.shape[1]
     rng = random_stream(0, "study:realism", 0)
     drawn = np.array([statistic(outcomes.frames(np.asarray(rng.integers(0, n, n), np.intp))) for _ in range(RESAMPLES)])

@@ -1,10 +1,10 @@
-"""How alike a photograph and its twin look: structure of the sky, places of the stars, patches of light.
+"""Similarity of a photograph and its twin: structure of the sky, positions of the stars, patches of light.
 
-- *Structure*: structural similarity (Wang et al. 2004, IEEE Transactions on Image Processing 13(4), 600) of the light's
-  logarithm in blocks of 8 pixels, each picture over its own median, 1 for equal pictures. What it is worth shows beside it:
-  the same of the photograph and the twins of the other photographs.
-- *Shift*: of the stars, by the crest of the pictures' cross-correlation (Guizar-Sicairos et al. 2008, Optics Letters 33(2),
-  156).
+- *Structure*: structural similarity (Wang et al. 2004, IEEE Transactions on Image Processing 13(4), 600) of the logarithm of
+  the light in blocks of 8 pixels, each picture relative to its own median; 1 for equal pictures. As a reference, the same is
+  computed between the photograph and the twins of the other photographs.
+- *Shift*: shift of the stars, from the peak of the pictures' cross-correlation (Guizar-Sicairos et al. 2008, Optics Letters
+  33(2), 156).
 - *Patches*: connected regions of blocks of 4 pixels that are brighter than their surroundings and larger than stars: glare,
   ghosts, rays, edges of cloud.
 """
@@ -22,38 +22,38 @@ Floats = NDArray[np.float64]
 
 BLOCK_PX, PATCH_BLOCK_PX = 8, 4
 LEAST_LIGHT, MOST_LIGHT = 0.1, 10.0
-"""Over the median: darker and brighter blocks count as this dark and bright."""
+"""Limits relative to the median: darker and brighter blocks count as this dark and this bright."""
 WINDOW = 7
 """Blocks along a side of the windows whose structure is compared."""
 STAR_PX = 4.0
-"""Standard deviation, px, of what is taken off before stars are registered."""
+"""Standard deviation, px, of the smoothed image that is subtracted before stars are registered."""
 STAR_SIGMAS = 10.0
-"""Light over the noise as which brighter stars count, so that a few do not decide."""
+"""Upper limit of light over noise, to which brighter stars are clipped, so that a few do not decide."""
 STEPS_PER_PX = 50
 INNER_SHARE = 0.9
-"""Part of the image circle's radius within which stars are registered and patches counted: the ground is beyond."""
+"""Fraction of the image circle's radius within which stars are registered and patches counted; the ground is beyond."""
 CONTRAST = 1.25
-"""Of a patch over the median of its surroundings."""
+"""Least ratio of a patch to the median of its surroundings."""
 AROUND_BLOCKS = 25
 LEAST_BLOCKS = 12
-"""Of a patch."""
+"""Least number of blocks of a patch."""
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """How alike two pictures are.
+    """Similarity of two pictures.
 
     Attributes
     ----------
     structure : float
-        Structural similarity with the own twin, mean over the image circle.
+        Structural similarity with the photograph's own twin, mean over the image circle.
     structure_of_others : float
         Median of the same with the twins of other photographs; NaN without any.
     shift_px : (float, float)
-        Of the twin's stars along u and v that brings them on the photograph's.
+        Shift of the twin's stars along u and v that aligns them with the photograph's.
     patches_real, patches_twin : int
     patch_share_real, patch_share_twin : float
-        Part of the image circle that they cover.
+        Fraction of the image circle that the patches cover.
     """
 
     structure: float
@@ -81,9 +81,9 @@ def likenesses(
     dark_dn : float
         Level without light.
     middle_px : (u, v)
-        Of the image circle.
+        Centre of the image circle.
     circle_px : float
-        Its radius.
+        Radius of the image circle.
     """
     ours, theirs = (
         [structure_of(picture - dark_dn, middle_px, circle_px) for picture in pictures] for pictures in (real, twins)
@@ -106,7 +106,7 @@ def likenesses(
 
 
 def structure_of(light: NDArray[np.floating], middle_px: tuple[float, float], circle_px: float) -> Floats:
-    """Logarithm (base 10) of the light in blocks over its median within the circle, bounded."""
+    """Logarithm (base 10) of the light in blocks relative to its median within the circle, bounded."""
     blocks = blocked(light, BLOCK_PX)
     inside = disk(blocks.shape, middle_px, circle_px, BLOCK_PX)
     relative = blocks / max(float(np.median(blocks[inside])), 1e-6)
@@ -125,7 +125,7 @@ def similarity(one: Floats, other: Floats, middle_px: tuple[float, float], circl
 def shift_of(
     real: NDArray[np.floating], twin: NDArray[np.floating], middle_px: tuple[float, float], circle_px: float
 ) -> tuple[float, float]:
-    """Shift (u, v), px, of a twin that brings its stars on the photograph's."""
+    """Shift (u, v), px, of a twin that aligns its stars with the photograph's."""
     from skimage.registration import phase_cross_correlation
 
     inside = disk(real.shape, middle_px, INNER_SHARE * circle_px, 1)
@@ -135,14 +135,14 @@ def shift_of(
 
 
 def _stars(pixels: NDArray[np.floating], inside: NDArray[np.bool_]) -> Floats:
-    """What is sharp within a mask, over its noise, bounded."""
+    """Sharp features within a mask, relative to their noise, bounded."""
     sharp = pixels.astype(np.float64) - gaussian_filter(pixels.astype(np.float64), STAR_PX)
     noise = 1.4826 * float(np.median(np.abs(sharp[inside])))
     return np.where(inside, np.clip(sharp / max(noise, 1e-6), 0, STAR_SIGMAS), 0.0)
 
 
 def patches(light: NDArray[np.floating], middle_px: tuple[float, float], circle_px: float) -> tuple[int, float]:
-    """Number of patches of light within the circle, and the part of it that they cover."""
+    """Number of patches of light within the circle, and the fraction of it that they cover."""
     from skimage.measure import label, regionprops
 
     blocks = blocked(light, PATCH_BLOCK_PX)
@@ -157,7 +157,7 @@ def patches(light: NDArray[np.floating], middle_px: tuple[float, float], circle_
 
 
 def blocked(light: NDArray[np.floating], side: int) -> Floats:
-    """Means over blocks; what is left over at the right and below is dropped."""
+    """Means over blocks; incomplete blocks at the right and at the bottom are dropped."""
     height, width = (length // side for length in light.shape)
     return (
         np.asarray(light[: height * side, : width * side], dtype=np.float64)
@@ -167,6 +167,6 @@ def blocked(light: NDArray[np.floating], side: int) -> Floats:
 
 
 def disk(shape: tuple[int, ...], middle_px: tuple[float, float], radius_px: float, side: int) -> NDArray[np.bool_]:
-    """Blocks of a side whose middles lie within a circle given in pixels."""
+    """Blocks of a side whose centres are within a circle given in pixels."""
     v, u = ((np.arange(length) + 0.5) * side - 0.5 for length in shape)
     return np.asarray(np.hypot(u - middle_px[0], v[:, None] - middle_px[1]) < radius_px)

@@ -1,7 +1,7 @@
-"""Photographs and their twins as two datasets that are made in the same way.
+"""Photographs and their twins as two datasets that are produced in the same way.
 
-Each has a camera calibrated from the stars of one of its own frames (of a photograph, or of that photograph's twin), and is
-imported with it, so that nothing of the scene's camera is told to a solver.
+Each dataset has a camera calibrated from the stars of one of its own frames (of a photograph, or of that photograph's twin),
+and is imported with it, so solvers receive nothing of the scene's camera.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class Pairs:
     Attributes
     ----------
     names : tuple of str
-        Of the photographs, in the order of the frames.
+        Names of the photographs, in the order of the frames.
     real, twins : Path
         Folders of the datasets.
     measures : list of dict
-        What was measured on each pair (`benchmark.twin.report.numbers_of_twin`), the frame of the calibration last.
+        Measurements on each pair (`benchmark.twin.report.numbers_of_twin`), with the frame of the calibration last.
     likenesses : list of Likeness
-        Of the same pairs.
+        Similarities of the same pairs.
     told : dict of str to ToldCamera
-        What solvers are told of each dataset.
+        What solvers receive for each dataset.
     """
 
     names: tuple[str, ...]
@@ -64,18 +64,18 @@ def make_pairs(
     work: Path,
     progress: Callable[[], None] = lambda: None,
 ) -> Pairs:
-    """Render the twins that are missing, calibrate both cameras and import both sets.
+    """Render the missing twins, calibrate both cameras and import both sets.
 
     Parameters
     ----------
     scene : Scene
-        Of the fixed camera.
+        Scene of the fixed camera.
     photographs : sequence of Path
-        FITS files that solvers are judged on.
+        FITS files on which solvers are judged.
     calibrated_on : Path
-        The photograph that the camera is calibrated on; not one of the others.
+        The photograph on which the camera is calibrated; not one of the others.
     work : Path
-        For everything that is made; what is there is used again.
+        Folder for everything that is produced; its content is reused.
     progress : callable
         Called after each twin.
 
@@ -116,7 +116,7 @@ def _likenesses(scene: Scene, photographs: Sequence[Path], twins: Sequence[Path]
 
 
 def _calibrated(path: Path, place: Place) -> ToldCamera:
-    """Lens and mount by the stars of one frame, from a blind start."""
+    """Calibrate lens and mount from the stars of one frame, with a blind start."""
     try:
         found = celnav.calibrate(
             read_frames([str(path)]), place.latitude_deg, place.longitude_deg, height_m=place.height_m
@@ -127,7 +127,7 @@ def _calibrated(path: Path, place: Place) -> ToldCamera:
 
 
 def _twin(scene: Scene, path: Path, work: Path) -> tuple[Path, dict[str, Any]]:
-    """The twin of a photograph as a FITS file, and what was measured on the two; made if it is not there."""
+    """Twin of a photograph as a FITS file, and the measurements on the two; produced if missing."""
     photograph = read_photograph(path)
     picture, numbers = work / "pictures" / f"{photograph.name}.fits", work / "pictures" / f"{photograph.name}.json"
     if not (picture.is_file() and numbers.is_file()):

@@ -1,4 +1,4 @@
-"""The study of realism: twins rendered, solvers run on both sets, tables and one page written."""
+"""The realism study: render twins, run solvers on both sets, write tables and one page."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ LEAST_PHOTOGRAPHS = 3
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Everything that the page shows.
+    """Content of the page.
 
     Attributes
     ----------
     names : tuple of str
-        Of the photographs.
+        Names of the photographs.
     calibrated_on : str
     outcomes : Outcomes
     agreement : Agreement
@@ -80,22 +80,22 @@ def run_study(
     Parameters
     ----------
     scene : Scene
-        Of the fixed camera.
+        Scene of the fixed camera.
     photographs : sequence of Path
-        FITS files that solvers are judged on.
+        FITS files on which solvers are judged.
     calibrated_on : Path
-        The photograph that the camera is calibrated on.
+        The photograph on which the camera is calibrated.
     solvers : sequence of str
     work, out : Path
-        Where frames and results go.
+        Folders for frames and results.
     command : str
-        For the page.
+        Command to state on the page.
     progress : StudyProgress
 
     Raises
     ------
     BenchmarkError, GeneratorError
-        With what to do about it.
+        The message says what to do about it.
     """
     if len(photographs) < LEAST_PHOTOGRAPHS:
         raise ResultsError(
@@ -193,7 +193,7 @@ def frame_table(names: Sequence[str], outcomes: Outcomes) -> Table:
 
 
 def measure_tables(measures: Sequence[dict[str, Any]]) -> tuple[Table, ...]:
-    """What is measured on a photograph and on its twin: detections and stars; sky and noise."""
+    """Measurements on a photograph and on its twin: detections and stars; sky and noise."""
     detections, skies = [], []
     for one in measures:
         found = one["detections"]
@@ -241,7 +241,7 @@ def measure_tables(measures: Sequence[dict[str, Any]]) -> tuple[Table, ...]:
 
 
 def likeness_table(names: Sequence[str], alike: Sequence[Likeness]) -> Table:
-    """How alike the pictures look."""
+    """Similarity of the pictures."""
     return Table(
         "Pictures",
         "Structure: structural similarity (1: equal) of the light's logarithm in blocks of 8 px within the image circle, "
@@ -272,7 +272,7 @@ def _share(value: float | None) -> str:
 
 
 def _rows(study: Study) -> pa.Table:
-    """One row to a solver and a photograph."""
+    """Table with one row per solver and photograph."""
     m, n = study.outcomes.real_km.shape
     columns = {
         "solver": np.repeat(study.outcomes.solvers, n).tolist(),
@@ -301,7 +301,7 @@ def _numbers(study: Study) -> dict[str, object]:
 
 
 def page(study: Study, mark: Mark, sentence: str) -> str:
-    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    """Render the page, with a mark of the sources of its numbers: one self-contained HTML file."""
     return render_page(
         "study_realism.html",
         study=study,

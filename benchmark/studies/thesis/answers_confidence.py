@@ -17,12 +17,12 @@ from benchmark.studies.thesis.hypotheses import CLAIMS
 from benchmark.studies.thesis.rendered import PART
 
 CALIBRATED = 0.1
-"""Largest calibration error of a confidence that is called calibrated."""
+"""Largest calibration error for which a confidence counts as calibrated."""
 
 
 @dataclass(frozen=True)
 class CalibrationError:
-    """A variant's expected calibration error on a kind of frames."""
+    """Expected calibration error of a variant on a kind of frames."""
 
     variant: str
     frames: str

@@ -17,14 +17,14 @@ SETTINGS_OF_LIGHT = tuple(setting for setting in SETTINGS if setting not in (CLE
 
 @dataclass(frozen=True)
 class DisturbedRecalls:
-    """H10: the adaptive variant's recalls, and settings by how it does against a list of stars to magnitude 4.
+    """H10: the adaptive variant's recalls, and settings by their effect compared with a list of stars to magnitude 4.
 
     Attributes
     ----------
     clear, few_stars : Estimate
         With stars to magnitude 7 and to magnitude 4.
     worse, better, undecided : tuple of str
-        Disturbances that cost more than the short list of stars, less, or neither by the tests.
+        Disturbances that cost more than the short list of stars, less, or, according to the tests, neither.
     """
 
     clear: Estimate
@@ -35,7 +35,7 @@ class DisturbedRecalls:
 
 
 def h10(rows: Rows) -> Answer:
-    """Cloud, Moon, blur, motion and hot pixels against a list of stars that ends at magnitude 4."""
+    """Compare cloud, Moon, blur, motion and hot pixels with a list of stars that ends at magnitude 4."""
     tests = family(
         [
             (
@@ -47,7 +47,7 @@ def h10(rows: Rows) -> Answer:
         ]
     )
     settings: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
-    # Of the adaptive variant alone; a setting is worse where frames of few stars do better.
+    # Only for the adaptive variant; a setting is worse where frames with few stars do better.
     for setting, test in zip(SETTINGS_OF_LIGHT, tests, strict=False):
         settings[test.outcome].append(setting)
     worse = settings[Outcome.BETTER]

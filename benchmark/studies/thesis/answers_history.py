@@ -16,17 +16,17 @@ LITERAL_ORDERS = ("reset", "carried, one depth", "carried, shuffled")
 
 @dataclass(frozen=True)
 class HistoryEffects:
-    """H2: recalls with the history reset and carried, in our reading and to the letter.
+    """H2: recalls with the history reset and carried, in our reading and in the literal one.
 
     Attributes
     ----------
     reset, baseline : Estimate
-        Of our reading.
+        In our reading.
     carried_shuffled : Outcome
-        Our reading, carried through shuffled frames, against reset.
+        Our reading, carried through shuffled frames, compared with reset.
     literal_reset, literal_baseline, literal_one_depth, literal_shuffled : Estimate
     literal_carried_one_depth, literal_carried_shuffled : Outcome
-        Against reset.
+        Compared with reset.
     """
 
     reset: Estimate
@@ -41,7 +41,7 @@ class HistoryEffects:
 
 
 def h2(rows: Rows) -> Answer:
-    """History reset against history carried."""
+    """Compare history reset with history carried."""
     baseline = rows.of(PART, who.BASELINE)
     baseline = Rows(tuple(sorted(baseline.rows, key=lambda row: row.frame_id)))
     ours = tuple(rows.of("history", order) for order in HISTORY_ORDERS)
@@ -84,7 +84,7 @@ def h2(rows: Rows) -> Answer:
 
 
 def _recall_table(ours: tuple[Rows, ...], literal: tuple[Rows, ...]) -> Table:
-    """Baseline, reset and both ways of carrying, in our reading and to the letter."""
+    """Baseline, reset and both ways of carrying, in our reading and in the literal one."""
     depths = sorted({row.depth_mag for row in literal[0].rows})
     return Table(
         "Recall (< 10 km) with the history in three orders",

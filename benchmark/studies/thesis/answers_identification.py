@@ -21,15 +21,15 @@ CENTROIDS = "centroids"
 
 @dataclass(frozen=True)
 class IdentifiedShares:
-    """H1: shares of frames whose stars are identified, at labels up to `most_mag`.
+    """H1: shares of frames with identified stars, at labels up to `most_mag`.
 
     Attributes
     ----------
     most_mag : float
     adaptive, baseline, selection_alone, iteration_alone : Estimate
-        Of our reading; the last two change one thing about the baseline each.
+        In our reading; each of the last two changes one thing about the baseline.
     over_iteration_and_rejection : Outcome
-        The adaptive variant against the fixed catalogue with iteration and polar rejection.
+        The adaptive variant compared with the fixed catalogue with iteration and polar rejection.
     """
 
     most_mag: float
@@ -62,7 +62,7 @@ class TwoRecalls:
 
 
 def h1(rows: Rows) -> Answer:
-    """Adaptive against fixed, by true identification."""
+    """Compare adaptive with fixed, by true identification."""
     labels = sorted({row.depth_mag for row in rows.of(PART).rows if row.depth_mag <= LIGHT_POLLUTED_MAG}, reverse=True)
     ours = {name: rows.of(PART, name, labels) for name in who.OURS_IN_TABLE}
     tests = family(
@@ -116,7 +116,7 @@ def _identified_table(rows: Rows, labels: Sequence[float]) -> Table:
 
 
 def h3(rows: Rows) -> Answer:
-    """One deep catalogue and the brightest detections."""
+    """Compare one deep catalogue and the brightest detections."""
     names = (who.ADAPTIVE, who.BRIGHTEST_N, who.DAI)
     found = {name: rows.of(PART, name) for name in names}
     shallow = {name: rows.of(CENTROIDS, name) for name in names}
@@ -163,7 +163,7 @@ def h3(rows: Rows) -> Answer:
 
 
 def h6(rows: Rows) -> Answer:
-    """Recall below 10 km against true identification."""
+    """Compare recall within 10 km with true identification."""
     parts = (
         ("rendered", PART, (who.BASELINE, who.ADAPTIVE, who.ADAPTIVE_ONE_STAR, who.LITERAL_ADAPTIVE)),
         (CENTROIDS, CENTROIDS, (who.ADAPTIVE, *who.LITERAL)),

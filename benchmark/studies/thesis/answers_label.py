@@ -15,12 +15,12 @@ from benchmark.studies.thesis.hypotheses import CLAIMS
 from benchmark.studies.thesis.rendered import Depth
 
 SAME_MAG = 0.25
-"""A label is true where at least half of the stars are detected down to so near to it."""
+"""A label counts as true where at least half of the stars are detected down to this close to it."""
 
 
 @dataclass(frozen=True)
 class LabelDepth:
-    """Magnitude labels against the depth of frames.
+    """Magnitude labels compared with the depth of frames.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class LabelDepth:
     camera_mag, camera_label_mag, detections : float
         Depth, label and median number of detections of the set with the faintest label.
     best_mag, most_mag : float
-        Depths of centroid frames at which the literal baseline is best, and the greatest.
+        Depths of centroid frames at which the literal baseline is best, and the greatest depth.
     at_best, at_most : Estimate
         Its recalls there.
     """

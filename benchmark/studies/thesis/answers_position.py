@@ -51,12 +51,12 @@ class StarChoices:
 
 @dataclass(frozen=True)
 class AttitudeEffect:
-    """H9: median errors with the true attitude and with one off by a tenth of a degree, km.
+    """H9: median errors with the true attitude and with one that is off by a tenth of a degree, km.
 
     Attributes
     ----------
     noise_px : float
-        Of the centroids.
+        Noise of the centroids.
     exact_km, tenth_km : Estimate
     factor : float
         Ratio of the medians; infinite where the smaller is zero.
@@ -117,7 +117,7 @@ def _error_table(title: str, first: str, errors: dict[str, NDArray[np.float64]])
 
 
 def h7(part: CentroidPart) -> Answer:
-    """Which star to take: by declination or by the determinant."""
+    """Which star to use: by declination or by the determinant."""
     errors = {name: _errors(part.true_stars, "choice", name) for name in CHOICES}
     near = {name: found < SUCCESS_KM for name, found in errors.items()}
     central, by_dec, by_det, weighted, everything = CHOICES

@@ -19,7 +19,7 @@ from benchmark.studies.thesis.hypotheses import CLAIMS
 
 EXAMPLE_OFF_AXIS_DEG = 9.3
 CENTROID_NOISE_KM = 0.1
-"""Medians below this are those of centroid noise, not of a wrong projection."""
+"""Medians below this are caused by centroid noise, not by a wrong projection."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class ProjectionEffect:
     Attributes
     ----------
     example_deg, example_km : float
-        Predicted error of a star so far off the axis.
+        Predicted error of a star at this angle from the axis.
     over_prediction : Estimate
         Error over prediction of one-star fixes with true names.
     dense_mag, sparse_mag, noise_px : float
-        Depths of the frames that the star is taken from; noise of the centroids.
+        Depths of the frames from which the star is taken; noise of the centroids.
     wrong_dense_km, wrong_sparse_km : Estimate
         Median errors with the wrong projection, without noise.
     right_clean_km, right_noisy_km : Estimate
-        With the right one, to `dense_mag`, without and with noise.
+        With the right projection, to `dense_mag`, without and with noise.
     literal_identified_wrong, literal_identified_right : Estimate
         Shares of frames that the literal matcher identifies.
     """
@@ -57,10 +57,10 @@ class ProjectionEffect:
 
 
 def swap_error_km(off_axis_deg: ArrayLike) -> NDArray[np.float64]:
-    """Error of a one-star fix when a stereographic frame is solved as a pinhole's of the same focal length.
+    """Error of a one-star fix when a stereographic frame is solved as that of a pinhole with the same focal length.
 
-    A star theta off the axis is imaged at 2 f tan(theta/2) and taken for one at atan(2 tan(theta/2)); the zenith, and so
-    the position, moves by the difference, about theta^3/4.
+    A star theta off the axis is imaged at 2 f tan(theta/2) and taken for one at atan(2 tan(theta/2)). The zenith, and so the
+    position, moves by the difference, about theta^3/4.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The answer about the time of solving, H11, and whether the speeds aimed at are reached."""
+"""The answer about the time of solving, H11, and whether the target speeds are reached."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SPEED_LIMITS_MS = MappingProxyType({who.ADAPTIVE: 50.0, who.BASELINE_SI: 100.0})
 
 @dataclass(frozen=True)
 class Speed:
-    """A variant's median time of solving, and the time aimed at."""
+    """A variant's median time of solving, and the target time."""
 
     name: str
     median_ms: float
@@ -27,7 +27,7 @@ class Speed:
 
     @property
     def reached(self) -> bool:
-        """Whether it is within the time aimed at."""
+        """Whether it is within the target time."""
         return self.median_ms <= self.limit_ms
 
 
@@ -51,7 +51,7 @@ class Ranking:
 
 
 def speeds(rows: Rows) -> tuple[Speed, ...]:
-    """Hold median times on all rendered frames beside the times aimed at."""
+    """Compare median times on all rendered frames with the target times."""
     return tuple(Speed(name, rows.of(PART, name).median_solve_ms().value, ms) for name, ms in SPEED_LIMITS_MS.items())
 
 

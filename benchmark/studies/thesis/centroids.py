@@ -1,7 +1,7 @@
 """The part of the replication that needs no pictures: star positions with noise, in two projections.
 
-Frames of one site at several depths share the site, the instant and the noise stream, so that they can be compared in
-pairs. "True star" experiments leave identification out: the solver is given the identities of the stars.
+Frames of one site at several depths share the site, the instant and the noise stream, so that they can be compared in pairs.
+"True star" experiments omit identification: the solver receives the identities of the stars.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class OneStar:
     Attributes
     ----------
     projection : str
-        How the frame was made; it is solved as a pinhole's.
+        Projection of the frame; it is solved as a pinhole's.
     depth_mag : float
-        The most central star down to this magnitude.
+        Uses the most central star down to this magnitude.
     noise_px, off_axis_deg, error_km : float
     """
 
@@ -69,7 +69,7 @@ class TrueStarFix:
     experiment : str
         ``choice`` or ``attitude``.
     setting : str
-        Which stars, or the attitude's standard deviation in degrees about each axis.
+        Choice of stars, or the attitude's standard deviation in degrees about each axis.
     site : int
     error_km : float
         Infinite where no star was left.
@@ -83,7 +83,7 @@ class TrueStarFix:
 
 @dataclass(frozen=True)
 class CentroidPart:
-    """All that comes from star positions without pictures."""
+    """All results from star positions without pictures."""
 
     n_sites: int
     rows: tuple[Row, ...]
@@ -92,9 +92,9 @@ class CentroidPart:
 
 
 def sites_of(scenario: Scenario, n_sites: int) -> list[StarList]:
-    """List the stars over sites of a scenario, whatever limiting magnitude its sets have, to magnitude 6.5.
+    """List the stars to magnitude 6.5 over sites of a scenario, whatever the limiting magnitude of its sets.
 
-    Sites are drawn as the scenario draws its own, in frames after its last.
+    Sites are drawn as the scenario draws its own, in frames after its last one.
     """
     tree = {**scenario.template, "stars": {"limiting_magnitude": DEEPEST_MAG}}
     deep = replace(scenario, name=f"{scenario.name}-centroids", template=tree, axes=(), repeats=n_sites)
@@ -109,7 +109,7 @@ def solve_centroids(sites: Sequence[StarList], n_identified: int) -> CentroidPar
     sites : sequence of StarList
         Experiments with true names use all of them.
     n_identified : int
-        Experiments that identify stars, which cost more, use the first of them.
+        Experiments that identify stars are slower and only use this number of them.
     """
     one_star = [fix for stars in sites for fix in _one_star_fixes(stars)]
     true_stars = [fix for number, stars in enumerate(sites) for fix in _true_star_fixes(number, stars)]
@@ -134,7 +134,7 @@ def _by_depth(sites: Sequence[StarList]) -> list[Row]:
 
 
 def _histories(sites: Sequence[StarList]) -> list[Row]:
-    """The literal adaptive variant over depths 2.0 to 4.5: no history, carried at one depth, carried shuffled."""
+    """The literal adaptive variant at depths 2.0 to 4.5: no history, carried at one depth, carried shuffled."""
     depths = [depth for depth in DEPTHS_MAG if depth <= 4.5]
     frames = [(depth, make_frame(stars, depth, noise_px=NOISE_PX)) for depth in depths for stars in sites]
     solver = celnav.ddr_solver(who.LITERAL[who.LITERAL_ADAPTIVE])
@@ -154,7 +154,7 @@ def _histories(sites: Sequence[StarList]) -> list[Row]:
 
 
 def _projections(sites: Sequence[StarList]) -> list[Row]:
-    """Frames of either projection, solved as a pinhole's, by patterns of three radii."""
+    """Frames in either projection, solved as a pinhole's, with patterns of three radii."""
     contestants = [who.adaptive_of_radius(f"literal adaptive, {radius} deg", radius) for radius in (20, 45, 60)]
     contestants += [c for c in who.registered() if c.name in (who.ADAPTIVE, who.DAI)]
     rows: list[Row] = []
@@ -209,7 +209,7 @@ def disturb(made: CentroidFrame, kind: str) -> CentroidFrame:
 
 
 def _error_km(made: CentroidFrame, rows: Sequence[int] | NDArray[np.intp], attitude: F8 | None = None) -> float:
-    """Error of a fix from detections whose names are given."""
+    """Error of a fix from detections with supplied names."""
     frame = made.frame
     chosen = np.asarray(rows, dtype=np.intp)
     if len(chosen) == 0:

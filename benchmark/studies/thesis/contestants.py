@@ -1,4 +1,4 @@
-"""Who takes part in the replication: the registered variants, and the thesis to the letter."""
+"""Contestants of the replication: the registered variants, and the literal reading of the thesis."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def registered() -> list[Contestant]:
 
 
 def literal() -> list[Contestant]:
-    """The thesis to the letter: see `celnav.matching.thesis_config`."""
+    """The thesis in its literal reading: see `celnav.matching.thesis_config`."""
     return [Contestant(name, celnav.ddr_solver(config)) for name, config in LITERAL.items()]
 
 
 def one_star() -> Contestant:
-    """`thesis-adaptive` with the reference star alone in the fix."""
+    """`thesis-adaptive` with only the reference star in the fix."""
     return Contestant(ADAPTIVE_ONE_STAR, celnav.ddr_solver(replace(configs.THESIS_ADAPTIVE, stars_in_fix="one")))
 
 

@@ -1,7 +1,7 @@
-"""Pictures of one set of sites under each disturbance that the thesis leaves out: light and blur.
+"""Pictures of one set of sites under each disturbance of light and blur that the thesis omits.
 
-All settings share sites, instants and, but for the disturbance, every pixel's light, so that they can be compared in pairs.
-The night is that of a full Moon near an equinox: with the Sun 12 deg below the horizon the Moon is up wherever the site.
+All settings share sites, instants and, except for the disturbance, every pixel's light, so that they can be compared in
+pairs. The night is that of a full Moon near an equinox: with the Sun 12 deg below the horizon the Moon is up at every site.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmark.studies.thesis import contestants as who
 from generator.scenario.file import Scenario, parse_scenario
 
 MOST_FRAMES = 40
-"""Frames of a setting: a recall of one half is known to 15 points."""
+"""Frames per setting; a recall of one half is then known to 15 points."""
 CLEAR, FEW_STARS = "clear", "limiting magnitude 4"
 SHARED: MappingProxyType[str, Any] = MappingProxyType(
     {
@@ -57,7 +57,7 @@ def part_of(setting: str) -> str:
 
 
 def disturbed_scenario(scenario: Scenario, setting: str, n_frames: int) -> Scenario:
-    """Make a setting's scenario: the camera of the thesis' sets, the shared night, and the disturbance.
+    """Make the scenario of a setting: the camera of the thesis' sets, the shared night, and the disturbance.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ def solve_disturbed(scenario: Scenario, n_frames: int, folder: Path, progress: A
     scenario : Scenario
         The thesis' sets.
     n_frames : int
-        Of each setting.
+        Number of frames of each setting.
     folder : Path
-        For the frames, a folder a setting.
+        Folder for the frames, with a subfolder per setting.
     progress : callable
         Called after each frame.
     """

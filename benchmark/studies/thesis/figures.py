@@ -46,7 +46,7 @@ def _published(name: str, recalls: Sequence[float], shape: str, shift: float, co
 
 
 def figure_5(rows: Rows) -> str:
-    """Recall by class, adaptive and baseline, the thesis' and ours."""
+    """Recall by class, adaptive and baseline, the thesis' numbers and ours."""
     labels = sorted({row.depth_mag for row in rows.of(PART).rows}, reverse=True)
     series = [
         _published("thesis: adaptive", thesis.ADAPTIVE_RECALL, "circle", -9, _COLOURS[who.ADAPTIVE]),
@@ -100,7 +100,7 @@ def figure_6(rows: Rows) -> str:
 
 
 def figure_swap(part: CentroidPart) -> str:
-    """One-star error against the angle off the axis, with and without the projection mix-up."""
+    """One-star error against the angle off the axis, with and without the confusion of projections."""
     largest = max(12.0, *(f.off_axis_deg for f in part.one_star)) * 1.05
     curve = np.linspace(0.2, largest, 60)
     series = [Series("prediction of the mix-up", list(curve), list(swap_error_km(curve)), shape="none")]

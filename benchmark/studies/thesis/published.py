@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 N_FRAMES = 200
-# Limiting magnitudes of the nine sets, and the Bortle classes that the thesis gives them.
+# Limiting magnitudes of the nine sets, and the Bortle classes that the thesis assigns to them.
 LABELS_MAG = (8.0, 7.5, 7.0, 6.5, 6.0, 5.5, 5.0, 4.5, 4.0)
 TABLE_LABEL_MAG = 7.0
 # Figure 5: recall in percent, class 1 to 9. Class 9 is "both algorithms fail".
@@ -47,4 +47,4 @@ TABLE_1_2 = (
     ConfidenceBin(0.8, 1.01, 24, 7.31, 29.2),
 )
 MEDIAN_KM = TABLE_1_1[-1].median_km
-"""Of the adaptive configuration."""
+"""Median error of the adaptive configuration."""

@@ -1,4 +1,4 @@
-"""The part of the replication that looks at pictures: rendering, detection, all contestants, three orders of history."""
+"""The part of the replication that uses pictures: rendering, detection, all contestants, three orders of history."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from generator.seeds import random_stream
 
 PART = "pictures"
 HISTORY_ORDERS = ("reset", "carried, sets in turn", "carried, shuffled")
-# A star counts as detected when a detection lies this near.
+# A star counts as detected when a detection is within this distance.
 DETECTED_PX = 1.5
 DEPTH_BIN_MAG = 0.25
 LEAST_STARS_IN_BIN = 20
@@ -34,13 +34,13 @@ LEAST_STARS_IN_BIN = 20
 
 @dataclass(frozen=True)
 class Depth:
-    """How deep the pictures of one label are.
+    """Depth of the pictures of one label.
 
     Attributes
     ----------
     label_mag : float
     half_mag : float
-        Bins of 0.25 mag from bright to faint have at least half of their stars detected down to here.
+        Faint end of the bins of 0.25 mag, from bright to faint, in which at least half of the stars are detected.
     detections : float
         Median number per frame.
     n_frames : int
@@ -54,7 +54,7 @@ class Depth:
 
 @dataclass(frozen=True)
 class RenderedPart:
-    """All that comes from pictures."""
+    """All results from pictures."""
 
     dataset: Dataset
     rows: tuple[Row, ...]
@@ -82,7 +82,7 @@ def solve_pictures(folder: Path, progress: Advance) -> RenderedPart:
     Raises
     ------
     DatasetError
-        The folder is no dataset, or its frames have no limiting magnitude.
+        The folder is not a dataset, or its frames have no limiting magnitude.
     """
     dataset = open_dataset(folder)
     contestants = [*who.registered(), *who.literal(), who.one_star()]
@@ -154,20 +154,20 @@ def _depths(folder: Path, seen: list[tuple[Frame, celnav.Detections, float, floa
 
 
 def half_depth(v_mag: NDArray[np.float64], found: NDArray[np.bool_]) -> float:
-    """Return the magnitude down to which every bin of 0.25 mag has at least half of its stars found.
+    """Return the magnitude down to which at least half of the stars in every bin of 0.25 mag are found.
 
     Parameters
     ----------
     v_mag : ndarray, shape (n,)
         Magnitudes of stars in the field.
     found : ndarray of bool, shape (n,)
-        Which of them have a detection.
+        Whether each of them has a detection.
 
     Returns
     -------
     float
-        Faint end of the last such bin, or the faintest star's magnitude where the list ends before; bins of fewer than 20
-        stars do not count; NaN where even the brightest bin falls short.
+        Faint end of the last such bin, or the faintest star's magnitude where the list ends earlier. Bins of fewer than 20
+        stars do not count. NaN where even the brightest bin falls short.
     """
     depth = float("nan")
     bins = np.floor(v_mag / DEPTH_BIN_MAG).astype(np.int64)

@@ -39,21 +39,21 @@ from generator.files import write_bytes
 
 FORMAT = "skybench-study/1"
 PAGE, NUMBERS, ROWS = "index.html", "study.json", "frames.parquet"
-# Experiments with true names cost little, so that they can have more sites.
+# Experiments with true names are cheap, so they can use more sites.
 TRUE_NAMES_FACTOR = 5
 
 
 @dataclass(frozen=True)
 class Headline:
-    """The page's first numbers: recalls at magnitude 7 of our reading and to the letter, beside the thesis' own.
+    """First numbers of the page: recalls at magnitude 7, in our reading and in the literal one, next to the thesis' own.
 
     Attributes
     ----------
     adaptive, baseline, literal : Estimate
-        The last is the adaptive variant to the letter.
+        The last is the adaptive variant in its literal reading.
     thesis_adaptive, thesis_baseline : float
     against_thesis : Outcome
-        Our adaptive variant against the thesis'.
+        Our adaptive variant compared with the thesis'.
     speeds : tuple of Speed
     """
 
@@ -68,21 +68,21 @@ class Headline:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that the page shows.
+    """Content of the page.
 
     Attributes
     ----------
     rendered : RenderedPart
     centroids : CentroidPart
     rows : Rows
-        Of both, and of disturbed pictures.
+        Rows of both, and of disturbed pictures.
     tables : tuple of Table
     answers : tuple of Answer
-        H1 to H11, and the one about the label.
+        H1 to H11, and the answer about the label.
     command : str
-        That made it.
+        Command that ran the study.
     minutes : float
-        That it took.
+        Duration of the study.
     """
 
     rendered: RenderedPart
@@ -113,19 +113,19 @@ def run_study(
     frames : int or None
         Frames per label; the scenario's own number if None.
     dataset : Path or None
-        A dataset rendered before; rendered into `work` if None.
+        A dataset rendered before; with None it is rendered into `work`.
     work, out : Path
-        Where frames and results go; disturbed pictures go to a folder beside `work`.
+        Folders for frames and results; disturbed pictures go to a folder next to `work`.
     n_sites : int
-        Sites of the centroid frames.
+        Number of sites of the centroid frames.
     command : str
-        For the page.
+        Command to state on the page.
     progress : StudyProgress
 
     Raises
     ------
     GeneratorError, DatasetError
-        With what to do about it.
+        The message says what to do about it.
     """
     start = time.monotonic()
     folder = dataset
@@ -226,12 +226,12 @@ def _numbers(study: Study) -> dict[str, object]:
 
 
 def words() -> jinja2.Environment:
-    """Templates of the page and of its answers, with what they print numbers by and the thesis' own numbers."""
+    """Templates of the page and of its answers, with the functions that format numbers and the thesis' own numbers."""
     return environment(thesis=thesis, number=number, percent=percent, interval=interval, p_text=p_text)
 
 
 def page(study: Study, mark: Mark, sentence: str) -> str:
-    """Render the page, with a mark of what its numbers were taken from: one HTML file that needs nothing beside it."""
+    """Render the page, with a mark of the sources of its numbers: one self-contained HTML file."""
     drawn = (
         (
             "Figure 5: recall by class",

@@ -1,4 +1,4 @@
-"""Tables 1.1 and 1.2 and the numbers behind figures 5 and 6, each beside the thesis' own."""
+"""Tables 1.1 and 1.2 and the numbers behind figures 5 and 6, each next to the thesis' own."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from benchmark.studies.thesis import contestants as who
 from benchmark.studies.thesis import published as thesis
 from benchmark.studies.thesis.rendered import PART, Depth
 
-# Where the literal reading on centroids is held beside Table 1.1: the depth at which its baseline comes closest to the
-# thesis' 39 %, chosen after looking at the curve, which the page states.
+# Depth at which the literal reading on centroids is compared with Table 1.1: where its baseline comes closest to the thesis'
+# 39 %. It was chosen after inspecting the curve, which the page states.
 CENTROIDS = "centroids"
 
 
