@@ -38,8 +38,8 @@ YBSC_PATH = Path(__file__).parents[1] / "data" / "ybsc" / "catalog.dat"
 HIPPARCOS_EPOCH_YEARS_FROM_J2000 = -8.75
 MATCH_RADIUS_ARCSEC = 15.0
 MATCH_RADIUS_YEARS = 4.0
-"""Errors of the Yale catalogue's places, in years of the star's proper motion, reach up to this: 3, of 5.3 arcsec, for 61
-Cygni A."""
+"""Radius of a match in years of a star's proper motion, because the Yale catalogue's places are off by up to 3 years of it
+(5.3 arcsec each, for 61 Cygni A)."""
 MATCH_MAGNITUDE_TOLERANCE = 1.5
 BLEND_RADIUS_ARCSEC = 10.0
 LARGEST_EXCESS_OF_LIGHT = 1.2

@@ -18,7 +18,7 @@ _UNIT_SUFFIX = re.compile(
 
 
 def message(problem: Any, source: str) -> str:
-    """One line: file, key path, what was found, what is allowed."""
+    """Format a message in one line: file, key path, what was found, what is allowed."""
     # Tags of alternatives for one value start with #.
     location = tuple(part for part in problem["loc"] if not str(part).startswith("#"))
     where = ".".join(str(part) for part in location)

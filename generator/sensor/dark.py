@@ -16,7 +16,7 @@ from generator.sensor.sparse import rare_pixels
 MOMENTS = 16
 """Number of moments in an exposure at which the state of a blinking pixel is evaluated."""
 MOST_CELLS = 24
-"""Number of cells before a moment that are searched; none of them contains a renewal with a probability of exp(-24),
+"""Number of cells before a moment that are searched; the probability that none of them contains a renewal is exp(-24),
 4e-11."""
 MOST_RENEWALS = 8
 """Largest number of renewals in a cell; more occur with a probability of 1e-6."""

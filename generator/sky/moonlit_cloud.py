@@ -37,9 +37,10 @@ class MoonVeil:
     Diffraction, half of the vertical depth, is removed from the layer (delta scaling, Joseph et al. 1976, J. Atmos. Sci.
     33, 2452). With t the other half and m0 the cosine of the Moon to the layer's vertical, it is the sum of
 
-    - light scattered once, by the phase function itself (as by Nakajima & Tanaka 1988, J. Quant. Spectrosc. Radiat. Transfer
+    - light scattered once, with the phase function itself (as in Nakajima & Tanaka 1988, J. Quant. Spectrosc. Radiat.
+      Transfer
       40, 51);
-    - light scattered more often (:mod:`generator.sky.cloud_layer`);
+    - light scattered more than once (:mod:`generator.sky.cloud_layer`);
     - diffracted light outside the Moon's image, as an aureole: light not scattered otherwise, exp(-t / m0), minus the
       image's light.
 

@@ -26,7 +26,7 @@ ZENITH_DISTANCES_DEG: Floats = np.arange(LEAST_DEG, MOST_DEG + STEP_DEG / 2, STE
 OPAQUE = 1e4
 """Value of the column in the Earth's shadow."""
 GAUSS_POINTS = 6
-# Rays that end on the ground would touch spheres smaller than the Earth: the difference of radius, km.
+# Invariants of rays that end on the ground, as the lowest height, km, which is below the Earth's surface.
 _SUNK_KM = np.concatenate([-np.geomspace(120.0, 0.02, 60)])
 
 

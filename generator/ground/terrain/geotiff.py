@@ -144,7 +144,7 @@ def read_elevation(data: bytes, name: str) -> Elevation:
 
 
 def _heights(values: Singles, missing: object, name: str) -> Singles:
-    """Heights with NaN where there are none."""
+    """Heights with missing values as NaN."""
     if missing is not None:
         text = str(missing).strip("\0 ")
         try:
