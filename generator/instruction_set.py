@@ -45,7 +45,8 @@ def settle(environment: MutableMapping[str, str] = os.environ, processor: Path =
     Returns
     -------
     bool
-        False if nothing was settled, because NumPy is already loaded, or the processor is of another kind or unknown.
+        False if nothing was settled, because NumPy is already loaded (which workers learn by UNSETTLED_VARIABLE), or the
+        processor is of another kind or unknown.
     """
     if "numpy" in sys.modules:
         if NUMPY_VARIABLES[0] not in environment:

@@ -103,7 +103,7 @@ class _Module:
 
     @cached_property
     def passes_on(self) -> bool:
-        """Whether it is a package that only imports and lists its names."""
+        """Whether it is a package that only imports and lists its names, if necessary by a ``__getattr__``."""
         return self.is_package and all(
             isinstance(statement, _IMPORTS)
             or (isinstance(statement, ast.If) and _never_imported(statement.test) and not statement.orelse)

@@ -38,9 +38,9 @@ LARGEST_BALANCE = 16.0
 def video_frames(plan: FramePlan, spec: VideoSpec) -> Iterator[Picture]:
     """The 8-bit frames of a video, before any codec: (height, width) uint8 arrays, or (height, width, 3) for a colour sensor.
 
-    The exposure is divided into parts in which stars and sky move by less than SLICE_STEP_PX. Frames within one part have
-    the same expectation and individual noise. Trails, satellites and meteors are rendered for each frame in which they
-    shine.
+    The exposure is divided into parts in which stars and sky move by less than SLICE_STEP_PX, but into at most
+    MOST_SLICES parts and at most one per frame. Frames within one part have the same expectation and individual noise.
+    Trails, satellites and meteors are rendered for each frame in which they shine.
     """
     count = spec.count(plan.spec.time.exposure_s)
     resting = replace(plan, objects=plan.objects.chosen(np.zeros(len(plan.objects), bool)))
